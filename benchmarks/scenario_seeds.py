@@ -40,7 +40,7 @@ def crude_probability(problem: Problem, draws: int) -> float:
     """Return the share of draws of the law that end in the event."""
     generator = child_generator(0, "scenario seeds", "crude")
     sizes = [min(AT_ONCE, draws - first) for first in range(0, draws, AT_ONCE)]
-    outcomes = (problem.simulate(problem.law.sample(size, generator)) for size in sizes)
+    outcomes = (problem.simulate(problem.law.draw(size, generator)) for size in sizes)
     return sum(int(problem.event.happens(each).sum()) for each in outcomes) / draws
 
 

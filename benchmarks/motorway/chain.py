@@ -47,9 +47,8 @@ def drawn_cut_ins(weighted: WeightedLaws, generator: np.random.Generator) -> Ite
     for _, ranges, speeds in laws:
         lead_speed = generator.choice(records.lead_speed, CUT_INS)
         stratum = DependentStratum(recorded, ranges, speeds, records.support)
-        drawn = stratum.cut_ins(lead_speed, *generator.standard_exponential((2, CUT_INS)))
-        closing_speed = np.minimum(drawn.inverse_ttc / drawn.inverse_range, SPEED_LIMIT)
-        yield np.stack([lead_speed, 1 / drawn.inverse_range, closing_speed])
+        drawn = stratum.points(lead_speed, *generator.standard_exponential((2, CUT_INS)))
+        yield np.minimum(drawn, [np.inf, np.inf, SPEED_LIMIT]).T
 
 
 def resampled(records: pd.DataFrame, generator: np.random.Generator) -> pd.DataFrame:

@@ -25,7 +25,6 @@ from accelerated_evaluation import problem as library
 from accelerated_evaluation.base.arrays import Array
 from accelerated_evaluation.base.files import write_csv
 from accelerated_evaluation.base.randomness import child_generator
-from accelerated_evaluation.laws import CutIns
 from accelerated_evaluation.methods.surrogate import Surrogate
 from accelerated_evaluation.problem import Response, ScoreProblem, SystemProblem
 from accelerated_evaluation.vehicles import AccAeb, Outcomes, Vehicle, load_vehicle
@@ -200,13 +199,13 @@ def human(rate: float, *, declared: bool | None = False) -> Chance:
 def no_brakes(rate: float, *, declared: bool | None = False) -> Chance:
     """Return the study's car whose braking fails in a share of its runs."""
     problem = segment_problem("5-15", Unbraked(), BENCHMARK)
-    return lapsing(Unbraked(), share_of(problem, lambda cut_ins, crash: crash), rate, declared=declared)
+    return lapsing(Unbraked(), share_of(problem, lambda x, crash: crash), rate, declared=declared)
 
 
 def careless(rate: float, *, declared: bool | None = False) -> Chance:
     """Return the study's car that crashes in a share of all fast cut-ins."""
     own = segment_problem("5-15", AccAeb(), BENCHMARK)
-    fast = share_of(own, lambda cut_ins, crash: own.law.capped(cut_ins.closing_speed) > CLOSING)
+    fast = share_of(own, lambda x, crash: x[:, 2] > CLOSING)
 
     def make(generator: np.random.Generator) -> ScoreProblem:
         return replace(own, vehicle=Careless(AccAeb(), rate, generator, declared))
@@ -215,11 +214,11 @@ def careless(rate: float, *, declared: bool | None = False) -> Chance:
     return Chance(make, exact + rate * (fast - exact))
 
 
-def share_of(problem: library.Problem, kind: Callable[[CutIns, Array], Array]) -> float:
+def share_of(problem: library.Problem, kind: Callable[[Array, Array], Array]) -> float:
     """Return the share of a kind of cut-ins, given these and whether each is a crash, by many draws."""
     z = child_generator(ROOT, "chance", "shares").standard_normal((DRAWS, 3))
-    cut_ins = problem.law.from_normal_scores(z)
-    return float(kind(cut_ins, problem.simulate(cut_ins).crash).mean())
+    x = problem.law.from_normal_scores(z)
+    return float(kind(x, problem.simulate(x).crash).mean())
 
 
 def shaken(spread: float) -> Chance:
@@ -236,7 +235,7 @@ def unchanged(name: str) -> Chance:
 def striped(name: str) -> Chance:
     """Return a vehicle that crashes in thin stripes; crude Monte Carlo gives its probability to about 1 %."""
     own = segment_problem("5-15", load_vehicle(name), BENCHMARK)
-    return Chance(lambda _: own, share_of(own, lambda cut_ins, crash: crash))
+    return Chance(lambda _: own, share_of(own, lambda x, crash: crash))
 
 
 PROBLEMS: dict[str, Callable[[], Chance]] = {

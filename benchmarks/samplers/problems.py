@@ -23,8 +23,8 @@ from accelerated_evaluation.distributions import (
     PiecewiseMixture,
     from_dict,
 )
-from accelerated_evaluation.laws import CutIns, Factors
-from accelerated_evaluation.laws.paper.independent import IndependentLaw, recorded_counts
+from accelerated_evaluation.laws import Factors
+from accelerated_evaluation.laws.paper.independent import IndependentLaw
 from accelerated_evaluation.problem import ScoreProblem, SystemProblem
 from accelerated_evaluation.scenarios.cut_in import CUT_IN
 from accelerated_evaluation.scenarios.protocol import Event
@@ -97,10 +97,10 @@ class Problem:
 
 @dataclass(frozen=True)
 class Scored:
-    """The event "score <= 0" of the outcomes of cut-ins and of the cut-ins themselves."""
+    """The event "score <= 0" of the outcomes of cut-ins and of the cut-ins x, shape (n, 3), themselves."""
 
     problem: library.Problem
-    score: Callable[[Outcomes, CutIns], Array]
+    score: Callable[[Outcomes, Array], Array]
 
     dimension = 3
 
@@ -116,8 +116,8 @@ class Scored:
 
     def evaluate(self, z: Array) -> tuple[Array, Array]:
         """Run the system at normal scores, shape (n, 3)."""
-        cut_ins = self.problem.law.from_normal_scores(z)
-        scores = self.score(self.problem.simulate(cut_ins), cut_ins)
+        x = self.problem.law.from_normal_scores(z)
+        scores = self.score(self.problem.simulate(x), x)
         return scores <= 0, scores
 
 
@@ -127,12 +127,12 @@ def law() -> IndependentLaw:
     content = read_json(DATA / "model.json")
     return IndependentLaw(
         description=content["description"],
-        counts=recorded_counts(content),
+        counts=content["events"],
         inverse_range=from_dict(content["inverse_range"]["distribution"]),
         inverse_ttc={
             segment: from_dict(each) for segment, each in content["inverse_ttc"]["distributions"].items()
         },
-        lead_speeds={segment: lead_speed(segment) for segment in recorded_counts(content)},
+        lead_speeds={segment: lead_speed(segment) for segment in content["events"]},
         closing_speed_max=CLOSING_SPEED_MAX,
     )
 
@@ -153,12 +153,12 @@ def segment_problem(segment: str, vehicle: Vehicle, factors: Factors | None = No
     return library.Problem(CUT_IN, only, vehicle)
 
 
-def range_left(outcomes: Outcomes, cut_ins: CutIns) -> Array:
+def range_left(outcomes: Outcomes, x: Array) -> Array:
     """Return the smallest range over the first, which is at most 0 at a crash."""
-    return outcomes.min_range * cut_ins.inverse_range
+    return outcomes.min_range / x[:, 1]
 
 
-def ttc_or_impact(outcomes: Outcomes, cut_ins: CutIns) -> Array:
+def ttc_or_impact(outcomes: Outcomes, x: Array) -> Array:
     """Return the smallest time to collision over 4 s, at most 1; at a crash less the impact speed / 10 m/s.
 
     The range left is a worse score for regression: just outside the event it is small in a wide margin.
@@ -174,7 +174,7 @@ def crash(name: str, label: str, problem: library.Problem, *, tiltable: bool = T
     return Problem(name, label, event, smooth=smooth, graded=graded, cut_in=problem if tiltable else None)
 
 
-def other_event(name: str, label: str, event: Event, nearer: Callable[[Outcomes, CutIns], Array]) -> Problem:
+def other_event(name: str, label: str, event: Event, nearer: Callable[[Outcomes, Array], Array]) -> Problem:
     """Return another event of the main problem, with its smooth score."""
     problem = replace(segment_problem("5-15", AccAeb(), BENCHMARK), event=event)
     quick = tabulated(problem)
@@ -186,11 +186,11 @@ def other_event(name: str, label: str, event: Event, nearer: Callable[[Outcomes,
 def near_miss(name: str, label: str, ttc: float) -> Problem:
     """Return a time to collision of at most ``ttc`` [s]; its smooth score is the inverse of that time."""
 
-    def nearer(outcomes: Outcomes, cut_ins: CutIns) -> Array:
+    def nearer(outcomes: Outcomes, x: Array) -> Array:
         return 1 / ttc - 1 / outcomes.min_ttc
 
-    def bounded(outcomes: Outcomes, cut_ins: CutIns) -> Array:
-        return np.maximum(nearer(outcomes, cut_ins), -1 / ttc)  # without end as the time goes to zero
+    def bounded(outcomes: Outcomes, x: Array) -> Array:
+        return np.maximum(nearer(outcomes, x), -1 / ttc)  # without end as the time goes to zero
 
     problem = other_event(name, label, CUT_IN.event("min_ttc", ttc), nearer)
     return replace(problem, graded=Scored(problem.event, bounded))
@@ -199,8 +199,8 @@ def near_miss(name: str, label: str, ttc: float) -> Problem:
 def short_range(metres: float) -> Problem:
     """Return a smallest range of at most so many metres; its smooth score is what is left over the first."""
 
-    def nearer(outcomes: Outcomes, cut_ins: CutIns) -> Array:
-        return (outcomes.min_range - metres) * cut_ins.inverse_range
+    def nearer(outcomes: Outcomes, x: Array) -> Array:
+        return (outcomes.min_range - metres) / x[:, 1]
 
     return other_event(
         f"range_{metres:g}", f"range ≤ {metres:g} m", CUT_IN.event("min_range", metres), nearer
@@ -210,9 +210,9 @@ def short_range(metres: float) -> Problem:
 def hard_impact(speed: float) -> Problem:
     """Return an impact above a speed [m/s]; its smooth score goes on from the range left before a crash."""
 
-    def nearer(outcomes: Outcomes, cut_ins: CutIns) -> Array:
+    def nearer(outcomes: Outcomes, x: Array) -> Array:
         impact = np.nan_to_num(outcomes.impact_speed)
-        before = 1 + range_left(outcomes, cut_ins)
+        before = 1 + range_left(outcomes, x)
         return np.where(outcomes.crash, 1 - impact / speed, before)
 
     return other_event(

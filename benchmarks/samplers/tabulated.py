@@ -1,6 +1,7 @@
 """Laws whose quantiles come from tables, because a benchmark of 10^9 simulations needs them fast."""
 
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 from accelerated_evaluation import problem as library
@@ -16,7 +17,7 @@ class Tabulated:
     """
 
     def __init__(self, law: Distribution) -> None:
-        self.lower, self.upper = law.lower, law.upper
+        self.law, self.lower, self.upper = law, law.lower, law.upper
         self.x = np.linspace(law.lower, law.upper, 20_001)
         self.probability = law.cdf(self.x)
 
@@ -27,6 +28,10 @@ class Tabulated:
     def isf(self, q: Array) -> Array:
         """Inverse of the survival function."""
         return self.ppf(1 - q)
+
+    def to_dict(self) -> dict[str, Any]:
+        """Return the law in the table, for the fingerprint of a problem."""
+        return {"kind": "table", "of": self.law.to_dict()}
 
 
 def tabulated(problem: library.Problem) -> library.Problem:

@@ -34,6 +34,8 @@ from accelerated_evaluation.laws.smooth.family import DistinctRecords, Fitter, M
 from accelerated_evaluation.laws.smooth.rivals import ConditionalExtremes, IndependentTail
 from accelerated_evaluation.laws.smooth.shapes import Exponential
 from accelerated_evaluation.laws.smooth.support import SUPPORT
+from accelerated_evaluation.laws.strata import VARIABLES
+from accelerated_evaluation.records.encounter_table import complete
 from accelerated_evaluation.vehicles import AccAeb
 from rate_car import RATE, RateCar
 from scipy.stats import poisson
@@ -268,12 +270,8 @@ def test_a_budget_without_data_error_blames_the_choice():
 @pytest.fixture(scope="module")
 def encounters(records):
     segment = np.array(["5-15", "15-25", "25-35"])[np.digitize(records.lead_speed, [15, 25])]
-    columns = {
-        "lead_speed": records.lead_speed,
-        "range": records.range_,
-        "closing_speed": records.closing_speed,
-    }
-    return pd.DataFrame(columns).assign(segment=segment)
+    numbers = records.lead_speed, records.range_, records.closing_speed
+    return complete(pd.DataFrame(dict(zip(VARIABLES, numbers, strict=True)))).assign(segment=segment)
 
 
 @pytest.fixture(scope="module")
@@ -284,16 +282,14 @@ def law(encounters, family):
 
 
 def test_coordinates_of_a_dependent_law_are_scores(law):
-    cut_ins, _ = law.draw(np.random.default_rng(9), 4000)
-    stratum = law.strata["5-15"]
-    first = stratum.first(cut_ins.lead_speed, cut_ins.inverse_range)
-    second = stratum.second(cut_ins.lead_speed, cut_ins.inverse_range, cut_ins.closing_speed)
+    x, stratum = law.draw(4000, np.random.default_rng(9)), law.strata["5-15"]
+    lead_speed, range_, closing_speed = x.T
+    first = stratum.first(lead_speed, 1 / range_)
+    second = stratum.second(lead_speed, 1 / range_, closing_speed)
     for score in (first, second):  # unit exponential, to four standard errors
         assert abs(score.mean() - 1) < 4 / np.sqrt(4000)
-    again = stratum.cut_ins(cut_ins.lead_speed, first, second)
-    np.testing.assert_allclose(again.inverse_range, cut_ins.inverse_range, rtol=1e-9)
-    np.testing.assert_allclose(again.inverse_ttc, cut_ins.inverse_ttc, rtol=1e-8)
     assert abs(np.corrcoef(first, second)[0, 1]) < 4 / np.sqrt(4000)
+    np.testing.assert_allclose(stratum.points(lead_speed, first, second), x, rtol=1e-8)
 
 
 def test_slopes_of_the_first_coordinate(law):
@@ -304,12 +300,13 @@ def test_slopes_of_the_first_coordinate(law):
 
 
 def test_a_dependent_law_is_read_back_as_it_was_written(law, encounters, tmp_path):
-    write_law(tmp_path / "law.json", law)
+    write_law(tmp_path / "law.json", law, encounters)
     again = read_law(tmp_path / "law.json", encounters)
     assert again == law
-    z = np.random.default_rng(10).standard_normal((50, 3))
-    for name, values in vars(law.from_normal_scores(z)).items():
-        np.testing.assert_array_equal(getattr(again.from_normal_scores(z), name), values)
+    assert again.digest == law.digest
+    x = law.draw(50, np.random.default_rng(10))
+    np.testing.assert_array_equal(again.draw(50, np.random.default_rng(10)), x)
+    np.testing.assert_array_equal(again.log_density(x), law.log_density(x))
 
 
 def test_the_map_weighs_a_dependent_law_as_lines_do(law, crash_map, encounters, family):
