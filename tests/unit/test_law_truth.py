@@ -292,13 +292,6 @@ def test_coordinates_of_a_dependent_law_are_scores(law):
     np.testing.assert_allclose(stratum.points(lead_speed, first, second), x, rtol=1e-8)
 
 
-def test_slopes_of_the_first_coordinate(law):
-    stratum, r = law.strata["15-25"], np.array([0.02, 0.1])
-    speed, step = np.array([16.0, 24.0]), 1e-7
-    slope = (stratum.first(speed, r + step) - stratum.first(speed, r - step)) / (2 * step)
-    np.testing.assert_allclose(stratum.log_first_slope(speed, r), np.log(slope), atol=1e-4)
-
-
 def test_a_dependent_law_is_read_back_as_it_was_written(law, encounters, tmp_path):
     write_law(tmp_path / "law.json", law, encounters)
     again = read_law(tmp_path / "law.json", encounters)

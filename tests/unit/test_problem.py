@@ -16,8 +16,10 @@ from accelerated_evaluation.laws.paper.independent import IndependentLaw
 from accelerated_evaluation.methods.cross_entropy.sample import Sample
 from accelerated_evaluation.problem import Problem, SystemProblem
 from accelerated_evaluation.scenarios.cut_in import CUT_IN
+from accelerated_evaluation.scenarios.left_turn import LEFT_TURN
 from accelerated_evaluation.vehicles import AccAeb, Outcomes, load_vehicle
 from accelerated_evaluation.vehicles.events import CRASH
+from normal_law import left_turn_law
 from scipy.stats import chisquare, kstest, norm
 
 SIZE = 20_000
@@ -110,17 +112,6 @@ def test_lead_speeds_run_through_the_segments_in_their_shares():
     assert far[:, 0].tolist() == [6.0, 34.0]
 
 
-def test_cut_ins_have_the_laws_of_their_segment():
-    lead_speed, range_, closing_speed = LAW.from_normal_scores(normal_scores(3, seed=8)).T
-    assert kstest(LAW.inverse_range.cdf(1 / range_), "uniform").pvalue > DOUBTFUL
-    inverse_ttc = closing_speed / range_
-    for name, law in LAW.inverse_ttc.items():
-        here = inverse_ttc[np.isin(lead_speed, SPEEDS[name])]
-        assert kstest(law.cdf(here), "uniform").pvalue > DOUBTFUL
-    pooled = LAW.inverse_ttc["middle"].cdf(inverse_ttc)
-    assert kstest(pooled, "uniform").pvalue < 1e-20
-
-
 def test_the_score_of_a_cut_in_is_shown_only_where_it_is_graded():
     z = normal_scores(3)[:100]
     assert PROBLEM.dimension == 3
@@ -198,6 +189,9 @@ FINGERPRINTED = {
     "another event": replace(PROBLEM, event=CUT_IN.event("min_ttc", 2.0)),
     "not graded": replace(PROBLEM, graded=False),
     "another threshold": replace(PROBLEM, event=CUT_IN.event("min_ttc", 3.0)),
+    "another scenario": Problem(LEFT_TURN, left_turn_law(), Echo()),
+    "another limit": Problem(LEFT_TURN, left_turn_law(upper=(30, 60, 150)), Echo()),
+    "another joint law": Problem(LEFT_TURN, left_turn_law((14, 7, 61)), Echo()),
 }
 
 

@@ -1,7 +1,5 @@
 """Problems of any scenario: against an exact probability, by every method that needs only normal scores."""
 
-from dataclasses import replace
-
 import numpy as np
 import pytest
 from accelerated_evaluation.base.errors import InputError
@@ -132,13 +130,3 @@ def test_a_law_of_both_directions_is_read_as_one_of_absolute_values(tmp_path):
     assert read.box.lower[1] == 0 > law.box.lower[1]
     x = law.draw(20, np.random.default_rng(2))
     np.testing.assert_allclose(read.log_density(np.abs(x)), folded(law, 1).log_density(np.abs(x)), 1e-12)
-
-
-def test_the_fingerprint_names_every_part():
-    others = [
-        replace(PROBLEM, law=left_turn_law(upper=[30, 60, 150])),
-        replace(PROBLEM, event=LEFT_TURN.events[-1]),
-        replace(PROBLEM, graded=False),
-    ]
-    assert len({problem.fingerprint for problem in [PROBLEM, replace(PROBLEM), *others]}) == 4
-    assert "0x" not in PROBLEM.fingerprint

@@ -47,11 +47,16 @@ class Problem:
 
     Examples
     --------
+    >>> from accelerated_evaluation.laws import LAWS, Box
     >>> from accelerated_evaluation.scenarios import SCENARIOS
     >>> from accelerated_evaluation.vehicles import load_vehicle
-    >>> left_turn = SCENARIOS["left_turn"]
-    >>> x = np.array([[14.0, 6.0, 20.0], [14.0, 6.0, 60.0]])
-    >>> Problem.crashes(left_turn, load_vehicle("acc_aeb", left_turn), x)
+    >>> left_turn, generator = SCENARIOS["left_turn"], np.random.default_rng(1)
+    >>> box = Box(left_turn.names, (5.0, 2.0, 5.0), (20.0, 12.0, 60.0))
+    >>> records = generator.uniform(box.lower, box.upper, (100, 3))
+    >>> law = LAWS["independent_variables"].fit(records, box, generator)
+    >>> problem = Problem(left_turn, law, load_vehicle("acc_aeb", left_turn))
+    >>> outcomes = problem.simulate(np.array([[14.0, 4.0, 5.0], [14.0, 4.0, 60.0]]))
+    >>> problem.event.happens(outcomes)
     array([ True, False])
     """
 
