@@ -163,7 +163,7 @@ def test_a_vehicle_that_crashes_in_thin_stripes_gets_no_number_that_claims_to_be
     """From a distance the stripes look like chance, although the vehicle repeats itself."""
     vehicle = load_vehicle("reg157")
     assert vehicle.deterministic
-    problem = Problem(CUT_INS, vehicle)
+    problem = Problem(CUT_IN, CUT_INS, vehicle)
     assert problem.deterministic is False
     limited = Stopping(minimum_events=1, maximum_simulations=150)
     found = Surrogate().estimate(problem, limited, np.random.default_rng(1))
