@@ -3,6 +3,7 @@
 import json
 from pathlib import Path
 
+import matplotlib.pyplot as plt
 import numpy as np
 import pandas as pd
 import pytest
@@ -16,6 +17,8 @@ from accelerated_evaluation.methods.surrogate.predecessor import read_predecesso
 from accelerated_evaluation.methods.surrogate.sampler import Sampler
 from accelerated_evaluation.methods.surrogate.state import State
 from accelerated_evaluation.problem import Problem
+from accelerated_evaluation.publishing.explorer.payload import Payload, add_runs
+from accelerated_evaluation.publishing.figures.sampled import fig36_crashes_among_runs
 from accelerated_evaluation.scenarios.cut_in import CUT_IN
 from accelerated_evaluation.track.campaign_file import read_campaign
 from accelerated_evaluation.track.status import status_of
@@ -185,6 +188,19 @@ def test_a_table_of_simulations_is_read(table, tmp_path):
     known = read_predecessor(tmp_path / "runs.csv", PROBLEM)
     np.testing.assert_allclose(known.z[:, 2], table["z_closing_speed"])
     assert known.happened.sum() == 4
+
+
+def test_a_table_of_simulations_is_drawn_and_in_the_explorer(table):
+    crashes = table[table["event"]].assign(share=0.25)
+    records = table.assign(inverse_ttc=table["closing_speed"] / table["range"])
+    _, data = fig36_crashes_among_runs(table, crashes, records, "made up")
+    plt.close("all")
+    np.testing.assert_array_equal(data[list(CUT_IN.names)], table[list(CUT_IN.names)])
+    assert data["share"].tolist() == 26 * [0.0] + 4 * [0.25]
+    payload = Payload({})
+    add_runs(payload, table.assign(phase=["repeat", *29 * ["learn"]]))
+    own = {name: [29] for name in ("run_lead_speed", "run_range", "run_closing_speed", "run_crash")}
+    assert {name: place["shape"] for name, place in payload.text["arrays"].items()} == own
 
 
 @pytest.mark.parametrize(

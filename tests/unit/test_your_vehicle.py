@@ -93,13 +93,16 @@ def test_an_example_gives_a_crash_probability(clone, capsys, family, kind):
     shutil.copy(kept, family)
     assert tables[0] == tables[-1]
     estimate = pd.read_csv(folder / "estimate.csv").iloc[0]
-    assert estimate.learning + estimate.estimating == len(pd.read_csv(folder / "runs.csv")) == 100
+    runs = len(pd.read_csv(folder / "runs.csv"))
+    assert estimate.learning + estimate.estimating == runs <= 100
+    assert runs == 100 or estimate.converged
     assert estimate.events > 0
     if kind == "class":
         assert "store" not in reported[0]
     else:
-        assert "simulated: 108; taken from the store: 0; kept: 100 in results/vehicles/" in reported[0]
-        assert "simulated: 0; taken from the store: 100; kept: 100" in reported[1]
+        stored = f"simulated: {runs + 8}; taken from the store: 0; kept: {runs} in results/vehicles/"
+        assert stored in reported[0]
+        assert f"simulated: 0; taken from the store: {runs}; kept: {runs}" in reported[1]
 
 
 def test_the_command_can_be_tried_by_hand(clone):
