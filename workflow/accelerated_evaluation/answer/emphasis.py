@@ -55,7 +55,7 @@ class Emphasis:
         """
         known = posterior.probabilities
         chosen = np.argsort(known)[((np.arange(DRAWS) + 0.5) / DRAWS * known.size).astype(int)]
-        return cls(law, law.only_draws(chosen), known[chosen] / known.mean())
+        return cls(law, law.subset(chosen), known[chosen] / known.mean())
 
     def __call__(self, z: Array) -> Array:
         """Return the emphasis at normal scores z, shape (n, 3); shape (n,).

@@ -1,18 +1,13 @@
 """Posterior of the crash probability, with the uncertainty in the choice of the law and in its parameters."""
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass
-from types import MappingProxyType
 
 import numpy as np
 import pandas as pd
 from numpy.typing import NDArray
 
 from accelerated_evaluation.base.arrays import Array
-from accelerated_evaluation.crash_map.lines import CrashLines
-from accelerated_evaluation.laws.smooth.conditional import SpeedLaw
-from accelerated_evaluation.laws.smooth.family import LawFamily, Member
-from accelerated_evaluation.laws.smooth.smooth_hazard import SmoothHazard
 
 LEVELS = (0.5, 0.8, 0.95)  # levels of the credible intervals
 # Smallest share of the variance of the logarithms of the estimates that is attributed to the probabilities.
@@ -21,22 +16,10 @@ LEAST_BETWEEN = 0.25
 
 @dataclass(frozen=True)
 class Posterior:
-    """Draws of the probability of an event, with the law from which each was drawn.
+    """The probability of an event under each of K draws of the law."""
 
-    Attributes
-    ----------
-    probabilities
-        The draws, shape (draws,).
-    member
-        Index of the law of each draw among the members of the family, shape (draws,).
-    expected
-        Expected value of each risk in an encounter, such as the risk of an injury, shape (draws, risks); None
-        if no risks were given.
-    """
-
-    probabilities: Array
-    member: NDArray[np.int_]
-    expected: Array | None = None
+    probabilities: Array  # shape (K,)
+    member: NDArray[np.intp]  # number of the candidate from which each law was drawn, shape (K,)
 
     @property
     def probability(self) -> float:
@@ -44,87 +27,29 @@ class Posterior:
         return float(np.median(self.probabilities))
 
     def interval(self, level: float) -> tuple[float, float]:
-        """Return the lower and upper end of the equal-tailed credible interval of the probability.
-
-        Parameters
-        ----------
-        level
-            Probability that the interval contains, between 0 and 1.
-        """
+        """Return the ends of the equal-tailed credible interval of the probability at a level from 0 to 1."""
         low, high = np.quantile(self.probabilities, [(1 - level) / 2, (1 + level) / 2])
         return float(low), float(high)
 
+    @property
+    def alone(self) -> "Posterior":
+        """The posterior without sampling errors; probabilities that are computed exactly have none."""
+        return self
 
-def draw_posterior(
-    lines: Mapping[str, CrashLines],
-    family: LawFamily,
-    members: tuple[Member, ...],
-    weights: Array,
-    generator: np.random.Generator,
-    risks: Mapping[str, Array] = MappingProxyType({}),
-) -> dict[str, Posterior]:
-    """Draw laws and their parameters from their posterior, and compute event probabilities under them.
+    @property
+    def whole(self) -> "Posterior":
+        """The posterior with sampling errors."""
+        return self
 
-    Parameters
-    ----------
-    lines
-        Lines of a crash map, by event: a random selection of pairs of lead speed and range, with the
-        intervals of closing speed in which the event happens. All events use the same draws. If the lines
-        have weights, each draw of the law is combined with a draw of the uncertain parameters of the vehicle.
-    family
-        The family fitted to all records.
-    members
-        The laws that have weights.
-    weights
-        Draws of the weights, shape (draws, members), with rows that sum to 1.
-    generator
-        Source of all randomness.
-    risks
-        Risks in each interval of the lines, such as the risk of an injury, shape (risks, intervals), for some
-        of the events.
+    @property
+    def deviation(self) -> float:
+        """Relative standard deviation of the sampling error that all draws share."""
+        return 0.0
 
-    Returns
-    -------
-    dict
-        The posterior of the probability of each event, by event.
-    """
-    probabilities = {event: np.empty(len(weights)) for event in lines}
-    expected = {event: np.empty((len(weights), len(of_event))) for event, of_event in risks.items()}
-    chosen = np.empty(len(weights), dtype=int)
-    for draw, (place, ranges, law) in enumerate(drawn_laws(family, members, weights, generator)):
-        chosen[draw] = place
-        for event, of_event in lines.items():
-            masses = of_event.of_draw(draw).masses(ranges, law)
-            probabilities[event][draw] = masses.sum()
-            if event in risks:
-                expected[event][draw] = risks[event] @ masses
-    return {event: Posterior(values, chosen, expected.get(event)) for event, values in probabilities.items()}
-
-
-def drawn_laws(
-    family: LawFamily, members: tuple[Member, ...], weights: Array, generator: np.random.Generator
-) -> Iterator[tuple[int, SmoothHazard, SpeedLaw]]:
-    """Draw members of a family by their weights, and the parameters of each from their posterior.
-
-    Parameters
-    ----------
-    family, members
-        The family fitted to all records, and those of its laws that have weights.
-    weights
-        Draws of the weights, shape (draws, members), with rows that sum to 1.
-    generator
-        Source of all randomness.
-
-    Yields
-    ------
-    tuple
-        For each draw: the index of the member, the distribution of the range given the lead speed, and the
-        distribution of the closing speed given the lead speed and the range.
-    """
-    ends = np.cumsum(weights, axis=1)
-    chosen = np.minimum((generator.random((len(weights), 1)) > ends).sum(axis=1), len(members) - 1)
-    for place in chosen.tolist():
-        yield place, family.ranges.drawn(generator), family.law(members[place]).drawn(generator)
+    @property
+    def unseen_lapses(self) -> float:
+        """Bound on the probability that failures which no run has shown may add."""
+        return 0.0
 
 
 def budget(posterior: Posterior, sampling_deviation: float) -> pd.DataFrame:

@@ -1,21 +1,13 @@
 """Tables of the answer: by event, by vehicle, by threshold of the laws, and by treatment of the records."""
 
 from collections.abc import Mapping
-from copy import deepcopy
 
 import numpy as np
 import pandas as pd
-from tqdm import tqdm
 
 from accelerated_evaluation.answer.calibration import mid_p
 from accelerated_evaluation.answer.posterior import LEVELS, Posterior
-from accelerated_evaluation.answer.scored_family import ScoredFamily, score_family
-from accelerated_evaluation.answer.weighted_family import WeightedLaws
 from accelerated_evaluation.base.arrays import Array
-from accelerated_evaluation.crash_map.lines import CrashLines
-from accelerated_evaluation.laws.smooth.family import DistinctRecords
-from accelerated_evaluation.laws.smooth.support import SUPPORT, Support
-from accelerated_evaluation.records.segments import MINIMUM_ROWS
 
 SUMMARY = (
     "probability",
@@ -25,7 +17,6 @@ SUMMARY = (
 MISSED = 1e-4  # a map is rejected unless the mid-p value of the recorded number of crashes exceeds this value
 RATIO = ("ratio", "ratio_low80", "ratio_high80")
 SAFER = "safer"
-RANGE_LIMIT_WIDTH = 0.5  # [m], width below the largest range in which records may be affected by rounding
 
 
 def summarise(posterior: Posterior) -> dict[str, float]:
@@ -135,127 +126,3 @@ def _ratio(ratio: Array, prefix: str) -> dict[str, float]:
     return {
         f"{prefix}{name}": value for name, value in (columns | {SAFER: float(np.mean(ratio < 1))}).items()
     }
-
-
-def threshold_table(
-    weighted: WeightedLaws, lines: CrashLines, generator: np.random.Generator
-) -> pd.DataFrame:
-    """Tabulate the crash probability for each threshold from the laws with this threshold alone.
-
-    Most laws of the family describe the closing speeds above a threshold by a separate tail.
-
-    Parameters
-    ----------
-    weighted
-        The family with its weights.
-    lines
-        Lines of the crash map, thinned to the probable ones: pairs of lead speed and range, with the
-        intervals of closing speed in which the event happens.
-    generator
-        Source of all randomness, which is the same for all thresholds.
-
-    Returns
-    -------
-    pandas.DataFrame
-        One row for each ``level`` of the threshold, with the mean ``probability``, the ``median``, and the
-        ends ``low50`` to ``high95`` of the 50, 80 and 95 % credible intervals.
-    """
-    rows = []
-    for level in sorted({member.level for member in weighted.members if member.level is not None}):
-        # All thresholds get the same random numbers, so that they differ only by the threshold.
-        posterior = weighted.draw({"crash": lines}, deepcopy(generator), weighted.weights_at(level))["crash"]
-        rows.append({"level": level} | summarise(posterior))
-    return pd.DataFrame(rows, columns=["level", *SUMMARY])
-
-
-def record_variants(
-    encounters: pd.DataFrame, crashed: Array, outlier_rows: list[int], support: Support = SUPPORT
-) -> dict[str, DistinctRecords]:
-    """Return the records after alternative treatments of the data, by the name of the treatment.
-
-    Parameters
-    ----------
-    encounters
-        Encounter table, in the order of the records.
-    crashed
-        Whether each row crashes when the car under test replays it, shape (rows,).
-    outlier_rows
-        Numbers of the rows that the authors' later code leaves out, counted from 1.
-    support
-        Limits of the records.
-    """
-    distinct, range_ = DistinctRecords.of(encounters, support), encounters["range"].to_numpy()
-    outlier = np.isin(np.arange(1, len(encounters) + 1), outlier_rows)
-    rows = DistinctRecords(
-        *(encounters[name].to_numpy(float) for name in ("lead_speed", "range", "closing_speed")), support
-    )
-    return {
-        "as in the answer": distinct,
-        "repeated rows kept": rows,
-        **{
-            reading: DistinctRecords.of(encounters[kept], support)
-            for reading, kept in {
-                "without ranges under 3 m": range_ >= 3,
-                "without ranges under 5 m": range_ >= 5,
-                "without the record that crashes": ~crashed,
-                "without the authors' outliers": ~outlier,
-                "without the last half metre of range": range_ <= support.range_max - RANGE_LIMIT_WIDTH,
-            }.items()
-        },
-    }
-
-
-def quality_table(
-    choices: Mapping[str, DistinctRecords],
-    start: ScoredFamily,
-    lines: CrashLines,
-    draws: int,
-    generator: np.random.Generator,
-) -> pd.DataFrame:
-    """Tabulate the answer for alternative treatments of the records.
-
-    Parameters
-    ----------
-    choices
-        Records by treatment; see `record_variants`.
-    start
-        The fit of the answer. The other fits start from it, and use its smoothing parameters.
-    lines
-        Lines of the crash map, thinned to the probable ones: pairs of lead speed and range, with the
-        intervals of closing speed in which the event happens.
-    draws
-        Number of draws of the posterior for each treatment.
-    generator
-        Source of all randomness.
-
-    Returns
-    -------
-    pandas.DataFrame
-        One row for each treatment, with the columns ``reading`` (its name), ``events`` (number of records)
-        and the mean ``probability``, the ``median``, and the ends ``low50`` to ``high95`` of the 50, 80 and
-        95 % credible intervals. The results are NaN if too few records remain.
-    """
-    rows, answers = [], {}
-    for reading, records in tqdm(choices.items(), desc="data quality", unit=" readings"):
-        # A treatment that concerns no record leaves the records, and therefore the answer, as they are.
-        content = np.stack([records.lead_speed, records.range_, records.closing_speed]).tobytes()
-        if content not in answers:
-            # All treatments get the same random numbers.
-            answers[content] = _answer_from(records, start, lines, draws, deepcopy(generator))
-        rows.append({"reading": reading, "events": records.size} | answers[content])
-    return pd.DataFrame(rows)
-
-
-def _answer_from(
-    records: DistinctRecords,
-    start: ScoredFamily,
-    lines: CrashLines,
-    draws: int,
-    generator: np.random.Generator,
-) -> dict[str, float]:
-    """Summarise the answer from other records; return nothing if too few remain. See `quality_table`."""
-    if records.size < MINIMUM_ROWS:
-        return {}
-    scored = score_family(records, start.members, start=start.family)
-    weighted = WeightedLaws.drawn(scored, generator, draws)
-    return summarise(weighted.draw({"crash": lines}, generator)["crash"])
