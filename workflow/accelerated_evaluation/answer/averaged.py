@@ -12,6 +12,8 @@ from typing import Any, ClassVar
 
 import numpy as np
 import pandas as pd
+from fewruns.results import lapse_bounds
+from fewruns.sampler import Sampler
 
 from accelerated_evaluation.answer.crossfit import Control, cross_fitted
 from accelerated_evaluation.answer.emphasis import Emphasis
@@ -24,8 +26,6 @@ from accelerated_evaluation.base.arrays import Array
 from accelerated_evaluation.laws.smooth.mean import MeanLaw
 from accelerated_evaluation.methods.estimate import Estimate, Stopping
 from accelerated_evaluation.methods.surrogate import Surrogate
-from accelerated_evaluation.methods.surrogate.results import lapse_bounds
-from accelerated_evaluation.methods.surrogate.sampler import Sampler
 from accelerated_evaluation.problem import Problem
 from accelerated_evaluation.scenarios.protocol import Event
 from accelerated_evaluation.vehicles.events import CRASH

@@ -14,16 +14,16 @@ from dataclasses import dataclass
 from itertools import pairwise
 
 import numpy as np
+from fewruns.belief import Belief
+from fewruns.progress import Progress
+from fewruns.sampler import Sampler
+from fewruns.state import State
+from fewruns.subspace import space_along
+from fewruns.two_phase import TwoPhaseBatch
 from numpy.typing import NDArray
 from threadpoolctl import threadpool_limits
 
 from accelerated_evaluation.base.arrays import Array
-from accelerated_evaluation.methods.surrogate.belief import Belief
-from accelerated_evaluation.methods.surrogate.progress import Progress
-from accelerated_evaluation.methods.surrogate.sampler import Sampler
-from accelerated_evaluation.methods.surrogate.state import State
-from accelerated_evaluation.methods.surrogate.subspace import space_along
-from accelerated_evaluation.methods.surrogate.two_phase import TwoPhaseBatch
 
 FOLDS = 5
 NEVER = 10**9  # a number of runs that is never reached, so that lengths and axes are not learnt again

@@ -11,6 +11,9 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
+from fewruns.combining import BatchEstimate, counted_batches
+from fewruns.progress import Progress
+from fewruns.two_phase import TwoPhaseBatch
 from numpy.typing import NDArray
 from scipy.special import stdtrit
 
@@ -18,9 +21,6 @@ from accelerated_evaluation.answer.crossfit import Control
 from accelerated_evaluation.answer.posterior import Posterior, shrunk_estimates
 from accelerated_evaluation.base.arrays import Array
 from accelerated_evaluation.laws import CutIns
-from accelerated_evaluation.methods.surrogate.combining import BatchEstimate, counted_batches
-from accelerated_evaluation.methods.surrogate.progress import Progress
-from accelerated_evaluation.methods.surrogate.two_phase import TwoPhaseBatch
 
 LEVEL = 0.8  # level of the interval whose width is compared with and without the sampling error
 NOISE = 25  # number of equally likely values that represent the distribution of the sampling error of a draw

@@ -6,6 +6,7 @@ from typing import Self
 
 import numpy as np
 import pandas as pd
+from fewruns.problems import Response
 from numpy.typing import NDArray
 
 from accelerated_evaluation.answer.joint.posterior import (
@@ -20,7 +21,6 @@ from accelerated_evaluation.base.arrays import Array
 from accelerated_evaluation.base.errors import InputError
 from accelerated_evaluation.base.randomness import child_generator
 from accelerated_evaluation.laws.joint import Box, JointLaw
-from accelerated_evaluation.problem import Response
 from accelerated_evaluation.scenarios.protocol import CLUSTER, FITTED, Event, Scenario
 from accelerated_evaluation.vehicles.protocol import Vehicle, repeats_itself
 

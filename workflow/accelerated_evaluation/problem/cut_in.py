@@ -7,12 +7,13 @@ from dataclasses import dataclass, fields, replace
 from typing import Any, Self
 
 import numpy as np
+from fewruns.problems import Response
 from numpy.typing import NDArray
 
 from accelerated_evaluation.base.arrays import Array
+from accelerated_evaluation.base.digests import without_addresses
 from accelerated_evaluation.laws import CutIns, Factors, Law
 from accelerated_evaluation.laws.files import read_law
-from accelerated_evaluation.problem.protocol import Response, without_addresses
 from accelerated_evaluation.records.encounter_table import read_encounters
 from accelerated_evaluation.scenarios.protocol import Event
 from accelerated_evaluation.vehicles.events import CRASH

@@ -6,15 +6,15 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
+from fewruns.problems import Response
 
 from accelerated_evaluation.base.arrays import Array
-from accelerated_evaluation.base.digests import value_digest
+from accelerated_evaluation.base.digests import value_digest, without_addresses
 from accelerated_evaluation.base.errors import InputError
 from accelerated_evaluation.laws.joint import JointLaw
 from accelerated_evaluation.laws.joint.files import read_joint_law
 from accelerated_evaluation.laws.joint.folding import folded
 from accelerated_evaluation.laws.joint.truncated_normals import TruncatedNormalMixture
-from accelerated_evaluation.problem.protocol import Response, without_addresses
 from accelerated_evaluation.scenarios.protocol import Event, Scenario
 from accelerated_evaluation.vehicles.protocol import Vehicle, repeats_itself
 

@@ -13,14 +13,15 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 from typing import Any, Self
 
+from fewruns.gaussian_process import Predecessor
+from fewruns.sampler import Sampler
+
 from accelerated_evaluation.base.errors import InputError
 from accelerated_evaluation.base.randomness import child_generator
 from accelerated_evaluation.laws import Law
 from accelerated_evaluation.laws.joint import JointLaw
 from accelerated_evaluation.methods.estimate import Estimate, Stopping
-from accelerated_evaluation.methods.surrogate import rules_of_joint_laws
-from accelerated_evaluation.methods.surrogate.gaussian_process import Predecessor
-from accelerated_evaluation.methods.surrogate.sampler import Sampler
+from accelerated_evaluation.methods.surrogate import rules_of_joint_laws, study_errors
 from accelerated_evaluation.scenarios.cut_in import CUT_IN
 from accelerated_evaluation.scenarios.protocol import Event, Scenario
 from accelerated_evaluation.track.driven import BEYOND, DrivenOutcome, outcome_in_words, outcomes_of
@@ -94,6 +95,7 @@ class Campaign:
     scenario: Scenario = CUT_IN
 
     @classmethod
+    @study_errors()
     def begin(
         cls,
         law: Source,

@@ -11,6 +11,10 @@ from pathlib import Path
 from typing import Any, get_type_hints
 
 import numpy as np
+from fewruns import state as sampler_state
+from fewruns.progress import ApproachBatch
+from fewruns.sampler import Sampler
+from fewruns.state_json import MISFIT, decode
 
 from accelerated_evaluation.base.errors import InputError
 from accelerated_evaluation.base.files import read_json, write_text
@@ -18,10 +22,7 @@ from accelerated_evaluation.base.tables import require_file
 from accelerated_evaluation.laws import Law
 from accelerated_evaluation.laws.joint import JointLaw
 from accelerated_evaluation.methods.estimate import Stopping
-from accelerated_evaluation.methods.surrogate import state as sampler_state
-from accelerated_evaluation.methods.surrogate.progress import ApproachBatch
-from accelerated_evaluation.methods.surrogate.sampler import Sampler
-from accelerated_evaluation.methods.surrogate.state_json import MISFIT, decode
+from accelerated_evaluation.methods.surrogate import study_errors
 from accelerated_evaluation.scenarios import SCENARIOS
 from accelerated_evaluation.scenarios.cut_in import CUT_IN
 from accelerated_evaluation.scenarios.protocol import Scenario
@@ -127,7 +128,8 @@ def read_campaign(path: str | os.PathLike) -> Campaign:
             change=RESTORE,
         )
     try:
-        return _campaign(content, str(path))
+        with study_errors():
+            return _campaign(content, str(path))
     except MISFIT as error:  # but the checksum is its own
         raise InputError(
             str(path),

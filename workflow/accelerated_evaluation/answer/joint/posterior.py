@@ -10,6 +10,8 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 import pandas as pd
+from fewruns.constants import ENOUGH_DRAWS
+from fewruns.sampler import Sampler
 from numpy.typing import NDArray
 from tqdm import tqdm
 
@@ -22,8 +24,6 @@ from accelerated_evaluation.base.errors import InputError
 from accelerated_evaluation.laws.joint import JointLaw
 from accelerated_evaluation.laws.joint.truncated_normals import TruncatedNormalMixture
 from accelerated_evaluation.methods.surrogate import rules_of_joint_laws
-from accelerated_evaluation.methods.surrogate.constants import ENOUGH_DRAWS
-from accelerated_evaluation.methods.surrogate.sampler import Sampler
 from accelerated_evaluation.scenarios.protocol import FILLED
 
 DRAWS = 100  # number of draws of the law

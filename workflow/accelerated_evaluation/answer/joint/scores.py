@@ -10,6 +10,7 @@ from typing import Any
 
 import numpy as np
 import pandas as pd
+from fewruns.problems import Response
 from numpy.typing import ArrayLike, NDArray
 
 from accelerated_evaluation.answer.scores import BLOCKS
@@ -17,7 +18,6 @@ from accelerated_evaluation.answer.weights import bootstrapped_weights
 from accelerated_evaluation.base.arrays import Array
 from accelerated_evaluation.base.errors import InputError
 from accelerated_evaluation.laws.joint import JOINT_LAWS, Box, JointLaw
-from accelerated_evaluation.problem import Response
 
 NEAR = 0.1  # share of the records that are near the event: those with the smallest scores
 POOL = 20_000  # number of points with which the probability of the region near the event is estimated

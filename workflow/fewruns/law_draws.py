@@ -9,11 +9,9 @@ log(1 / alpha) / n with confidence 1 - alpha, whatever their shape.
 from dataclasses import dataclass
 
 import numpy as np
+from fewruns.arrays import Array, Flags
+from fewruns.constants import AGREEMENT, CONTRADICTION
 from scipy.special import bdtrc
-
-from accelerated_evaluation.base.arrays import Array
-from accelerated_evaluation.methods.surrogate.constants import AGREEMENT, CONTRADICTION
-from accelerated_evaluation.methods.surrogate.two_phase import Flags
 
 
 @dataclass(frozen=True)

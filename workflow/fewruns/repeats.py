@@ -9,12 +9,10 @@ log(1 / alpha) / n with confidence 1 - alpha.
 from dataclasses import dataclass
 
 import numpy as np
+from fewruns.arrays import Array, Flags
+from fewruns.constants import LARGEST_SCORE, OFTEN, SAME_SCORE
 from numpy.typing import NDArray
 from scipy.special import betaincinv
-
-from accelerated_evaluation.base.arrays import Array
-from accelerated_evaluation.methods.surrogate.constants import LARGEST_SCORE, OFTEN, SAME_SCORE
-from accelerated_evaluation.methods.surrogate.two_phase import Flags
 
 
 @dataclass(frozen=True)

@@ -20,11 +20,10 @@ from functools import lru_cache
 from typing import Self
 
 import numpy as np
+from fewruns.arrays import Array
+from fewruns.constants import BEYOND, FEW, REACH, UNSEEN_ALPHA
+from fewruns.wide_laws import rarity
 from scipy.special import betaincc, chdtri, ndtr, ndtri
-
-from accelerated_evaluation.base.arrays import Array
-from accelerated_evaluation.methods.surrogate.constants import BEYOND, FEW, REACH, UNSEEN_ALPHA
-from accelerated_evaluation.methods.surrogate.wide_laws import rarity
 
 STEPS = 600  # number of steps of the integrals over the rarity, and of distances of modes
 RARITIES = (np.arange(STEPS) + 0.5) / STEPS * REACH

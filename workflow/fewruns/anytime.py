@@ -24,10 +24,9 @@ from collections.abc import Sequence
 from functools import lru_cache
 
 import numpy as np
+from fewruns.combining import BatchEstimate, Combined, combine, ends
 from scipy.optimize import brentq
 from scipy.special import ndtri, stdtrit
-
-from accelerated_evaluation.methods.surrogate.combining import BatchEstimate, Combined, combine, ends
 
 TERMS = 50  # number of terms of the series in `boundary`
 

@@ -11,18 +11,16 @@ from dataclasses import dataclass
 from typing import Self
 
 import numpy as np
-from scipy.optimize import minimize_scalar
-from scipy.special import expit, log_ndtr, ndtr, ndtri
-
-from accelerated_evaluation.base.arrays import Array
-from accelerated_evaluation.methods.surrogate.constants import (
+from fewruns.arrays import Array, Flags
+from fewruns.constants import (
     LEAST_TRUST,
     LOG_SLOPE_BOUNDS,
     MOST_TRUST,
     SLOPE_SPREAD,
     SUREST,
 )
-from accelerated_evaluation.methods.surrogate.two_phase import Flags
+from scipy.optimize import minimize_scalar
+from scipy.special import expit, log_ndtr, ndtr, ndtri
 
 
 @dataclass(frozen=True)

@@ -15,10 +15,8 @@ from collections.abc import Callable
 from dataclasses import dataclass, field
 
 import numpy as np
-from numpy.typing import NDArray
-
-from accelerated_evaluation.base.arrays import Array
-from accelerated_evaluation.methods.surrogate.constants import (
+from fewruns.arrays import Array, Flags
+from fewruns.constants import (
     BEYOND,
     CONTROLLED,
     CORE,
@@ -28,15 +26,13 @@ from accelerated_evaluation.methods.surrogate.constants import (
     REACH,
     WORTHLESS,
 )
-from accelerated_evaluation.methods.surrogate.pools import Defence, Pool
-from accelerated_evaluation.methods.surrogate.selection import (
+from fewruns.pools import Defence, Pool
+from fewruns.selection import (
     draw_systematically,
     draws_of_the_wide_law,
     inclusion_probabilities,
     spread_by_mass,
 )
-
-Flags = NDArray[np.bool_]
 
 
 @dataclass(frozen=True)

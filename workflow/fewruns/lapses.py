@@ -25,18 +25,17 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 
 import numpy as np
+from fewruns.arrays import Array, Flags
+from fewruns.constants import NOISY_AMPLITUDE, POOL, UNSEEN_ALPHA
+from fewruns.gaussian_process import EventSurrogate
+from fewruns.wide_laws import draw_wide, log_normal_to_wide
 from scipy.special import betaincinv
-
-from accelerated_evaluation.base.arrays import Array
-from accelerated_evaluation.base.randomness import child_generator
-from accelerated_evaluation.methods.surrogate.constants import NOISY_AMPLITUDE, POOL, UNSEEN_ALPHA
-from accelerated_evaluation.methods.surrogate.gaussian_process import EventSurrogate
-from accelerated_evaluation.methods.surrogate.two_phase import Flags
-from accelerated_evaluation.methods.surrogate.wide_laws import draw_wide, log_normal_to_wide
 
 # The hardest cut-ins, in which the event is covered by the estimate, have KNOWN times the probability of the
 # estimate, or the probability HARDEST if there is no estimate.
 KNOWN, HARDEST = 10.0, 1e-6
+
+SEED = np.random.SeedSequence(0, spawn_key=(2259220878,))  # of the draws from which masses follow
 
 
 @dataclass(frozen=True)
@@ -79,7 +78,7 @@ class LapseBounds:
         surrogate = EventSurrogate(z.shape[1], amplitude=NOISY_AMPLITUDE)
         surrogate.fit(z, happened, learn=False)
         # These draws need no simulation. They are the same in every call, so that the bound has no noise.
-        points = draw_wide(POOL, z.shape[1], child_generator(0, "lapses"))
+        points = draw_wide(POOL, z.shape[1], np.random.Generator(np.random.PCG64(SEED)))
         harder = _mass_of_harder(surrogate, points, z)
         edges = _edges(KNOWN * probability if is_known else HARDEST)
         shells = np.digitize(harder, edges) - 1  # -1 for the hardest cut-ins, which the estimate covers

@@ -5,17 +5,16 @@ from dataclasses import dataclass
 from typing import Self
 
 import numpy as np
-from numba import njit
-from scipy.special import chdtr, chdtrc, chdtri, gammaincinv, gammaln
-
-from accelerated_evaluation.base.arrays import Array
-from accelerated_evaluation.methods.surrogate.constants import (
+from fewruns.arrays import Array
+from fewruns.constants import (
     FREQUENT_REACH,
     FREQUENT_START,
     REACH,
     SMALLEST_SPREAD,
     START,
 )
+from numba import njit
+from scipy.special import chdtr, chdtrc, chdtri, gammaincinv, gammaln
 
 
 def draw_wide(n: int, dimension: int, generator: np.random.Generator) -> Array:

@@ -1,9 +1,8 @@
 """Selection of points of a weighted pool: inclusion probabilities, and systematic sampling with them."""
 
 import numpy as np
+from fewruns.arrays import Array
 from numpy.typing import NDArray
-
-from accelerated_evaluation.base.arrays import Array
 
 
 def inclusion_probabilities(size: Array, guard: Array, n: float, defence: float) -> Array:

@@ -10,13 +10,11 @@ smaller or slightly larger rarity, until it has covered them densely enough.
 """
 
 import numpy as np
-
-from accelerated_evaluation.base.arrays import Array
-from accelerated_evaluation.methods.surrogate.constants import CANDIDATES
-from accelerated_evaluation.methods.surrogate.gaussian_process import EventSurrogate
-from accelerated_evaluation.methods.surrogate.graded import GradedSurrogate, end_of_events, graded
-from accelerated_evaluation.methods.surrogate.two_phase import Flags
-from accelerated_evaluation.methods.surrogate.wide_laws import draw_at, rarity
+from fewruns.arrays import Array, Flags
+from fewruns.constants import CANDIDATES
+from fewruns.gaussian_process import EventSurrogate
+from fewruns.graded import GradedSurrogate, end_of_events, graded
+from fewruns.wide_laws import draw_at, rarity
 
 
 def target_outcome(rarity: Array, outcome: Array, happened: Flags, at: Array) -> Array:

@@ -12,18 +12,17 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-
-from accelerated_evaluation.base.arrays import Array
-from accelerated_evaluation.base.errors import InputError
-from accelerated_evaluation.base.files import read_json, write_json
-from accelerated_evaluation.methods.surrogate.constants import ENOUGH_REPEATS
-from accelerated_evaluation.methods.surrogate.gaussian_process import Predecessor
-from accelerated_evaluation.methods.surrogate.law_draws import LawDraws
-from accelerated_evaluation.methods.surrogate.progress import Batch, Progress
-from accelerated_evaluation.methods.surrogate.repeats import RepeatBatch
-from accelerated_evaluation.methods.surrogate.state_json import MISFIT, decode, encode
-from accelerated_evaluation.methods.surrogate.subspace import space_along
-from accelerated_evaluation.methods.surrogate.two_phase import TwoPhaseBatch
+from fewruns.arrays import Array
+from fewruns.constants import ENOUGH_REPEATS
+from fewruns.errors import InputError
+from fewruns.gaussian_process import Predecessor
+from fewruns.json_files import read_json, write_json
+from fewruns.law_draws import LawDraws
+from fewruns.progress import Batch, Progress
+from fewruns.repeats import RepeatBatch
+from fewruns.state_json import MISFIT, decode, encode
+from fewruns.subspace import space_along
+from fewruns.two_phase import TwoPhaseBatch
 
 FORMAT, VERSION = "accelerated-evaluation sampler state", 12
 

@@ -5,10 +5,9 @@ The covariance of two points is amplitude^2 (1 + Matern 5/2), with one length fo
 """
 
 import numpy as np
+from fewruns.arrays import Array
+from fewruns.constants import JITTER
 from numpy.typing import NDArray
-
-from accelerated_evaluation.base.arrays import Array
-from accelerated_evaluation.methods.surrogate.constants import JITTER
 
 # Number of covariances that are computed at once, so that they fit into the cache of a processor.
 BLOCK = 32_768

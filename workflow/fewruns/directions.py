@@ -17,12 +17,8 @@ from dataclasses import dataclass
 from typing import Self
 
 import numpy as np
-from numpy.typing import NDArray
-from scipy.linalg.lapack import dpotrf, dpotri, dpotrs
-from scipy.optimize import minimize
-
-from accelerated_evaluation.base.arrays import Array
-from accelerated_evaluation.methods.surrogate.constants import (
+from fewruns.arrays import Array, Flags
+from fewruns.constants import (
     AMPLITUDE_SPREAD,
     COST,
     DIRECTION_RUNS,
@@ -38,14 +34,16 @@ from accelerated_evaluation.methods.surrogate.constants import (
     OUTWARD_SPREAD,
     STARTS,
 )
-from accelerated_evaluation.methods.surrogate.graded import graded
-from accelerated_evaluation.methods.surrogate.kernel import (
+from fewruns.graded import graded
+from fewruns.kernel import (
     covariance_of_runs,
     negative_log_posterior,
     thinned,
 )
-from accelerated_evaluation.methods.surrogate.subspace import outward
-from accelerated_evaluation.methods.surrogate.two_phase import Flags
+from fewruns.subspace import outward
+from numpy.typing import NDArray
+from scipy.linalg.lapack import dpotrf, dpotri, dpotrs
+from scipy.optimize import minimize
 
 # Prior mean and standard deviation of three logarithms: inverse length outward, amplitude and noise.
 CENTRE = np.log([OUTWARD, 1.0, NOISE])

@@ -11,21 +11,20 @@ from collections.abc import Callable
 from functools import partial
 
 import numpy as np
-
-from accelerated_evaluation.base.arrays import Array
-from accelerated_evaluation.methods.surrogate.calibration import Calibration
-from accelerated_evaluation.methods.surrogate.constants import (
+from fewruns.arrays import Array
+from fewruns.calibration import Calibration
+from fewruns.constants import (
     AMPLITUDE,
     MOST_TRUST,
     NOISY_AMPLITUDE,
     NOISY_LOG_ODDS,
     RELEARN,
 )
-from accelerated_evaluation.methods.surrogate.gaussian_process import EventSurrogate, Predecessor
-from accelerated_evaluation.methods.surrogate.graded import GradedSurrogate, end_of_events, graded
-from accelerated_evaluation.methods.surrogate.kernel import principal_axes
-from accelerated_evaluation.methods.surrogate.progress import Progress
-from accelerated_evaluation.methods.surrogate.subspace import Space, Subspace
+from fewruns.gaussian_process import EventSurrogate, Predecessor
+from fewruns.graded import GradedSurrogate, end_of_events, graded
+from fewruns.kernel import principal_axes
+from fewruns.progress import Progress
+from fewruns.subspace import Space, Subspace
 
 
 class Belief:

@@ -5,9 +5,8 @@ from types import UnionType
 from typing import Any, get_args, get_origin, get_type_hints
 
 import numpy as np
-
-from accelerated_evaluation.methods.surrogate.constants import POOL, REACH
-from accelerated_evaluation.methods.surrogate.progress import Batch
+from fewruns.constants import POOL, REACH
+from fewruns.progress import Batch
 
 # Errors that are raised if the contents of a file are not a valid state.
 MISFIT = (KeyError, TypeError, ValueError, OverflowError, AttributeError, StopIteration)

@@ -4,13 +4,12 @@ from dataclasses import dataclass, field
 from typing import Self
 
 import numpy as np
-
-from accelerated_evaluation.base.arrays import Array
-from accelerated_evaluation.methods.surrogate.combining import BatchEstimate
-from accelerated_evaluation.methods.surrogate.constants import REACH
-from accelerated_evaluation.methods.surrogate.law_draws import LawBatch, LawDraws
-from accelerated_evaluation.methods.surrogate.repeats import RepeatBatch, Repeats
-from accelerated_evaluation.methods.surrogate.two_phase import Flags, TwoPhaseBatch
+from fewruns.arrays import Array, Flags
+from fewruns.combining import BatchEstimate
+from fewruns.constants import REACH
+from fewruns.law_draws import LawBatch, LawDraws
+from fewruns.repeats import RepeatBatch, Repeats
+from fewruns.two_phase import TwoPhaseBatch
 
 
 @dataclass(frozen=True)

@@ -4,10 +4,9 @@ from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
-
-from accelerated_evaluation.base.arrays import Array
-from accelerated_evaluation.methods.surrogate.belief import Belief
-from accelerated_evaluation.methods.surrogate.constants import (
+from fewruns.arrays import Array
+from fewruns.belief import Belief
+from fewruns.constants import (
     CORE,
     FRINGE,
     FRINGE_WEIGHT,
@@ -17,16 +16,16 @@ from accelerated_evaluation.methods.surrogate.constants import (
     POOL,
     POOL_PER_RUN,
 )
-from accelerated_evaluation.methods.surrogate.pools import Defence, Pool, draw_pool
-from accelerated_evaluation.methods.surrogate.progress import Progress
-from accelerated_evaluation.methods.surrogate.two_phase import (
+from fewruns.pools import Defence, Pool, draw_pool
+from fewruns.progress import Progress
+from fewruns.two_phase import (
     Prediction,
     TwoPhaseBatch,
     draw_batch,
     expect,
     predict,
 )
-from accelerated_evaluation.methods.surrogate.wide_laws import truncated
+from fewruns.wide_laws import truncated
 
 
 @dataclass(frozen=True)

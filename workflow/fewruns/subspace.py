@@ -12,10 +12,9 @@ spaces.
 from dataclasses import dataclass
 
 import numpy as np
+from fewruns.arrays import Array
+from fewruns.constants import LEAST_SINGULAR
 from scipy.special import chdtr, chdtrc, chdtri, gammaincinv, ndtr, ndtri_exp
-
-from accelerated_evaluation.base.arrays import Array
-from accelerated_evaluation.methods.surrogate.constants import LEAST_SINGULAR
 
 OUTERMOST = 37.0  # largest normal score; tail probabilities beyond it underflow
 

@@ -1,22 +1,22 @@
-"""The interface of a problem for samplers, and a problem for any system with independent inputs."""
+"""The interface of a problem, and a problem for any function of independent inputs."""
 
-import re
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import Protocol
 
 import numpy as np
-from numpy.typing import NDArray
+from fewruns.arrays import Array, Flags
+from numpy.typing import ArrayLike
+from scipy.special import ndtr
 
-from accelerated_evaluation.base.arrays import Array
-from accelerated_evaluation.distributions import Distribution
-from accelerated_evaluation.distributions.tails import normal_score_quantile
-
-Response = tuple[NDArray[np.bool_], Array | None]
+Response = tuple[Flags, Array | None]
 
 
 class ScoreProblem(Protocol):
     """The interface of a problem for samplers in the space of normal scores.
+
+    A problem may also have a method ``repeat``, with the interface of ``evaluate``, which runs the system
+    again even if the outcomes of ``evaluate`` are stored.
 
     Attributes
     ----------
@@ -49,6 +49,16 @@ class ScoreProblem(Protocol):
         """
 
 
+class Marginal(Protocol):
+    """The distribution of one input, for example a frozen distribution of `scipy.stats`."""
+
+    def ppf(self, q: ArrayLike) -> Array:
+        """Return the quantile x with P(X <= x) = q."""
+
+    def isf(self, q: ArrayLike) -> Array:
+        """Return x with P(X > x) = q; it has to be accurate for small q."""
+
+
 @dataclass(frozen=True)
 class SystemProblem:
     """An event of any system with independent inputs, which need not be a vehicle in a cut-in.
@@ -71,7 +81,7 @@ class SystemProblem:
 
     respond: Callable[[Array], Response]
     dimension: int
-    marginals: Sequence[Distribution] | None = None
+    marginals: Sequence[Marginal] | None = None
     fingerprint: str = "a system with independent inputs"
     deterministic: bool | None = None
 
@@ -90,6 +100,16 @@ class SystemProblem:
         return self.respond(self.inputs(z))
 
 
-def without_addresses(text: str) -> str:
-    """Return the ``repr`` of an object without memory addresses, which differ in every process."""
-    return re.sub(r"<\S*?(\w+) object at 0x\w+>", r"\1", text)
+def normal_score_quantile(law: Marginal, z: Array) -> Array:
+    """Return the quantiles x of a distribution at normal scores z, shape (n,), so that F(x) = Phi(z).
+
+    Above the median the survival function is inverted, and below it the distribution function, so that
+    neither tail loses accuracy by rounding near one.
+    """
+    value, above = np.empty_like(z), z > 0
+    # A side without points is skipped, because the quantile function of a mixture takes long even then.
+    if above.any():
+        value[above] = law.isf(ndtr(-z[above]))
+    if not above.all():
+        value[~above] = law.ppf(ndtr(z[~above]))
+    return value

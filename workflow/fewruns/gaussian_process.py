@@ -12,16 +12,8 @@ from dataclasses import dataclass
 from operator import itemgetter
 
 import numpy as np
-from numba import njit
-from numpy.typing import NDArray
-from scipy.linalg.lapack import dpotrf, dpotrs, dtrtri, dtrtrs
-from scipy.optimize import minimize
-from scipy.spatial import cKDTree
-from scipy.special import log_ndtr, ndtr
-
-from accelerated_evaluation.base.arrays import Array
-from accelerated_evaluation.base.errors import InputError
-from accelerated_evaluation.methods.surrogate.constants import (
+from fewruns.arrays import Array
+from fewruns.constants import (
     AMPLITUDE,
     AMPLITUDE_SPREAD,
     DAMPING,
@@ -40,13 +32,20 @@ from accelerated_evaluation.methods.surrogate.constants import (
     SWEEPS,
     VEHICLE_LENGTH,
 )
-from accelerated_evaluation.methods.surrogate.kernel import (
+from fewruns.errors import InputError
+from fewruns.kernel import (
     covariance_between,
     covariance_of_runs,
     evidence_gradient,
     negative_log_posterior,
     thinned,
 )
+from numba import njit
+from numpy.typing import NDArray
+from scipy.linalg.lapack import dpotrf, dpotrs, dtrtri, dtrtrs
+from scipy.optimize import minimize
+from scipy.spatial import cKDTree
+from scipy.special import log_ndtr, ndtr
 
 LOG_ROOT_2PI = 0.5 * math.log(2 * math.pi)
 

@@ -8,12 +8,8 @@ Phi^-1((rank - 1/2) / n). The surrogate is a Gaussian process regression (Rasmus
 import math
 
 import numpy as np
-from scipy.linalg.lapack import dpotrf, dpotri, dpotrs, dtrtrs
-from scipy.optimize import minimize
-from scipy.special import ndtr, ndtri
-
-from accelerated_evaluation.base.arrays import Array
-from accelerated_evaluation.methods.surrogate.constants import (
+from fewruns.arrays import Array, Flags
+from fewruns.constants import (
     AMPLITUDE_SPREAD,
     GRADED_RUNS,
     GRADED_STEPS,
@@ -26,14 +22,16 @@ from accelerated_evaluation.methods.surrogate.constants import (
     NOISE,
     NOISE_SPREAD,
 )
-from accelerated_evaluation.methods.surrogate.kernel import (
+from fewruns.kernel import (
     covariance_between,
     covariance_of_runs,
     evidence_gradient,
     negative_log_posterior,
     thinned,
 )
-from accelerated_evaluation.methods.surrogate.two_phase import Flags
+from scipy.linalg.lapack import dpotrf, dpotri, dpotrs, dtrtrs
+from scipy.optimize import minimize
+from scipy.special import ndtr, ndtri
 
 
 def graded(happened: Flags, score: Array) -> Array:

@@ -22,16 +22,12 @@ from dataclasses import replace
 from typing import Self
 
 import numpy as np
-from numpy.typing import ArrayLike
-from threadpoolctl import ThreadpoolController
-
-from accelerated_evaluation.base.arrays import Array
-from accelerated_evaluation.methods.estimate import Estimate, Stopping
-from accelerated_evaluation.methods.surrogate import results
-from accelerated_evaluation.methods.surrogate.belief import Belief
-from accelerated_evaluation.methods.surrogate.certificate import BY_DEFAULT, Certificate
-from accelerated_evaluation.methods.surrogate.combining import estimate_batch
-from accelerated_evaluation.methods.surrogate.constants import (
+from fewruns import results
+from fewruns.arrays import Array, Flags
+from fewruns.belief import Belief
+from fewruns.certificate import BY_DEFAULT, Certificate
+from fewruns.combining import estimate_batch
+from fewruns.constants import (
     BEYOND,
     DEFENCE,
     DEFENCE_ALONE,
@@ -46,18 +42,21 @@ from accelerated_evaluation.methods.surrogate.constants import (
     RELEARN,
     STEP,
 )
-from accelerated_evaluation.methods.surrogate.directions import learn_directions
-from accelerated_evaluation.methods.surrogate.gaussian_process import Predecessor
-from accelerated_evaluation.methods.surrogate.law_draws import LawBatch
-from accelerated_evaluation.methods.surrogate.pools import Defence
-from accelerated_evaluation.methods.surrogate.progress import ApproachBatch, Batch, Progress, WideBatch
-from accelerated_evaluation.methods.surrogate.repeats import RepeatBatch, choose_repeats, end_differently
-from accelerated_evaluation.methods.surrogate.search import draw_approach
-from accelerated_evaluation.methods.surrogate.second_phase import SecondPhase
-from accelerated_evaluation.methods.surrogate.state import State, generator_in
-from accelerated_evaluation.methods.surrogate.subspace import WholeSpace, space_along
-from accelerated_evaluation.methods.surrogate.two_phase import Flags, TwoPhaseBatch
-from accelerated_evaluation.methods.surrogate.wide_laws import RARE, Begin, rarity
+from fewruns.directions import learn_directions
+from fewruns.estimates import Estimate, Stopping
+from fewruns.gaussian_process import Predecessor
+from fewruns.law_draws import LawBatch
+from fewruns.pools import Defence
+from fewruns.progress import ApproachBatch, Batch, Progress, WideBatch
+from fewruns.repeats import RepeatBatch, choose_repeats, end_differently
+from fewruns.search import draw_approach
+from fewruns.second_phase import SecondPhase
+from fewruns.state import State, generator_in
+from fewruns.subspace import WholeSpace, space_along
+from fewruns.two_phase import TwoPhaseBatch
+from fewruns.wide_laws import RARE, Begin, rarity
+from numpy.typing import ArrayLike
+from threadpoolctl import ThreadpoolController
 
 # Linear algebra uses one thread. The matrices are small, and the results must not depend on the number of
 # cores.

@@ -9,10 +9,10 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
+from fewruns.arrays import Flags
+from fewruns.constants import AGREEMENT, BEST, USABLE
+from fewruns.two_phase import Prediction, TwoPhaseBatch
 from scipy.special import stdtrit
-
-from accelerated_evaluation.methods.surrogate.constants import AGREEMENT, BEST, USABLE
-from accelerated_evaluation.methods.surrogate.two_phase import Flags, Prediction, TwoPhaseBatch
 
 
 @dataclass(frozen=True)

@@ -12,9 +12,8 @@ from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
-
-from accelerated_evaluation.base.arrays import Array
-from accelerated_evaluation.methods.surrogate.constants import (
+from fewruns.arrays import Array
+from fewruns.constants import (
     ALONG,
     DEFENCE,
     EVEN,
@@ -22,8 +21,8 @@ from accelerated_evaluation.methods.surrogate.constants import (
     WHOLE_SHARE,
     WIDE_SHARE,
 )
-from accelerated_evaluation.methods.surrogate.subspace import Space, Subspace
-from accelerated_evaluation.methods.surrogate.wide_laws import (
+from fewruns.subspace import Space, Subspace
+from fewruns.wide_laws import (
     KernelMixture,
     WideLaw,
     draw_wide,

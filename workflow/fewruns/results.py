@@ -3,26 +3,29 @@
 import math
 from collections.abc import Sequence
 from dataclasses import replace
+from typing import TYPE_CHECKING
 
 import numpy as np
-import pandas as pd
 from numpy.typing import ArrayLike
 
-from accelerated_evaluation.base.arrays import Array
-from accelerated_evaluation.methods.estimate import Estimate, Stopping
-from accelerated_evaluation.methods.surrogate.anytime import anytime_interval
-from accelerated_evaluation.methods.surrogate.certificate import Certificate, Unseen, look_beyond
-from accelerated_evaluation.methods.surrogate.combining import (
+from fewruns.anytime import anytime_interval
+from fewruns.arrays import Array, Flags
+from fewruns.certificate import Certificate, Unseen, look_beyond
+from fewruns.combining import (
     BatchEstimate,
     Combined,
     combine,
     counted_batches,
 )
-from accelerated_evaluation.methods.surrogate.constants import NOISY_USABLE, USABLE
-from accelerated_evaluation.methods.surrogate.lapses import LapseBounds
-from accelerated_evaluation.methods.surrogate.progress import Progress
-from accelerated_evaluation.methods.surrogate.two_phase import Flags, reach_of
-from accelerated_evaluation.methods.surrogate.wide_laws import bound_without_event
+from fewruns.constants import NOISY_USABLE, USABLE
+from fewruns.estimates import Estimate, Stopping
+from fewruns.lapses import LapseBounds
+from fewruns.progress import Progress
+from fewruns.two_phase import reach_of
+from fewruns.wide_laws import bound_without_event
+
+if TYPE_CHECKING:
+    import pandas as pd
 
 ROUNDING = 1e-12  # relative tolerance
 
@@ -197,7 +200,7 @@ def combined_estimate(progress: Progress, stopping: Stopping) -> tuple[Combined 
     return (combined, interval) if usable else (None, (0.0, 1.0))
 
 
-def tabulate_runs(progress: Progress, batch_size: int) -> pd.DataFrame:
+def tabulate_runs(progress: Progress, batch_size: int) -> "pd.DataFrame":
     """Tabulate all simulations, with the phase to which each belongs.
 
     Parameters
@@ -216,6 +219,8 @@ def tabulate_runs(progress: Progress, batch_size: int) -> pd.DataFrame:
         Repetitions of runs and draws of the law are the last rows, with the phases ``repeat`` and ``law`` and
         the batch 0.
     """
+    import pandas as pd  # imported here, because it takes half a second
+
     run = np.arange(len(progress.z)) + 1
     batch = (run - 1) // batch_size + 1
     batches = len(run) // batch_size
@@ -233,8 +238,10 @@ def tabulate_runs(progress: Progress, batch_size: int) -> pd.DataFrame:
     return table
 
 
-def _runs_table(batch: ArrayLike, phase: ArrayLike, z: Array, happened: Flags) -> pd.DataFrame:
+def _runs_table(batch: ArrayLike, phase: ArrayLike, z: Array, happened: Flags) -> "pd.DataFrame":
     """Return the columns of `tabulate_runs` except for the number of the run."""
+    import pandas as pd
+
     scores = {f"z_{k + 1}": values for k, values in enumerate(z.T)}
     return pd.DataFrame({"batch": batch, "phase": phase, **scores, "event": happened})
 

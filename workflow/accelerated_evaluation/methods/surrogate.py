@@ -1,23 +1,31 @@
 """The surrogate-guided sampler, for vehicles that are expensive to simulate."""
 
 import os
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterator, Mapping
+from contextlib import contextmanager
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any, ClassVar, Self
 
 import numpy as np
+from fewruns.certificate import BY_DEFAULT, Certificate
+from fewruns.constants import ENOUGH_DRAWS, ENOUGH_REPEATS, FIRST_REPEATS
+from fewruns.errors import InputError as SamplerInputError
+from fewruns.gaussian_process import Predecessor
+from fewruns.problems import ScoreProblem, SystemProblem
+from fewruns.sampler import Sampler
+from fewruns.state import read_state, write_state
+from fewruns.wide_laws import FREQUENT, RARE, Begin
 
+from accelerated_evaluation.base.errors import InputError
 from accelerated_evaluation.base.sections import Schema, choice, integer, section
+from accelerated_evaluation.base.tables import read_csv, require_file
 from accelerated_evaluation.methods import METHODS
-from accelerated_evaluation.methods.estimate import Estimate, Method, Stopping
-from accelerated_evaluation.methods.surrogate.certificate import BY_DEFAULT, Certificate
-from accelerated_evaluation.methods.surrogate.constants import ENOUGH_DRAWS, ENOUGH_REPEATS, FIRST_REPEATS
-from accelerated_evaluation.methods.surrogate.gaussian_process import Predecessor
-from accelerated_evaluation.methods.surrogate.sampler import Sampler
-from accelerated_evaluation.methods.surrogate.state import read_state, write_state
-from accelerated_evaluation.methods.surrogate.wide_laws import FREQUENT, RARE, Begin
-from accelerated_evaluation.problem import ScoreProblem, SystemProblem
+from accelerated_evaluation.methods.estimate import Estimate, Method, Stopping, configured_stopping
+from accelerated_evaluation.problem import Problem, ScenarioProblem
+
+ROUNDING = 1e-6  # relative tolerance; laws that were fitted on two kinds of processor differ by less
+FLAGS = {"True": True, "False": False}
 
 SETTINGS = section(
     replicates=integer(
@@ -42,6 +50,17 @@ SETTINGS = section(
         "one that does so although it is checked after every batch, for about a sixth more simulations.",
     ),
 )
+
+
+@contextmanager
+def study_errors() -> Iterator[None]:
+    """Convert an `InputError` of the sampler into one of the study, which is printed without a traceback."""
+    try:
+        yield
+    except SamplerInputError as error:
+        raise InputError(
+            error.where, seen=error.seen, expected=error.expected, change=error.change
+        ) from error
 
 
 def rules_of_joint_laws(filled: float) -> dict[str, Any]:
@@ -121,7 +140,7 @@ class Surrogate(Method):
         One event is enough, the number of simulations is limited by ``maximum_calls``, and the interval may
         be one that is valid at every check (``anytime``).
         """
-        rule = Stopping.configured(config["importance_sampling"])
+        rule = configured_stopping(config["importance_sampling"])
         own = config["surrogate"]
         anytime = own["interval"] == "anytime"
         return replace(rule, minimum_events=1, maximum_simulations=own["maximum_calls"], anytime=anytime)
@@ -162,6 +181,7 @@ class Surrogate(Method):
                 self.on_batch(sampler.estimate(stopping))
         return sampler.estimate(stopping)
 
+    @study_errors()
     def _sampler(self, problem: ScoreProblem, generator: np.random.Generator) -> Sampler:
         """Return the sampler that is saved in the state file, or a new one if there is no such file."""
         own = {"dimension": problem.dimension, "fingerprint": problem.fingerprint}
@@ -181,3 +201,41 @@ class Surrogate(Method):
         state = read_state(self.state_file)
         state.check(**own, batch_size=self.batch_size, where=str(self.state_file))
         return Sampler.resume(state, self.certificate, self.begin)
+
+
+def read_predecessor(path: str | os.PathLike, problem: Problem | ScenarioProblem) -> Predecessor:
+    """Return the runs of a similar vehicle from the table ``runs.csv`` of the command ``estimate``.
+
+    Parameters
+    ----------
+    path
+        The table.
+    problem
+        The problem of the new estimate. Its law must map the normal scores of the table to the same
+        encounters.
+
+    Raises
+    ------
+    InputError
+        If the table is missing or is not a table of simulations, belongs to another law, or contains no
+        event.
+    """
+    change = "Name the runs.csv that `estimate` wrote for a similar vehicle, with the same law and records."
+    require_file(path, change)
+    names = [*problem.coordinates(np.zeros((1, problem.dimension)))]
+    scores = [f"z_{name}" for name in names]
+    table = read_csv(path, {name: name for name in (*scores, *names, "event")})
+    try:
+        z, recorded = table[scores].to_numpy(float), table[names].to_numpy(float)
+        happened = np.array([FLAGS[flag] for flag in table["event"]], bool)
+    except (ValueError, KeyError) as error:
+        expected = "numbers, and True or False for the event"
+        raise InputError(str(path), seen=f"a cell {error}", expected=expected, change=change) from error
+    if not happened.any():
+        seen = f"no event in {len(z)} simulations"
+        raise InputError(str(path), seen=seen, expected="at least one event", change=change)
+    own = problem.coordinates(z)
+    if not np.allclose(np.column_stack([own[name] for name in names]), recorded, rtol=ROUNDING, atol=0):
+        expected = "encounters of the law of this estimate, fitted to the same records"
+        raise InputError(str(path), seen="encounters of another law", expected=expected, change=change)
+    return Predecessor(z, happened)
