@@ -11,6 +11,7 @@ from collections.abc import Callable
 from functools import partial
 
 import numpy as np
+
 from fewruns.arrays import Array
 from fewruns.calibration import Calibration
 from fewruns.constants import (
@@ -20,9 +21,10 @@ from fewruns.constants import (
     NOISY_LOG_ODDS,
     RELEARN,
 )
-from fewruns.gaussian_process import EventSurrogate, Predecessor
+from fewruns.gaussian_process import EventSurrogate
 from fewruns.graded import GradedSurrogate, end_of_events, graded
 from fewruns.kernel import principal_axes
+from fewruns.predecessor import Predecessor
 from fewruns.progress import Progress
 from fewruns.subspace import Space, Subspace
 
@@ -56,7 +58,7 @@ class Belief:
         self.space = space
         self.flags = EventSurrogate(space.dimension, predecessor, amplitude)
         self.scores = GradedSurrogate(space.dimension)
-        self._has_predecessor, self._noisy = predecessor is not None, noisy
+        self._predecessor, self._noisy = predecessor, noisy
         self._scores_are_noisy = noisy or isinstance(space, Subspace)
         self._second: Callable[[Array], Array] | None = None
         self._calibration = Calibration()
@@ -81,22 +83,30 @@ class Belief:
             turned = [axes for points in (*mattered, z[happened]) for axes in principal_axes(points)]
         self.flags.fit(z, happened, learn=learn, turned=turned)
         self._second = None
-        if self._has_predecessor and runs:
+        if self._predecessor is not None and runs:
             # It keeps the prior's lengths, so that none of its parameters has to be saved in a state.
             own_flags = EventSurrogate(z.shape[1], amplitude=NOISY_AMPLITUDE if self._noisy else AMPLITUDE)
             own_flags.fit(z, happened, learn=False)
             self._second = own_flags.probability
-        elif not self._has_predecessor and happened.any() and not happened.all():
+        elif self._predecessor is None and happened.any() and not happened.all():
             outcome = graded(happened, progress.score)
             self.scores.fit(z @ self.flags.axes, outcome, learn=learn)
             self._second = partial(self._by_scores, below=end_of_events(outcome, happened))
         predicted = len(progress.foreseen)
-        least = 1 - MOST_TRUST if self._has_predecessor else 0.0
+        least = 0.0 if self._predecessor is None else 1 - MOST_TRUST
         # If most outcomes are random, the regression with noise is the better model of the flags.
         log_odds = NOISY_LOG_ODDS if self._noisy else 0.0
         self._calibration = Calibration.learn(
             progress.foreseen, happened[runs - predicted :], least, log_odds
         )
+
+    def refitted(self, progress: Progress) -> "Belief":
+        """Return surrogates with unchanged axes and lengths that are fitted to other runs."""
+        other = Belief(self.space, self._predecessor, noisy=self._noisy)
+        other.flags.axes, other.flags.theta = self.flags.axes, self.flags.theta
+        other.scores.theta = self.scores.theta
+        other.fit(progress)
+        return other
 
     def probability(self, z: Array) -> Array:
         """Return the calibrated predicted probability of the event, shape (m,), at points z, shape (m, d)."""

@@ -14,16 +14,16 @@ Farther out, it may be connected with the known part of the event. Notebook 10 d
 """
 
 import math
-from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import lru_cache
 from typing import Self
 
 import numpy as np
+from scipy.special import betaincc, chdtri, ndtr, ndtri
+
 from fewruns.arrays import Array
 from fewruns.constants import BEYOND, FEW, REACH, UNSEEN_ALPHA
 from fewruns.wide_laws import rarity
-from scipy.special import betaincc, chdtri, ndtr, ndtri
 
 STEPS = 600  # number of steps of the integrals over the rarity, and of distances of modes
 RARITIES = (np.arange(STEPS) + 0.5) / STEPS * REACH
@@ -104,20 +104,6 @@ class Unseen:
         mode = _nearest(wide_draws * [filled, 1, 1], dimension, reach, curvature)
         probability = filled * float(ndtr(-_caps(dimension, curvature)[0][mode]))
         return cls(float(wide_draws[:, 0].sum()), probability, _bound_of_any_set(wide_draws))
-
-
-def unseen_in_words(diagnostics: Mapping[str, float]) -> str:
-    """Return a sentence with the two bounds on the probability of unobserved parts of the event.
-
-    Parameters
-    ----------
-    diagnostics
-        Diagnostics of an estimate, which contain the bounds as ``unseen_mode`` and ``unseen_any``.
-    """
-    return (
-        f"a part of the event that no run has met: at most {diagnostics['unseen_mode']:.1g} if a half-space, "
-        f"{diagnostics['unseen_any']:.1g} if of any shape ({1 - UNSEEN_ALPHA:.0%} confidence)"
-    )
 
 
 def look_beyond(wide_draws: Array, dimension: int, reach: float, curvature: float, share: float) -> float:

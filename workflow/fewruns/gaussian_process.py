@@ -8,16 +8,21 @@ several sets of axes, the one with the largest such maximum is used.
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass
 from operator import itemgetter
 
 import numpy as np
+from numba import njit
+from numpy.typing import NDArray
+from scipy.linalg.lapack import dpotrf, dpotrs, dtrtri, dtrtrs
+from scipy.optimize import minimize
+from scipy.spatial import cKDTree
+from scipy.special import log_ndtr, ndtr
+
 from fewruns.arrays import Array
 from fewruns.constants import (
     AMPLITUDE,
     AMPLITUDE_SPREAD,
     DAMPING,
-    FEW,
     FIRST_PRECISION,
     LEARNING_STEPS,
     LEAST_PRECISION,
@@ -32,7 +37,6 @@ from fewruns.constants import (
     SWEEPS,
     VEHICLE_LENGTH,
 )
-from fewruns.errors import InputError
 from fewruns.kernel import (
     covariance_between,
     covariance_of_runs,
@@ -40,12 +44,7 @@ from fewruns.kernel import (
     negative_log_posterior,
     thinned,
 )
-from numba import njit
-from numpy.typing import NDArray
-from scipy.linalg.lapack import dpotrf, dpotrs, dtrtri, dtrtrs
-from scipy.optimize import minimize
-from scipy.spatial import cKDTree
-from scipy.special import log_ndtr, ndtr
+from fewruns.predecessor import Predecessor
 
 LOG_ROOT_2PI = 0.5 * math.log(2 * math.pi)
 
@@ -107,41 +106,6 @@ def selected_runs(runs: Array, event: NDArray[np.bool_], most: int) -> NDArray[n
         distance[event] = cKDTree(runs[~event]).query(runs[event])[0]
         distance[~event] = cKDTree(runs[event]).query(runs[~event])[0]
     return thinned(np.argsort(distance, kind="stable"), most)
-
-
-@dataclass(frozen=True)
-class Predecessor:
-    """Runs of a vehicle that is similar to the one under test, for example an earlier version of it.
-
-    Attributes
-    ----------
-    z, happened
-        Normal scores, shape (m, d), and whether the event happened, shape (m,).
-    """
-
-    z: Array
-    happened: NDArray[np.bool_]
-
-    def check(self, dimension: int) -> None:
-        """Check that the runs can be used for a problem with a given number of normal scores.
-
-        Raises
-        ------
-        InputError
-            If there are more than `FEW` normal scores. The directions on which the event depends are then
-            learnt from the scores of the runs, which are not known for a predecessor.
-        ValueError
-            If the shapes do not agree, or there is no event.
-        """
-        if dimension > FEW:
-            change = "Leave the predecessor out: it would not save runs here."
-            raise InputError(
-                "predecessor", seen=f"{dimension} inputs", expected=f"at most {FEW}", change=change
-            )
-        if self.z.shape != (len(self.happened), dimension):
-            raise ValueError(f"predecessor: points of shape {self.z.shape} for {len(self.happened)} flags")
-        if not self.happened.any():
-            raise ValueError("predecessor: no event in its runs")
 
 
 class EventSurrogate:

@@ -21,15 +21,15 @@ matter in a share Q of all cut-ins.
 """
 
 import math
-from collections.abc import Mapping
 from dataclasses import dataclass
 
 import numpy as np
+from scipy.special import betaincinv
+
 from fewruns.arrays import Array, Flags
 from fewruns.constants import NOISY_AMPLITUDE, POOL, UNSEEN_ALPHA
 from fewruns.gaussian_process import EventSurrogate
 from fewruns.wide_laws import draw_wide, log_normal_to_wide
-from scipy.special import betaincinv
 
 # The hardest cut-ins, in which the event is covered by the estimate, have KNOWN times the probability of the
 # estimate, or the probability HARDEST if there is no estimate.
@@ -122,43 +122,3 @@ def _mass_of_harder(surrogate: EventSurrogate, points: Array, z: Array) -> Array
     harder = np.append(np.cumsum(mass[::-1])[::-1], 0.0)
     place = np.searchsorted(hardness[order], surrogate.probability(z))
     return np.clip(harder[place] / harder[0], 0.0, np.nextafter(1.0, 0.0))
-
-
-def chance_in_words(diagnostics: Mapping[str, float]) -> str:
-    """Return sentences about the repeated runs and about the probability that lapses can add to the estimate.
-
-    Parameters
-    ----------
-    diagnostics
-        Diagnostics of an estimate: ``repeats``, ``differed``, ``law_draws``, ``law_events``, and, if the
-        vehicle may lapse, the bounds
-        ``unseen_lapses`` and ``unseen_lapses_monotone`` and the number ``settling_runs``.
-    """
-    repeats, differed = int(diagnostics["repeats"]), int(diagnostics["differed"])
-    if not repeats:
-        return "repeats: none, because the vehicle is stated to be deterministic"
-    lines = [f"repeats: {repeats} runs were made a second time, and {differed} of them ended differently"]
-    if draws := int(diagnostics["law_draws"]):
-        events = int(diagnostics["law_events"])
-        lines.append(f"draws of the law itself: {draws}, of which {events} ended in the event")
-    bound = diagnostics.get("unseen_lapses", math.nan)
-    if draws and not differed and not math.isnan(bound):
-        lines.append(
-            "these events contradict the estimate, although no repeat ended differently: the event also "
-            "happens at places that the other runs do not show, such as thin stripes. They count as lapses"
-        )
-    if not math.isnan(bound):
-        monotone, runs = diagnostics["unseen_lapses_monotone"], diagnostics["settling_runs"]
-        lines.append(
-            f"rare lapses can add up to {bound:.1g} if cut-ins of equal hardness are equally prone to them, "
-            f"and {monotone:.1g} if in addition harder cut-ins are not less prone ({1 - UNSEEN_ALPHA:.0%} "
-            "confidence); the interval includes the first bound, and the estimate has not converged"
-        )
-        if math.isfinite(runs):
-            lines.append(
-                f"to exclude such lapses, at least {runs:,.0f} runs without an event would be needed. They "
-                "must be cut-ins drawn from the law itself, or may be any hard cut-ins if harder cut-ins are "
-                "not less prone to lapses. Q times as many are enough if lapses are harmless in all but the "
-                "hardest share Q of the cut-ins"
-            )
-    return "\n".join(lines)

@@ -7,18 +7,13 @@ log(1 / alpha) / n with confidence 1 - alpha, whatever their shape.
 """
 
 from dataclasses import dataclass
+from typing import Annotated
 
 import numpy as np
-from fewruns.arrays import Array, Flags
-from fewruns.constants import AGREEMENT, CONTRADICTION
 from scipy.special import bdtrc
 
-
-@dataclass(frozen=True)
-class LawBatch:
-    """A batch drawn from the law itself; ``z`` has shape (n, d)."""
-
-    z: Array
+from fewruns.arrays import Array, Flags
+from fewruns.constants import AGREEMENT, CONTRADICTION
 
 
 @dataclass(frozen=True)
@@ -33,8 +28,8 @@ class LawDraws:
         Whether the event happened, shape (n,).
     """
 
-    z: Array
-    happened: Flags
+    z: Annotated[Array, "draws", "dimension"]
+    happened: Annotated[Flags, "draws"]
 
     @classmethod
     def none(cls, dimension: int) -> "LawDraws":
@@ -50,9 +45,9 @@ class LawDraws:
         """Number of draws that ended in the event."""
         return int(np.count_nonzero(self.happened))
 
-    def extended(self, batch: LawBatch, happened: Flags) -> "LawDraws":
-        """Return these draws, followed by the draws of a batch and their flags ``happened``, shape (n,)."""
-        return LawDraws(np.vstack([self.z, batch.z]), np.append(self.happened, happened))
+    def extended(self, z: Array, happened: Flags) -> "LawDraws":
+        """Return these draws, followed by further ones, shape (n, d), and their flags, shape (n,)."""
+        return LawDraws(np.vstack([self.z, z]), np.append(self.happened, happened))
 
     def contradict(self, probability: float) -> bool:
         """Return whether the number of draws that ended in the event contradicts an estimated probability.

@@ -7,12 +7,13 @@ log(1 / alpha) / n with confidence 1 - alpha.
 """
 
 from dataclasses import dataclass
+from typing import Annotated
 
 import numpy as np
-from fewruns.arrays import Array, Flags
-from fewruns.constants import LARGEST_SCORE, OFTEN, SAME_SCORE
-from numpy.typing import NDArray
 from scipy.special import betaincinv
+
+from fewruns.arrays import Array, Flags, Indices
+from fewruns.constants import LARGEST_SCORE, OFTEN, SAME_SCORE
 
 
 @dataclass(frozen=True)
@@ -27,8 +28,8 @@ class RepeatBatch:
         Indices of the repeated runs among all runs, shape (n,).
     """
 
-    z: Array
-    repeated: NDArray[np.int64]
+    z: Annotated[Array, "batch", "dimension"]
+    repeated: Annotated[Indices, "batch"]
 
 
 @dataclass(frozen=True)
@@ -45,9 +46,9 @@ class Repeats:
         Whether the outcome differed from that of the run, in the flag or in the score.
     """
 
-    repeated: NDArray[np.int64]
-    happened: Flags
-    differed: Flags
+    repeated: Annotated[Indices, "repeats"]
+    happened: Annotated[Flags, "repeats"]
+    differed: Annotated[Flags, "repeats"]
 
     @classmethod
     def none(cls) -> "Repeats":

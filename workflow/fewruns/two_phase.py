@@ -12,9 +12,11 @@ proportional to w_j sqrt(E (1{event}_j - g_j)^2). Notebook 10 derives both resul
 
 import math
 from collections.abc import Callable
-from dataclasses import dataclass, field
+from dataclasses import dataclass
+from typing import Annotated
 
 import numpy as np
+
 from fewruns.arrays import Array, Flags
 from fewruns.constants import (
     BEYOND,
@@ -121,19 +123,19 @@ class TwoPhaseBatch:
         control variate is 0 at all points.
     """
 
-    z: Array
-    weight: Array
-    control: Array
-    inclusion: Array
+    z: Annotated[Array, "batch", "dimension"]
+    weight: Annotated[Array, "batch"]
+    control: Annotated[Array, "batch"]
+    inclusion: Annotated[Array, "batch"]
     controlled: float
     controlled_square: float
-    aimed: Flags
-    wide_draws: Array
+    aimed: Annotated[Flags, "batch"]
+    wide_draws: Annotated[Array, "zones", 3]
     prediction: Prediction
-    foreseen: Array
-    kept: Array = field(default_factory=lambda: np.empty((0, 0)))
-    kept_weight: Array = field(default_factory=lambda: np.empty(0))
-    kept_control: Array = field(default_factory=lambda: np.empty(0))
+    foreseen: Annotated[Array, "batch", 2]
+    kept: Annotated[Array, "kept", "dimension"]
+    kept_weight: Annotated[Array, "kept"]
+    kept_control: Annotated[Array, "kept"]
 
 
 def reach_of(probability: float) -> float:

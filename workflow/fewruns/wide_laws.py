@@ -5,48 +5,20 @@ from dataclasses import dataclass
 from typing import Self
 
 import numpy as np
-from fewruns.arrays import Array
-from fewruns.constants import (
-    FREQUENT_REACH,
-    FREQUENT_START,
-    REACH,
-    SMALLEST_SPREAD,
-    START,
-)
 from numba import njit
 from scipy.special import chdtr, chdtrc, chdtri, gammaincinv, gammaln
 
+from fewruns.arrays import Array
+from fewruns.constants import REACH, SMALLEST_SPREAD
 
-def draw_wide(n: int, dimension: int, generator: np.random.Generator) -> Array:
-    """Draw n points from the wide distribution of ``dimension`` d normal scores, shape (n, d).
 
-    Directions are uniform, and the rarity -log P(|Z| > radius) is uniform on [0, REACH] for a standard normal
-    Z. Each power of ten of P(|Z| > radius) therefore gets the same number of points.
+def draw_wide(n: int, dimension: int, generator: np.random.Generator, reach: float = REACH) -> Array:
+    """Draw n points from the wide distribution up to the rarity ``reach``, shape (n, d).
+
+    Directions are uniform, and the rarity is uniform from 0 to ``reach``, so that each power of ten of
+    P(|Z| > radius) gets the same number of points.
     """
-    return draw_at(generator.uniform(0, REACH, n), dimension, generator)
-
-
-@dataclass(frozen=True)
-class Begin:
-    """The first runs of a sampler: draws from the wide distribution up to a given rarity.
-
-    Attributes
-    ----------
-    runs
-        Number of runs.
-    reach
-        Largest rarity.
-    """
-
-    runs: int
-    reach: float
-
-    def draw(self, n: int, dimension: int, generator: np.random.Generator) -> Array:
-        """Draw n points with rarities that are uniform from 0 to ``reach``, shape (n, d)."""
-        return draw_at(generator.uniform(0, self.reach, n), dimension, generator)
-
-
-RARE, FREQUENT = Begin(START, REACH), Begin(FREQUENT_START, FREQUENT_REACH)
+    return draw_at(generator.uniform(0, reach, n), dimension, generator)
 
 
 def draw_at(rarity: Array, dimension: int, generator: np.random.Generator) -> Array:

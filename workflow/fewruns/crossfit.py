@@ -14,16 +14,13 @@ from dataclasses import dataclass
 from itertools import pairwise
 
 import numpy as np
+from threadpoolctl import threadpool_limits
+
+from fewruns.arrays import Array, Indices
 from fewruns.belief import Belief
 from fewruns.progress import Progress
 from fewruns.sampler import Sampler
-from fewruns.state import State
-from fewruns.subspace import space_along
 from fewruns.two_phase import TwoPhaseBatch
-from numpy.typing import NDArray
-from threadpoolctl import threadpool_limits
-
-from accelerated_evaluation.base.arrays import Array
 
 FOLDS = 5
 NEVER = 10**9  # a number of runs that is never reached, so that lengths and axes are not learnt again
@@ -31,44 +28,24 @@ NEVER = 10**9  # a number of runs that is never reached, so that lengths and axe
 
 @dataclass(frozen=True)
 class Control:
-    """A control variate of a batch: predicted probabilities of the event at the points of the batch.
+    """A control variate of a batch: predicted probabilities of the event at the points of the batch."""
 
-    Attributes
-    ----------
-    runs
-        Its values at the runs of the batch, shape (n,).
-    kept
-        Its values at the m points of the pool that the batch has kept, divided by the control variate with
-        which the batch was drawn, shape (m,).
-    """
-
-    runs: Array
+    runs: Array  # its values at the runs of the batch, shape (n,)
+    # Its values at the m points of the pool that the batch has kept, divided by the control variate with
+    # which the batch was drawn, shape (m,).
     kept: Array
 
     @classmethod
     def own(cls, batch: TwoPhaseBatch) -> "Control":
-        """Return the original control variate of a batch, with which the batch was drawn.
-
-        Parameters
-        ----------
-        batch
-            A batch of the second phase.
-        """
+        """Return the control variate with which a batch was drawn."""
         return cls(batch.control, np.ones(len(batch.kept)))
 
     @classmethod
     def by(cls, belief: Belief, batch: TwoPhaseBatch) -> "Control":
-        """Return a control variate that consists of the predictions of another surrogate.
+        """Return the predictions of another surrogate at the points of a batch.
 
-        The new control variate is 0 wherever the control variate with which the batch was drawn is 0, because
-        the kept points do not represent these places.
-
-        Parameters
-        ----------
-        belief
-            The other surrogate.
-        batch
-            A batch of the second phase.
+        They are set to 0 wherever the control variate with which the batch was drawn is 0, because the kept
+        points do not represent these places.
         """
         if not len(batch.kept):
             return cls.own(batch)
@@ -77,38 +54,23 @@ class Control:
 
 
 def cross_fitted(sampler: Sampler, counted: int) -> list[Control]:
-    """Return control variates for the last batches, each from a surrogate fitted without the batch.
-
-    Parameters
-    ----------
-    sampler
-        The sampler, with its batches of runs and their outcomes.
-    counted
-        Number of the last batches for which control variates are computed.
-
-    Returns
-    -------
-    list of Control
-        One control variate for each of these batches, in their order.
-    """
-    state = sampler.state()
-    progress, sizes = state.progress, [len(batch.z) for batch in state.progress.batches]
+    """Return control variates for the last ``counted`` batches, each from a surrogate fitted without it."""
+    progress, sizes = sampler.progress, [len(batch.z) for batch in sampler.progress.batches]
     ends = len(progress.z) - sum(sizes) + np.cumsum([0, *sizes])
     runs = [np.arange(*part) for part in pairwise(ends)][-counted:]
     batches, controls = progress.batches[-counted:], []
     with threadpool_limits(1, "blas"):  # the matrices are small
         for fold in range(min(FOLDS, counted)):
-            belief = _without(state, np.concatenate(runs[fold::FOLDS]))
+            belief = sampler.belief.refitted(_without(progress, np.concatenate(runs[fold::FOLDS])))
             controls.append([Control.by(belief, batch) for batch in batches[fold::FOLDS]])
     return [controls[place % FOLDS][place // FOLDS] for place in range(counted)]
 
 
-def _without(state: State, left_out: NDArray[np.intp]) -> Belief:
-    """Return the surrogate of a sampler fitted without some runs, with unchanged axes and lengths."""
-    progress = state.progress
+def _without(progress: Progress, left_out: Indices) -> Progress:
+    """Return the runs of a sampler without some of them, for surrogates with unchanged axes and lengths."""
     kept = np.setdiff1d(np.arange(len(progress.z)), left_out)
     foreseen = kept[kept >= len(progress.z) - len(progress.foreseen)] - len(progress.z)
-    known = Progress(
+    return Progress(
         progress.z[kept],
         progress.happened[kept],
         progress.score[kept],
@@ -117,9 +79,3 @@ def _without(state: State, left_out: NDArray[np.intp]) -> Belief:
         foreseen=progress.foreseen[foreseen],
         learnt_at=NEVER,
     )
-    space = space_along(progress.directions, state.dimension)
-    belief = Belief(space, state.predecessor, noisy=progress.repeats.vary_often)
-    belief.flags.axes, belief.flags.theta = state.axes, state.theta
-    belief.scores.theta = state.graded_theta
-    belief.fit(known)
-    return belief
