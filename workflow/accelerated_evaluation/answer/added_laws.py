@@ -12,11 +12,12 @@ from typing import Self
 import numpy as np
 from numpy.typing import NDArray
 
-from accelerated_evaluation.answer.joint_family import Candidate, ClusteredRecords
+from accelerated_evaluation.answer.joint_family import Candidate, ClusteredRecords, candidates
 from accelerated_evaluation.answer.scores import BLOCKS, contiguous_blocks
 from accelerated_evaluation.answer.smooth_family import SmoothFamily, region
 from accelerated_evaluation.base.arrays import Array
 from accelerated_evaluation.distributions import Empirical
+from accelerated_evaluation.laws import joint
 from accelerated_evaluation.laws.draws import DrawnLaws, Draws, MixedDraws
 from accelerated_evaluation.laws.joint.protocol import JointLaw
 from accelerated_evaluation.laws.lead_speeds import WithLeadSpeeds
@@ -25,6 +26,11 @@ from accelerated_evaluation.laws.smooth.family import DistinctRecords
 
 NODES, NODE_WEIGHTS = np.polynomial.legendre.leggauss(32)
 AT_ONCE = 100_000  # number of records at once, which limits the memory to about 200 MB
+
+
+def added_candidates() -> tuple[Candidate, ...]:
+    """Return the candidates of joint laws that do not come with the library."""
+    return tuple(each for each in candidates() if not each.kind.__module__.startswith(joint.__name__))
 
 
 @dataclass(frozen=True)

@@ -8,12 +8,15 @@ import numpy as np
 import pandas as pd
 from scipy.stats import beta
 
-from accelerated_evaluation.answer.posterior import Posterior, budget
-from accelerated_evaluation.answer.summary import SUMMARY, is_supported, summarise
+from accelerated_evaluation.answer.calibration import mid_p
+from accelerated_evaluation.answer.posterior import Posterior, SampledPosterior, answer_row, budget
 from accelerated_evaluation.base.arrays import Array
 from accelerated_evaluation.laws.draws import Draws
 from accelerated_evaluation.problem import Problem
 from accelerated_evaluation.scenarios.protocol import Event
+
+# An answer is rejected unless the mid-p value of the number of events among replayed records exceeds this value.
+MISSED = 1e-4
 
 
 @dataclass(frozen=True)
@@ -50,7 +53,7 @@ class Replayed:
 
     def supports(self, probability: float) -> bool:
         """Return whether the count is possible for a probability of the event in an encounter."""
-        return is_supported(self.events, self.records * probability)
+        return bool(mid_p(self.events, self.records * probability) > MISSED)
 
     def interval(self, level: float = 0.95) -> tuple[float, float]:
         """Return the exact binomial interval of the probability (Clopper and Pearson 1934)."""
@@ -99,6 +102,11 @@ class Answer:
     notes: Mapping[str, Any] = field(default_factory=dict)
 
     @property
+    def sampled(self) -> bool:
+        """Whether the answer has a sampling error."""
+        return isinstance(self.posterior, SampledPosterior) or self.posterior is None
+
+    @property
     def posterior(self) -> Posterior | None:
         """The probability of the main event under each draw."""
         return self.posteriors[self.problem.event]
@@ -117,15 +125,6 @@ class Answer:
         if self.posterior is None:
             return pd.DataFrame(columns=["source", "factor", "variance_share"])
         return budget(self.posterior.alone, self.posterior.deviation)
-
-    def draws_table(self) -> pd.DataFrame:
-        """Return one row for each draw: its law, and the probability of the main event with its error."""
-        own = self.posterior
-        if own is None:
-            return pd.DataFrame(columns=["draw", "law", "probability", "error"])
-        error = getattr(own, "errors", np.zeros(self.draws.size))
-        columns = {"law": self.draws.names, "probability": own.probabilities, "error": error}
-        return pd.DataFrame({"draw": np.arange(self.draws.size) + 1} | columns)
 
 
 class Way(Protocol):
@@ -167,14 +166,3 @@ def answer(
         Posterior of the probability of each event, with tables and a text.
     """
     return by.answer(problem, draws, events, generator)
-
-
-def answer_row(posterior: Posterior | None) -> dict[str, float]:
-    """Return the summary of a posterior, with the bound on unseen lapses in the upper ends; NaN for None."""
-    if posterior is None:
-        return dict.fromkeys(SUMMARY, np.nan)
-    row = summarise(posterior.whole) | {"probability": float(posterior.probabilities.mean())}
-    raised = {
-        name: min(end + posterior.unseen_lapses, 1.0) for name, end in row.items() if name.startswith("high")
-    }
-    return row | raised

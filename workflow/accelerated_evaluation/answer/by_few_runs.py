@@ -17,7 +17,7 @@ from accelerated_evaluation.answer.posterior import Posterior, SampledPosterior
 from accelerated_evaluation.base.arrays import Array
 from accelerated_evaluation.laws.draws import Draws
 from accelerated_evaluation.methods.study import with_encounters
-from accelerated_evaluation.methods.surrogate import rules_for, sampler_of
+from accelerated_evaluation.methods.surrogate import sampler_of
 from accelerated_evaluation.problem import Problem
 from accelerated_evaluation.scenarios.protocol import ENDED, Event
 
@@ -56,8 +56,8 @@ class FewRuns:
     ) -> Answer:
         """Return the probability of the event under each draw, and of further events that are parts of it."""
         problem = replace(problem, law=draws.proposal)
-        rules = rules_for(problem) | {"batch_size": self.batch_size, "predecessor": self.predecessor}
-        runs = Runs.of(problem, draws, sampler_of(problem, generator, **rules))
+        own = {"batch_size": self.batch_size, "predecessor": self.predecessor}
+        runs = Runs.of(problem, draws, sampler_of(problem, generator, **own))
         for _ in run_batches(runs.sampler, runs, self.stopping, lambda: self._is_enough(runs)):
             runs.emphasise()
             if self.on_batch is not None:
@@ -154,7 +154,7 @@ class Runs:
 
     def _crashes(self) -> Crashes | None:
         """Return the runs in which the event happened, with their weights under each draw."""
-        runs, weights = self.laws.weights(self.sampler)
+        runs, weights = self.laws.weights(self.sampler.progress)
         happened = self.sampler.progress.happened[runs]
         if not happened.any():
             return None

@@ -73,19 +73,27 @@ class Map:
         draws: Draws,
         generator: np.random.Generator,
     ) -> CrashLines:
-        """Return the lines of a map that matter for an event, with weights for each draw of a random vehicle.
-
-        All events of a random vehicle have the same draws of its parameters.
-        """
+        """Return the lines of a map that matter for an event."""
         lines = CrashLines.of(crash_map, self.records.lead_speed, event, self.records.support)
-        masses = masses_under(lines, draws.thinned(GUIDES))
-        shares = [mass / mass.sum() for mass in masses if mass.any()]
-        if shares:  # otherwise the event never happens, or its probability underflows
-            lines = lines.thinned(np.mean(shares, axis=0), LINES, generator)
-        if not isinstance(vehicle, RandomVehicle) or lines.inner is None:
-            return lines
-        same = np.random.Generator(type(generator.bit_generator)(generator.bit_generator.seed_seq))
-        return replace(lines, weights=vehicle.inner_weights(lines.inner, draws.size, same))
+        return thinned(lines, vehicle, draws, generator)
+
+
+def thinned(
+    lines: CrashLines, vehicle: Vehicle, draws: Draws, generator: np.random.Generator
+) -> CrashLines:
+    """Return the lines that matter for an event, with weights for each draw of a random vehicle.
+
+    The weights depend on the seed of the generator and not on its state, so that all events of a random vehicle
+    have the same draws of its parameters.
+    """
+    masses = masses_under(lines, draws.thinned(GUIDES))
+    shares = [mass / mass.sum() for mass in masses if mass.any()]
+    if shares:  # otherwise the event never happens, or its probability underflows
+        lines = lines.thinned(np.mean(shares, axis=0), LINES, generator)
+    if not isinstance(vehicle, RandomVehicle) or lines.inner is None:
+        return lines
+    same = np.random.Generator(type(generator.bit_generator)(generator.bit_generator.seed_seq))
+    return replace(lines, weights=vehicle.inner_weights(lines.inner, draws.size, same))
 
 
 def masses_under(lines: CrashLines, draws: Draws) -> Array:

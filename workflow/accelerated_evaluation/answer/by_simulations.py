@@ -6,7 +6,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from accelerated_evaluation.answer.answer import Answer, Crashes
-from accelerated_evaluation.answer.reweighting import SMALLEST, SampledPosterior
+from accelerated_evaluation.answer.posterior import SampledPosterior
 from accelerated_evaluation.base.errors import InputError
 from accelerated_evaluation.laws.draws import Draws
 from accelerated_evaluation.problem import Problem
@@ -14,6 +14,7 @@ from accelerated_evaluation.scenarios.protocol import Event
 
 ENOUGH_EVENTS = 100  # simulations are repeated with other encounters until there are so many events,
 ROUNDS = 25  # or so many repetitions
+SMALLEST = 1e-3  # lower bound of the estimate of a draw, as a share of the mean
 
 
 @dataclass(frozen=True)
@@ -76,4 +77,4 @@ def _posterior(crashes: Crashes, draws: Draws, size: int) -> SampledPosterior | 
     squares = size * (crashes.weights**2).sum(axis=1)
     variances = np.maximum(squares - estimates**2, 0) / size
     known = np.maximum(estimates, SMALLEST * estimates.mean())
-    return SampledPosterior(known, np.minimum(np.sqrt(variances) / known, 1), draws.member, size)
+    return SampledPosterior(known, draws.member, np.minimum(np.sqrt(variances) / known, 1), size)

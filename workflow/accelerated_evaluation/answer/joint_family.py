@@ -10,6 +10,7 @@ from typing import Any, Self
 
 import numpy as np
 import pandas as pd
+from fewruns.problems import Response
 from numpy.typing import ArrayLike, NDArray
 from tqdm import tqdm
 
@@ -19,7 +20,6 @@ from accelerated_evaluation.base.errors import InputError
 from accelerated_evaluation.laws import LAWS, Box
 from accelerated_evaluation.laws.draws import DrawnLaws
 from accelerated_evaluation.laws.joint.protocol import JointLaw
-from accelerated_evaluation.problem import Response
 
 NEAR = 0.1  # share of the records that are near the event: those with the smallest scores
 POOL = 20_000  # number of points with which the probability of the region near the event is estimated

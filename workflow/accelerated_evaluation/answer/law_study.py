@@ -1,16 +1,27 @@
 """The laws that the records support: candidates, their weights, and draws from the posterior."""
 
-from collections.abc import Mapping, Sequence
+import math
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
+from pathlib import Path
 from typing import Protocol, Self
 
 import numpy as np
 import pandas as pd
+from fewruns.problems import Response
 from numpy.typing import NDArray
 
+from accelerated_evaluation.answer.added_laws import AddedLaws, Together, added_candidates
+from accelerated_evaluation.answer.family_file import fit_or_read
+from accelerated_evaluation.answer.fitted_records import FittedRecords
+from accelerated_evaluation.answer.joint_family import ClusteredRecords, JointFamily, Respond
+from accelerated_evaluation.answer.smooth_family import SmoothFamily
 from accelerated_evaluation.answer.weights import bootstrapped_weights
 from accelerated_evaluation.base.arrays import Array
 from accelerated_evaluation.laws.draws import Draws
+from accelerated_evaluation.scenarios.protocol import Scenario
+from accelerated_evaluation.vehicles.loading import load_vehicle
+from accelerated_evaluation.vehicles.protocol import Vehicle
 
 
 class Family(Protocol):
@@ -52,6 +63,42 @@ class LawStudy:
     weights: Array
 
     @classmethod
+    def of(
+        cls,
+        records: FittedRecords,
+        size: int,
+        streams: Callable[[str], np.random.Generator],
+        store: Path | None = None,
+        closing_speed_max: float = math.inf,
+    ) -> Self:
+        """Fit and score the candidate laws of records, and draw their weights ``size`` times.
+
+        Parameters
+        ----------
+        records
+            Records of any scenario. Smooth laws with dependence are the candidates for cut-ins, and joint laws
+            for other records. Joint laws that users have added are candidates for cut-ins, too.
+        size
+            Number K of draws.
+        streams
+            Function that returns a random generator for the name of a step.
+        store
+            File with the fit of smooth laws, which is read if it belongs to the records, and otherwise written.
+        closing_speed_max
+            Cap on the closing speed of laws of cut-ins [m/s].
+        """
+        if isinstance(records.data, ClusteredRecords):
+            vehicle = load_vehicle(records.scenario.default_vehicle, records.scenario)
+            family = JointFamily.of(records.data, _responder(records.scenario, vehicle), streams("fit"))
+            return cls.of_family(family, size, streams("weigh"))
+        family = SmoothFamily.of(records.data) if store is None else fit_or_read(store, records.data)
+        family = replace(family, encounters=records.table, closing_speed_max=closing_speed_max)
+        if added := added_candidates():
+            others = AddedLaws.of(records.data, added, closing_speed_max, streams("fit"))
+            family = Together(family, others)
+        return cls.of_family(family, size, streams("weigh"))
+
+    @classmethod
     def of_family(cls, family: Family, size: int, generator: np.random.Generator) -> Self:
         """Draw the weights of the candidates of a family ``size`` times."""
         return cls(family, bootstrapped_weights(family.scores, family.resampled, size, generator))
@@ -60,6 +107,11 @@ class LawStudy:
     def names(self) -> tuple[str, ...]:
         """Names of the M candidates."""
         return self.family.names
+
+    @property
+    def smooth(self) -> SmoothFamily:
+        """The smooth laws among the candidates; a study of other records than cut-ins has none."""
+        return self.family.smooth if isinstance(self.family, Together) else self.family
 
     @property
     def mean_weights(self) -> Array:
@@ -99,3 +151,14 @@ class LawStudy:
     def table(self) -> pd.DataFrame:
         """Return the candidates with their mean weights, one row each: ``law`` and ``weight``."""
         return pd.DataFrame({"law": self.names, "weight": self.mean_weights})
+
+
+def _responder(scenario: Scenario, vehicle: Vehicle) -> Respond:
+    """Return a function that simulates a vehicle at points, and returns flags and scores of the main event."""
+    event = scenario.events[0]
+
+    def respond(x: Array) -> Response:
+        outcomes = vehicle.simulate(*scenario.to_inputs(x).T)
+        return event.happens(outcomes), event.score(outcomes)
+
+    return respond

@@ -1,15 +1,27 @@
 """Posterior of the crash probability, with the uncertainty in the choice of the law and in its parameters."""
 
+import math
 from collections.abc import Mapping
 from dataclasses import dataclass
+from typing import Self
 
 import numpy as np
 import pandas as pd
+from fewruns import LawEstimates
 from numpy.typing import NDArray
+from scipy.special import stdtrit
 
 from accelerated_evaluation.base.arrays import Array
 
 LEVELS = (0.5, 0.8, 0.95)  # levels of the credible intervals
+SUMMARY = (
+    "probability",
+    "median",
+    *(f"{end}{100 * level:.0f}" for level in LEVELS for end in ("low", "high")),
+)
+LEVEL = 0.8  # level of the interval whose width is compared with and without the sampling error
+NOISE = 25  # number of equally likely values that represent the distribution of the sampling error of a draw
+LEAST = 0.1  # lower bound of 1 + t c, for sampling errors so large that their distribution is unknown
 # Smallest share of the variance of the logarithms of the estimates that is attributed to the probabilities.
 LEAST_BETWEEN = 0.25
 
@@ -20,6 +32,8 @@ class Posterior:
 
     probabilities: Array  # shape (K,)
     member: NDArray[np.intp]  # number of the candidate from which each law was drawn, shape (K,)
+
+    unseen_lapses = 0.0  # bound on the probability that failures which no run has shown may add
 
     @property
     def probability(self) -> float:
@@ -47,9 +61,87 @@ class Posterior:
         return 0.0
 
     @property
-    def unseen_lapses(self) -> float:
-        """Bound on the probability that failures which no run has shown may add."""
-        return 0.0
+    def noise(self) -> Array:
+        """Equally likely values of estimate / probability for each draw, shape (K, values)."""
+        return np.ones((self.probabilities.size, 1))
+
+
+@dataclass(frozen=True)
+class SampledPosterior(Posterior):
+    """Estimates of the probability of an event under each draw of the law, from the same runs.
+
+    The error of an estimate has a part that all draws share, because they use the same runs, and a part of its
+    own. If the parts are not known, the whole error counts as shared, which is nearly so.
+    """
+
+    errors: Array  # relative standard error of each estimate, shape (K,)
+    batches: int  # number of independent batches of runs
+    shared: float = math.nan
+    own: Array | None = None  # shape (K,)
+    unseen_lapses: float = 0.0  # bound on the probability that failures which no run has shown may add
+
+    @classmethod
+    def of(cls, found: LawEstimates, member: NDArray[np.intp], unseen_lapses: float = 0.0) -> Self:
+        """Return the posterior from the estimates of a sampler under all draws."""
+        errors = found.errors, found.batches, found.shared, found.own
+        return cls(found.probabilities, member, *errors, unseen_lapses)
+
+    @property
+    def alone(self) -> Posterior:
+        """The posterior without sampling errors: estimates that are shrunk by their own errors."""
+        known = self.probabilities if self.own is None else shrunk_estimates(self.probabilities, self.own)
+        return Posterior(known, self.member)
+
+    @property
+    def whole(self) -> Posterior:
+        """The posterior with sampling errors: `NOISE` equally likely values for each draw.
+
+        If the relative error c of an estimate p is t-distributed, the probability is p / (1 + t c).
+        """
+        errors = self.errors if self.own is None else np.full(self.errors.size, self.shared)
+        values = self.alone.probabilities[:, None] / self._noise(errors)
+        return Posterior(values.ravel(), np.repeat(self.member, NOISE))
+
+    @property
+    def noise(self) -> Array:
+        """Equally likely values of estimate / probability for each draw, shape (K, NOISE)."""
+        return self._noise(self.errors)
+
+    def _noise(self, errors: Array) -> Array:
+        t = stdtrit(self.batches - 1, (np.arange(NOISE) + 0.5) / NOISE)
+        return np.maximum(1 + errors[:, None] * t, LEAST)
+
+    @property
+    def deviation(self) -> float:
+        """Relative standard deviation of the sampling error that all draws share."""
+        return float(np.sqrt(np.mean(self.errors**2))) if self.own is None else self.shared
+
+    @property
+    def share_of_sampling(self) -> float:
+        """Relative increase of the width of the interval of the logarithm by the sampling error."""
+        if 1 + self.deviation * stdtrit(self.batches - 1, 0.5 / NOISE) < LEAST:
+            return math.inf
+        (low, high), (low_alone, high_alone) = (part.interval(LEVEL) for part in (self.whole, self.alone))
+        with np.errstate(divide="ignore", invalid="ignore"):
+            return float(np.log(high / low) / np.log(high_alone / low_alone) - 1)
+
+
+def summarise(posterior: Posterior) -> dict[str, float]:
+    """Return mean, median and the ends of the 50, 80 and 95 % intervals of a posterior, by `SUMMARY`."""
+    ends = (end for level in LEVELS for end in posterior.interval(level))
+    values = (float(posterior.probabilities.mean()), posterior.probability, *ends)
+    return dict(zip(SUMMARY, values, strict=True))
+
+
+def answer_row(posterior: Posterior | None) -> dict[str, float]:
+    """Return the summary of a posterior, with the bound on unseen lapses in the upper ends; NaN for None."""
+    if posterior is None:
+        return dict.fromkeys(SUMMARY, np.nan)
+    row = summarise(posterior.whole) | {"probability": float(posterior.probabilities.mean())}
+    raised = {
+        name: min(end + posterior.unseen_lapses, 1.0) for name, end in row.items() if name.startswith("high")
+    }
+    return row | raised
 
 
 def budget(posterior: Posterior, sampling_deviation: float) -> pd.DataFrame:

@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 
 from accelerated_evaluation.answer.scores import BLOCKS, HeldOut
 from accelerated_evaluation.base.arrays import Array
+from accelerated_evaluation.laws.smooth.conditional import SpeedLaw
 from accelerated_evaluation.laws.smooth.dependent import DependentLaw
 from accelerated_evaluation.laws.smooth.draws import LawDraws
 from accelerated_evaluation.laws.smooth.family import MEMBERS, DistinctRecords, Fitter, LawFamily, Member
@@ -81,6 +82,10 @@ class SmoothFamily:
         if self.encounters is None:  # only probabilities of crash maps can be computed
             return MeanLaw(description, {}, drawn, {}, self.closing_speed_max)
         return MeanLaw.fitted(drawn, self.encounters, description, self.closing_speed_max)
+
+    def speeds(self, name: str) -> SpeedLaw:
+        """Return the distribution of the closing speed of a member, given by its name."""
+        return self.family.law(NAMED[name])
 
     def law(self, name: str) -> DependentLaw:
         """Return a member, without the uncertainty of its parameters."""

@@ -9,9 +9,8 @@ from tqdm import tqdm
 
 from accelerated_evaluation.answer.by_map import masses_under
 from accelerated_evaluation.answer.law_study import LawStudy
-from accelerated_evaluation.answer.posterior import Posterior
+from accelerated_evaluation.answer.posterior import SUMMARY, Posterior, summarise
 from accelerated_evaluation.answer.smooth_family import NAMED, SmoothFamily
-from accelerated_evaluation.answer.summary import SUMMARY, summarise
 from accelerated_evaluation.base.arrays import Array
 from accelerated_evaluation.crash_map.lines import CrashLines
 from accelerated_evaluation.laws.smooth.family import DistinctRecords

@@ -54,8 +54,12 @@ class Draws(ABC):
         return np.unique(self.names, return_inverse=True)[1]
 
     @abstractmethod
+    def log_densities(self, x: Array) -> Array:
+        """Return the log density of each draw at points x, shape (n, d), as an array of shape (K, n)."""
+
     def log_ratios(self, x: Array) -> Array:
         """Return log f_k / f for each draw f_k and the proposal f at points x, shape (n, d), as (K, n)."""
+        return self.log_densities(x) - self.proposal.log_density(x)
 
     @abstractmethod
     def mixture(self, n: int, generator: np.random.Generator) -> tuple[Array, Array]:
@@ -104,23 +108,20 @@ class DrawnLaws(Draws, Law):
         """Return the log density of the proposal at points x, shape (n, d)."""
         return self.proposal.log_density(x)
 
-    def log_ratios(self, x: Array) -> Array:
-        """Return log f_k / f for each draw f_k and the proposal f at points x, shape (n, d), as (K, n)."""
-        return self._log_densities(x) - self.proposal.log_density(x)
+    def log_densities(self, x: Array) -> Array:
+        """Return the log density of each draw at points x, shape (n, d), as an array of shape (K, n)."""
+        return np.array([law.log_density(x) for law in self.laws])
 
     def mixture(self, n: int, generator: np.random.Generator) -> tuple[Array, Array]:
         """Draw the same number of points from each draw, with log f_k / f_mean, shape (K, m)."""
         x = _from_each(self.laws, n, generator)
-        densities = self._log_densities(x)
+        densities = self.log_densities(x)
         return x, densities - (logsumexp(densities, axis=0) - math.log(self.size))
 
     def subset(self, chosen: NDArray[np.intp]) -> Self:
         """Return the draws with the given indices, shape (k,), under the same proposal."""
         laws, names = ([part[k] for k in chosen] for part in (self.laws, self.names))
         return replace(self, laws=laws, names=tuple(names))
-
-    def _log_densities(self, x: Array) -> Array:
-        return np.array([law.log_density(x) for law in self.laws])
 
     def content(self) -> dict[str, Any]:
         """Return the content of the law file: the proposal and all draws."""
@@ -186,12 +187,9 @@ class MixedDraws(Draws, Law):
         parts = [part.proposal.log_density(x) for part in self.parts]
         return logsumexp(np.log(self._shares)[:, None] + parts, axis=0)
 
-    def log_ratios(self, x: Array) -> Array:
-        """Return log f_k / f for each draw f_k and the mixture f at points x, shape (n, d), as (K, n)."""
-        mixture = self.log_density(x)
-        return np.vstack(
-            [part.log_ratios(x) + (part.proposal.log_density(x) - mixture) for part in self.parts]
-        )
+    def log_densities(self, x: Array) -> Array:
+        """Return the log density of each draw at points x, shape (n, d), as an array of shape (K, n)."""
+        return np.vstack([part.log_densities(x) for part in self.parts])
 
     def mixture(self, n: int, generator: np.random.Generator) -> tuple[Array, Array]:
         """Draw n points from the mixture, which is the mean of the draws if this holds for the parts."""
@@ -224,6 +222,10 @@ class OneLaw(Draws):
     def names(self) -> tuple[str]:
         """The description of the law."""
         return (self.proposal.description,)
+
+    def log_densities(self, x: Array) -> Array:
+        """Return the log density of the law at points x, shape (n, d), as an array of shape (1, n)."""
+        return self.proposal.log_density(x)[None]
 
     def log_ratios(self, x: Array) -> Array:
         """Return zeros, shape (1, n), because the law is its own proposal."""

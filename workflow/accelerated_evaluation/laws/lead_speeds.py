@@ -7,10 +7,10 @@ from typing import Any, ClassVar, Self
 
 import numpy as np
 import pandas as pd
+from fewruns.problems import normal_score_quantile
 
 from accelerated_evaluation.base.arrays import Array
 from accelerated_evaluation.distributions import Empirical
-from accelerated_evaluation.distributions.tails import normal_score_quantile
 from accelerated_evaluation.laws import LAWS
 from accelerated_evaluation.laws.protocol import Box, Law
 from accelerated_evaluation.laws.strata import VARIABLES
