@@ -16,11 +16,11 @@ from accelerated_evaluation.answer.chosen_law import ANSWER, choose_sampled_law
 from accelerated_evaluation.answer.estimation import read_records
 from accelerated_evaluation.base.files import write_csv
 from accelerated_evaluation.base.randomness import child_generator
-from accelerated_evaluation.methods.surrogate.gaussian_process import Predecessor
 from accelerated_evaluation.problem import Problem
 from accelerated_evaluation.scenarios.cut_in import CUT_IN
 from accelerated_evaluation.study.configuration import load
 from accelerated_evaluation.vehicles import load_vehicle
+from fewruns.gaussian_process import Predecessor
 from tqdm import tqdm
 
 sys.path.insert(0, str(Path(__file__).resolve().parents[1] / "samplers"))

@@ -17,10 +17,10 @@ import pandas as pd
 from accelerated_evaluation.base.arrays import Array
 from accelerated_evaluation.base.files import write_csv
 from accelerated_evaluation.base.randomness import child_generator
-from accelerated_evaluation.methods.surrogate import Certificate, Surrogate
-from accelerated_evaluation.methods.surrogate.certificate import BY_DEFAULT
-from accelerated_evaluation.problem import ScoreProblem, SystemProblem
+from accelerated_evaluation.methods.surrogate import Surrogate
 from accelerated_evaluation.publishing.tables.formats import reproducible
+from fewruns.certificate import BY_DEFAULT, Certificate
+from fewruns.problems import ScoreProblem, SystemProblem
 from methods import Target
 from problems import problems
 from reference import reference

@@ -26,8 +26,8 @@ from accelerated_evaluation.base.arrays import Array
 from accelerated_evaluation.base.files import write_csv
 from accelerated_evaluation.base.randomness import child_generator
 from accelerated_evaluation.methods.surrogate import Surrogate
-from accelerated_evaluation.problem import Response, ScoreProblem, SystemProblem
 from accelerated_evaluation.vehicles import AccAeb, Outcomes, Vehicle, load_vehicle
+from fewruns.problems import Response, ScoreProblem, SystemProblem
 from methods import Target
 from problems import BENCHMARK, problems, segment_problem
 from run import ROOT

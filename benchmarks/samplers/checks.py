@@ -14,9 +14,9 @@ import pandas as pd
 from accelerated_evaluation.base.files import write_csv
 from accelerated_evaluation.base.randomness import child_generator
 from accelerated_evaluation.methods.estimate import Estimate
-from accelerated_evaluation.methods.surrogate.sampler import Sampler
 from chance import PROBLEMS as CHANCE
 from chance import Chance, reference
+from fewruns.sampler import Sampler
 from methods import Target
 from problems import problems
 from run import ROOT

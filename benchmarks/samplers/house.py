@@ -9,7 +9,7 @@ import numpy as np
 import yaml
 from accelerated_evaluation.methods import METHODS
 from accelerated_evaluation.methods.estimate import Estimate as Found
-from accelerated_evaluation.methods.surrogate.combining import interval
+from fewruns.combining import interval
 from methods import Counter, Estimate, Outcome, Target, adapter, normal_95
 from problems import Problem
 

@@ -25,10 +25,10 @@ from accelerated_evaluation.distributions import (
 )
 from accelerated_evaluation.laws import Factors
 from accelerated_evaluation.laws.paper.independent import IndependentLaw
-from accelerated_evaluation.problem import ScoreProblem, SystemProblem
 from accelerated_evaluation.scenarios.cut_in import CUT_IN
 from accelerated_evaluation.scenarios.protocol import Event
 from accelerated_evaluation.vehicles import AccAeb, Outcomes, Vehicle, load_vehicle
+from fewruns.problems import ScoreProblem, SystemProblem
 from scipy.special import ndtr
 from scipy.stats import chi2
 from tabulated import tabulated

@@ -14,11 +14,11 @@ import numpy as np
 import pandas as pd
 from accelerated_evaluation.base.files import write_csv
 from accelerated_evaluation.base.randomness import child_generator
-from accelerated_evaluation.methods.surrogate.gaussian_process import Predecessor
-from accelerated_evaluation.methods.surrogate.sampler import Sampler
-from accelerated_evaluation.problem import ScoreProblem
 from accelerated_evaluation.publishing.tables.formats import reproducible
 from accelerated_evaluation.vehicles.builtin.acc_aeb import AccAeb
+from fewruns.gaussian_process import Predecessor
+from fewruns.problems import ScoreProblem
+from fewruns.sampler import Sampler
 from methods import Target
 from problems import BENCHMARK, WEAK_AEB, crash, segment_problem
 from reference import reference

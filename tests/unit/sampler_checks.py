@@ -4,9 +4,10 @@ from dataclasses import dataclass
 
 import numpy as np
 from accelerated_evaluation.methods import Stopping
-from accelerated_evaluation.methods.surrogate import Surrogate, combining, two_phase
-from accelerated_evaluation.methods.surrogate.sampler import Sampler
-from accelerated_evaluation.problem import SystemProblem
+from accelerated_evaluation.methods.surrogate import Surrogate
+from fewruns import combining, two_phase
+from fewruns.problems import SystemProblem
+from fewruns.sampler import Sampler
 from scipy.stats import norm
 
 STOPPING = Stopping(alpha=0.2, beta=0.2, minimum_events=1, maximum_simulations=1000)

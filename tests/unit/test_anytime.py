@@ -4,9 +4,9 @@ import math
 
 import numpy as np
 import pytest
-from accelerated_evaluation.methods.surrogate.anytime import anytime_interval, boundary, reach_of_goal
-from accelerated_evaluation.methods.surrogate.combining import BatchEstimate, combine
-from accelerated_evaluation.methods.surrogate.two_phase import Prediction
+from fewruns.anytime import anytime_interval, boundary, reach_of_goal
+from fewruns.combining import BatchEstimate, combine
+from fewruns.two_phase import Prediction
 
 ALPHA, BETA, RUNS, VARIATION = 0.2, 0.2, 5, 2.25
 FIRST = 10  # checks that do not count

@@ -2,12 +2,12 @@
 
 import numpy as np
 import pytest
-from accelerated_evaluation.methods.surrogate.belief import Belief
-from accelerated_evaluation.methods.surrogate.constants import MOST_TRUST
-from accelerated_evaluation.methods.surrogate.gaussian_process import EventSurrogate, Predecessor
-from accelerated_evaluation.methods.surrogate.progress import Progress
-from accelerated_evaluation.methods.surrogate.subspace import Subspace, WholeSpace
-from accelerated_evaluation.methods.surrogate.wide_laws import draw_wide
+from fewruns.belief import Belief
+from fewruns.constants import MOST_TRUST
+from fewruns.gaussian_process import EventSurrogate, Predecessor
+from fewruns.progress import Progress
+from fewruns.subspace import Subspace, WholeSpace
+from fewruns.wide_laws import draw_wide
 from scipy.stats import norm
 
 DIMENSION = 6

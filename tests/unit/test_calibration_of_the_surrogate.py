@@ -2,8 +2,8 @@
 
 import numpy as np
 import pytest
-from accelerated_evaluation.methods.surrogate.calibration import Calibration, Slopes
-from accelerated_evaluation.methods.surrogate.constants import MOST_TRUST, SLOPE_SPREAD
+from fewruns.calibration import Calibration, Slopes
+from fewruns.constants import MOST_TRUST, SLOPE_SPREAD
 from scipy.special import log_ndtr, ndtr, ndtri
 
 SLOPES = (0.7, 1.0, 1.8)

@@ -4,17 +4,17 @@ import math
 
 import numpy as np
 import pytest
-from accelerated_evaluation.methods.surrogate.certificate import (
+from fewruns.certificate import (
     BY_DEFAULT,
     Certificate,
     Unseen,
     _cap,
     look_beyond,
 )
-from accelerated_evaluation.methods.surrogate.constants import REACH, UNSEEN_ALPHA
-from accelerated_evaluation.methods.surrogate.sampler import Sampler
-from accelerated_evaluation.methods.surrogate.two_phase import reach_of
-from accelerated_evaluation.methods.surrogate.wide_laws import FREQUENT, RARE, draw_at, rarity
+from fewruns.constants import REACH, UNSEEN_ALPHA
+from fewruns.sampler import Sampler
+from fewruns.two_phase import reach_of
+from fewruns.wide_laws import FREQUENT, RARE, draw_at, rarity
 from sampler_checks import drive, estimate, new_sampler, standard_normal_event
 from scipy.stats import binom, norm
 

@@ -13,11 +13,12 @@ from accelerated_evaluation.commands.estimate import _answers
 from accelerated_evaluation.methods import METHODS, Stopping
 from accelerated_evaluation.methods.cross_entropy.method import CrossEntropyMethod
 from accelerated_evaluation.methods.surrogate import Surrogate
-from accelerated_evaluation.methods.surrogate.lapses import LapseBounds, chance_in_words, upper_limit
-from accelerated_evaluation.problem import Problem, SystemProblem
+from accelerated_evaluation.problem import Problem
 from accelerated_evaluation.scenarios.cut_in import CUT_IN
 from accelerated_evaluation.track.weighted_set import draw_weighted_set
 from accelerated_evaluation.vehicles import load_vehicle
+from fewruns.lapses import LapseBounds, chance_in_words, upper_limit
+from fewruns.problems import SystemProblem
 from law_folder import LAW as CUT_INS
 from scipy.special import ndtr
 from scipy.stats import binom

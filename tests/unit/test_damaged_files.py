@@ -22,11 +22,11 @@ from accelerated_evaluation import cli
 from accelerated_evaluation.base.errors import InputError
 from accelerated_evaluation.laws.files import read_law
 from accelerated_evaluation.methods.estimate import Stopping
-from accelerated_evaluation.methods.surrogate import state
-from accelerated_evaluation.methods.surrogate.gaussian_process import Predecessor
-from accelerated_evaluation.methods.surrogate.sampler import Sampler
 from accelerated_evaluation.records.encounter_table import read_encounters
 from accelerated_evaluation.track import campaign_file
+from fewruns import state
+from fewruns.gaussian_process import Predecessor
+from fewruns.sampler import Sampler
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 from law_folder import begin_campaign, write_law_folder

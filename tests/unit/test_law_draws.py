@@ -3,13 +3,14 @@
 import numpy as np
 import pytest
 from accelerated_evaluation.methods.surrogate import Surrogate
-from accelerated_evaluation.methods.surrogate.constants import CONTRADICTION, ENOUGH_DRAWS
-from accelerated_evaluation.methods.surrogate.lapses import chance_in_words
-from accelerated_evaluation.methods.surrogate.law_draws import LawDraws
-from accelerated_evaluation.methods.surrogate.sampler import Sampler
-from accelerated_evaluation.methods.surrogate.state import State
-from accelerated_evaluation.problem import Problem, SystemProblem
+from accelerated_evaluation.problem import Problem
 from accelerated_evaluation.scenarios.cut_in import CUT_IN
+from fewruns.constants import CONTRADICTION, ENOUGH_DRAWS
+from fewruns.lapses import chance_in_words
+from fewruns.law_draws import LawDraws
+from fewruns.problems import SystemProblem
+from fewruns.sampler import Sampler
+from fewruns.state import State
 from sampler_checks import STOPPING
 from scipy.special import ndtr
 from scipy.stats import binom

@@ -7,10 +7,10 @@ import mpmath
 import numpy as np
 import pytest
 from accelerated_evaluation.distributions import Empirical
-from accelerated_evaluation.distributions.tails import normal_score_quantile
 from accelerated_evaluation.laws import Factors
 from accelerated_evaluation.laws.paper.independent import IndependentLaw
 from dependent_law import LOWER, POWER, closing_speed_tail, dependent_law, mean_over_cut_ins, rate, scale
+from fewruns.problems import normal_score_quantile
 from scipy.stats import binomtest, kstest, spearmanr
 from wall_car import GRID, RANGE_LAWS, TTC_LAWS
 

@@ -11,11 +11,7 @@ from accelerated_evaluation import cli
 from accelerated_evaluation.base.errors import InputError
 from accelerated_evaluation.base.files import write_csv
 from accelerated_evaluation.methods.study import with_encounters
-from accelerated_evaluation.methods.surrogate import Surrogate
-from accelerated_evaluation.methods.surrogate.gaussian_process import Predecessor
-from accelerated_evaluation.methods.surrogate.predecessor import read_predecessor
-from accelerated_evaluation.methods.surrogate.sampler import Sampler
-from accelerated_evaluation.methods.surrogate.state import State
+from accelerated_evaluation.methods.surrogate import Surrogate, read_predecessor
 from accelerated_evaluation.problem import Problem
 from accelerated_evaluation.publishing.explorer.payload import Payload, add_runs
 from accelerated_evaluation.publishing.figures.sampled import fig36_crashes_among_runs
@@ -23,6 +19,9 @@ from accelerated_evaluation.scenarios.cut_in import CUT_IN
 from accelerated_evaluation.track.campaign_file import read_campaign
 from accelerated_evaluation.track.status import status_of
 from accelerated_evaluation.vehicles import load_vehicle
+from fewruns.gaussian_process import Predecessor
+from fewruns.sampler import Sampler
+from fewruns.state import State
 from law_folder import LAW, begin_campaign
 from sampler_checks import HALF_PLANE, STOPPING, drive, half_plane, numbers, standard_normal_event
 from scipy.stats import ttest_1samp

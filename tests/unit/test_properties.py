@@ -17,7 +17,6 @@ from accelerated_evaluation.base.errors import InputError
 from accelerated_evaluation.distributions import BoundedExponential, BoundedNormal, Pareto
 from accelerated_evaluation.laws.paper.pieces import EXPONENTIAL, PieceFamily
 from accelerated_evaluation.laws.paper.piecewise import fit_piecewise, usable_knots
-from accelerated_evaluation.methods.surrogate.state import State, read_state
 from accelerated_evaluation.records.filters import Account
 from accelerated_evaluation.records.ingest import ingest
 from accelerated_evaluation.records.segments import require_rows
@@ -27,6 +26,7 @@ from accelerated_evaluation.study.configuration import ConfigurationError, load,
 from accelerated_evaluation.vehicles.external.checked import CheckedVehicle
 from accelerated_evaluation.vehicles.protocol import Outcomes
 from accelerated_evaluation.vehicles.registry import VEHICLES
+from fewruns.state import State, read_state
 from hypothesis import HealthCheck, assume, given, settings
 from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays

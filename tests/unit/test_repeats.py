@@ -5,11 +5,11 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from accelerated_evaluation.methods.surrogate import Surrogate
-from accelerated_evaluation.methods.surrogate.constants import FIRST_REPEATS
-from accelerated_evaluation.methods.surrogate.repeats import Repeats, choose_repeats, end_differently
-from accelerated_evaluation.methods.surrogate.sampler import Sampler
-from accelerated_evaluation.methods.surrogate.state import State
-from accelerated_evaluation.problem import SystemProblem
+from fewruns.constants import FIRST_REPEATS
+from fewruns.problems import SystemProblem
+from fewruns.repeats import Repeats, choose_repeats, end_differently
+from fewruns.sampler import Sampler
+from fewruns.state import State
 from sampler_checks import STOPPING
 from scipy.stats import binom
 

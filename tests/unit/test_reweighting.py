@@ -11,7 +11,7 @@ from accelerated_evaluation.answer.reweighting import (
     SampledPosterior,
     reweight,
 )
-from accelerated_evaluation.methods.surrogate import combining
+from fewruns import combining
 from sampler_checks import drive, half_plane, new_sampler
 from scipy.stats import norm
 

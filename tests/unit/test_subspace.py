@@ -4,27 +4,26 @@ import json
 
 import numpy as np
 import pytest
-from accelerated_evaluation.base.errors import InputError
-from accelerated_evaluation.methods.surrogate import certificate
-from accelerated_evaluation.methods.surrogate.constants import WHOLE_SHARE
-from accelerated_evaluation.methods.surrogate.directions import (
+from fewruns import InputError, certificate
+from fewruns.constants import WHOLE_SHARE
+from fewruns.directions import (
     _Model,
     _Regression,
     learn_directions,
 )
-from accelerated_evaluation.methods.surrogate.gaussian_process import Predecessor
-from accelerated_evaluation.methods.surrogate.graded import graded
-from accelerated_evaluation.methods.surrogate.pools import Defence, draw_pool
-from accelerated_evaluation.methods.surrogate.sampler import Sampler
-from accelerated_evaluation.methods.surrogate.state import State
-from accelerated_evaluation.methods.surrogate.subspace import (
+from fewruns.gaussian_process import Predecessor
+from fewruns.graded import graded
+from fewruns.pools import Defence, draw_pool
+from fewruns.sampler import Sampler
+from fewruns.state import State
+from fewruns.subspace import (
     Subspace,
     WholeSpace,
     outward,
     space_along,
     square_of_distance,
 )
-from accelerated_evaluation.methods.surrogate.wide_laws import draw_at
+from fewruns.wide_laws import draw_at
 from sampler_checks import drive, new_sampler, standard_normal_event
 from scipy.stats import chi2, kstest, norm
 

@@ -4,8 +4,8 @@ import math
 
 import numpy as np
 import pytest
-from accelerated_evaluation.methods.surrogate import kernel
-from accelerated_evaluation.methods.surrogate.gaussian_process import EventSurrogate, Predecessor
+from fewruns import kernel
+from fewruns.gaussian_process import EventSurrogate, Predecessor
 from scipy.stats import multivariate_normal
 
 THETA = np.log([1.5, 0.8, 2.0])

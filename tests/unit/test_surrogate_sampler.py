@@ -5,8 +5,8 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from accelerated_evaluation.methods.surrogate.constants import REACH
-from accelerated_evaluation.methods.surrogate.wide_laws import bound_without_event, draw_wide
+from fewruns.constants import REACH
+from fewruns.wide_laws import bound_without_event, draw_wide
 from sampler_checks import HALF_PLANE, STOPPING, courses, estimate, half_plane, standard_normal_event
 from scipy.stats import binom, norm, ttest_1samp
 

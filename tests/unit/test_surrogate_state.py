@@ -9,9 +9,10 @@ import numpy as np
 import pytest
 from accelerated_evaluation.base.errors import InputError
 from accelerated_evaluation.methods import METHODS
-from accelerated_evaluation.methods.surrogate import Surrogate, pools, two_phase
-from accelerated_evaluation.methods.surrogate.sampler import Sampler
-from accelerated_evaluation.methods.surrogate.state import (
+from accelerated_evaluation.methods.surrogate import Surrogate
+from fewruns import pools, two_phase
+from fewruns.sampler import Sampler
+from fewruns.state import (
     FORMAT,
     VERSION,
     State,

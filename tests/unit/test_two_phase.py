@@ -4,8 +4,8 @@ from dataclasses import dataclass
 
 import numpy as np
 import pytest
-from accelerated_evaluation.methods.surrogate import combining, pools, selection, two_phase
-from accelerated_evaluation.methods.surrogate.constants import (
+from fewruns import combining, pools, selection, two_phase
+from fewruns.constants import (
     AGREEMENT,
     BEST,
     EVEN,

@@ -5,7 +5,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from accelerated_evaluation.methods.surrogate.wide_laws import (
+from fewruns.wide_laws import (
     REACH,
     KernelMixture,
     draw_wide,

@@ -38,7 +38,7 @@ EDITS = {
     ),
     "methods": (
         {
-            "estimate_surrogate": {"methods/surrogate/gaussian_process.py"},
+            "estimate_surrogate": {"../fewruns/gaussian_process.py"},
             "run_crude_monte_carlo": {"methods/crude.py"},
             "study_coverage": {"methods/crude.py"},
         },
@@ -72,7 +72,7 @@ def edited_inputs(output: str) -> dict[str, set[str]]:
         r"^(\w+): .*\n    because of (?:.*; )?edited ([^;\n]*)", output, re.MULTILINE
     ):
         for path in files.split(", "):
-            concerned.setdefault(rule, set()).add(str(Path(path).relative_to(LIBRARY)))
+            concerned.setdefault(rule, set()).add(os.path.relpath(path, LIBRARY))
     return concerned
 
 

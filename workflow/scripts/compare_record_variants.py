@@ -1,7 +1,7 @@
 """Compute the crash probability again for other treatments of the records."""
 
 from accelerated_evaluation.answer.family_file import read_family
-from accelerated_evaluation.answer.summary import quality_table, record_variants
+from accelerated_evaluation.answer.variants import quality_table, record_variants
 from accelerated_evaluation.answer.weighted_family import WeightedLaws
 from accelerated_evaluation.base.files import write_csv
 from accelerated_evaluation.base.randomness import child_generator

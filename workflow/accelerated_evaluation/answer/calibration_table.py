@@ -6,9 +6,9 @@ from dataclasses import dataclass
 import pandas as pd
 
 from accelerated_evaluation.answer.calibration import cell_counts, near_miss_counts, with_limits
+from accelerated_evaluation.answer.law_study import LawStudy
 from accelerated_evaluation.answer.law_table import KNOT, PAPER, TOGETHER
 from accelerated_evaluation.answer.scores import GivenLaw
-from accelerated_evaluation.answer.weighted_family import WeightedLaws
 from accelerated_evaluation.laws.smooth.conditional import Places
 from accelerated_evaluation.laws.smooth.family import Member
 from accelerated_evaluation.laws.smooth.rivals import IndependentTail
@@ -31,30 +31,22 @@ class NearMisses:
     """
 
     recorded: Mapping[str, int]
-    probabilities: Mapping[str, Mapping[Member, float]]
+    probabilities: Mapping[str, Mapping[str, float]]
 
 
-def shown_members(weighted: WeightedLaws) -> tuple[Member, ...]:
-    """Return the laws that tables list individually, if there were enough records to fit them.
-
-    The weighted mean in these tables includes all laws.
-
-    Parameters
-    ----------
-    weighted
-        The laws with their weights.
-    """
-    return tuple(member for member in SHOWN if member in weighted.members)
+def shown_members(study: LawStudy) -> tuple[Member, ...]:
+    """Return the smooth laws that tables list individually, if there were enough records to fit them."""
+    return tuple(member for member in SHOWN if member in study.smooth.members)
 
 
-def calibration_table(weighted: WeightedLaws, near: NearMisses | None = None) -> pd.DataFrame:
+def calibration_table(study: LawStudy, near: NearMisses | None = None) -> pd.DataFrame:
     """Compare recorded and expected numbers for the weighted mean of all laws and for some single laws.
 
     The numbers are those of cut-ins in cells, of range and closing speed or of lead speed and host speed.
 
     Parameters
     ----------
-    weighted
+    study
         The laws with their weights.
     near
         Crashes and near misses of the replayed records, each of which is a further row; None if the records
@@ -67,25 +59,26 @@ def calibration_table(weighted: WeightedLaws, near: NearMisses | None = None) ->
         ``counted``; the numbers ``recorded`` and ``expected``; the 5 and 95 % Poisson quantiles ``low`` and
         ``high``; ``within``, whether the recorded number is between these; and its mid-p value ``p_value``.
     """
-    records, family = weighted.records, weighted.family
+    smooth = study.smooth
+    records, family = smooth.records, smooth.family
 
     def given(places: Places) -> Iterator[GivenLaw]:
         below = places.body(family.body)  # all laws have the same body
-        return (family.law(member).given(places, below) for member in weighted.members)
+        return (family.law(member).given(places, below) for member in smooth.members)
 
     def near_misses(probability: Mapping[str, float]) -> list[pd.DataFrame]:
         return [] if near is None else [near_miss_counts(near.recorded, probability, records.size)]
 
     by_event = {} if near is None else near.probabilities
-    by_member = dict(zip(weighted.members, cell_counts(records, given), strict=True))
-    together = by_member[SHOWN[0]].assign(
-        expected=weighted.mean({member: counts["expected"] for member, counts in by_member.items()})
+    by_member = dict(zip(smooth.names, cell_counts(records, given), strict=True))
+    together = by_member[SHOWN[0].name].assign(
+        expected=study.mean({name: counts["expected"] for name, counts in by_member.items()})
     )
-    mean = {name: weighted.mean(values) for name, values in by_event.items()}
+    mean = {name: study.mean(values) for name, values in by_event.items()}
     tables = {TOGETHER: [together, *near_misses(mean)]}
-    for member in shown_members(weighted):
-        of_member = {name: values[member] for name, values in by_event.items()}
-        tables[member.name] = [by_member[member], *near_misses(of_member)]
+    for member in shown_members(study):
+        of_member = {name: values[member.name] for name, values in by_event.items()}
+        tables[member.name] = [by_member[member.name], *near_misses(of_member)]
     independent = IndependentTail.fit(records, KNOT, Exponential())
     tables[PAPER] = cell_counts(records, lambda places: [independent.given(places)])
     rows = [with_limits(pd.concat(parts, ignore_index=True)).assign(law=law) for law, parts in tables.items()]

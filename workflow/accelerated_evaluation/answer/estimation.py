@@ -7,6 +7,7 @@ from typing import Any
 
 import numpy as np
 import pandas as pd
+from fewruns.gaussian_process import Predecessor
 from tqdm import tqdm
 
 from accelerated_evaluation.answer.averaged import SHARE, AveragedSurrogate, posterior_of
@@ -23,9 +24,7 @@ from accelerated_evaluation.laws.smooth.mean import MeanLaw
 from accelerated_evaluation.laws.smooth.support import Support
 from accelerated_evaluation.methods import METHODS, Estimate
 from accelerated_evaluation.methods.study import ALL, study_method
-from accelerated_evaluation.methods.surrogate import Surrogate
-from accelerated_evaluation.methods.surrogate.gaussian_process import Predecessor
-from accelerated_evaluation.methods.surrogate.predecessor import read_predecessor
+from accelerated_evaluation.methods.surrogate import Surrogate, read_predecessor
 from accelerated_evaluation.problem import Problem
 from accelerated_evaluation.records.filters import Account
 from accelerated_evaluation.records.ingest import ingest

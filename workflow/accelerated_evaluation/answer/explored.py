@@ -18,10 +18,10 @@ from numpy.typing import NDArray
 from scipy.special import ndtri
 from tqdm import tqdm
 
-from accelerated_evaluation.answer.posterior import drawn_laws
-from accelerated_evaluation.answer.weighted_family import WeightedLaws
+from accelerated_evaluation.answer.law_study import LawStudy
 from accelerated_evaluation.base.arrays import Array
 from accelerated_evaluation.laws.smooth.conditional import Places, SpeedLaw
+from accelerated_evaluation.laws.smooth.mean import MeanLaw
 from accelerated_evaluation.laws.smooth.smooth_hazard import SmoothHazard
 from accelerated_evaluation.laws.smooth.support import Support
 from accelerated_evaluation.vehicles.protocol import Vehicle
@@ -60,28 +60,17 @@ class DrawnLaws:
 
     @classmethod
     def of(
-        cls, weighted: WeightedLaws, answered: np.random.Generator, more: np.random.Generator
+        cls, study: LawStudy, draws: MeanLaw, more: np.random.Generator
     ) -> "DrawnLaws":
-        """Draw the laws, such that every member of the family has at least `FEWEST` draws.
-
-        Parameters
-        ----------
-        weighted
-            The family with its weights.
-        answered
-            The random generator of the answer, in the state before the answer drew its laws.
-        more
-            Random generator of the further draws.
-        """
-        family, members = weighted.family, weighted.members
-        drawn = list(drawn_laws(family, members, weighted.weights, answered))
-        counts = np.bincount([place for place, _, _ in drawn], minlength=len(members))
-        for place, count in enumerate(counts):
+        """Add draws to those of the answer, such that every smooth law has at least `FEWEST` draws."""
+        smooth, own = study.smooth, draws.draws
+        laws = [(own.ranges[shared], law) for shared, law in zip(own.shared, own.laws, strict=True)]
+        member = [smooth.names.index(name) for name in own.names]
+        for place, count in enumerate(np.bincount(member, minlength=len(smooth.names))):
             for _ in range(FEWEST - count):
-                ranges = family.ranges.drawn(more)
-                drawn.append((place, ranges, family.law(members[place]).drawn(more)))
-        laws = [(ranges, law) for _, ranges, law in drawn]
-        return cls(laws, np.array([place for place, _, _ in drawn]), len(weighted.weights))
+                laws.append((smooth.family.ranges.drawn(more), smooth.speeds(smooth.names[place]).drawn(more)))
+                member.append(place)
+        return cls(laws, np.array(member), own.size)
 
 
 @dataclass(frozen=True)

@@ -34,7 +34,7 @@ from zipfile import BadZipFile
 import numpy as np
 
 from accelerated_evaluation import answer
-from accelerated_evaluation.answer.scored_family import ScoredFamily, score_family
+from accelerated_evaluation.answer.smooth_family import NAMED, SmoothFamily
 from accelerated_evaluation.base.arrays import Array
 from accelerated_evaluation.base.digests import content_digest
 from accelerated_evaluation.base.errors import InputError
@@ -43,7 +43,6 @@ from accelerated_evaluation.laws import smooth
 from accelerated_evaluation.laws.smooth.conditional import Threshold
 from accelerated_evaluation.laws.smooth.excess import Excess
 from accelerated_evaluation.laws.smooth.family import (
-    MEMBERS,
     DistinctRecords,
     Exceedances,
     Fitter,
@@ -57,11 +56,10 @@ FORMAT = "accelerated-evaluation family"
 VERSION = 1
 HAZARD = ("coefficients", "smoothing", "factor")
 EXCESS = (*HAZARD, "parameters")
-BY_NAME = {member.name: member for member in MEMBERS}
-SCORING = ("scores.py", "scored_family.py", "family_file.py")
+SCORING = ("scores.py", "smooth_family.py", "family_file.py")
 
 
-def fit_or_read(path: str | os.PathLike, records: DistinctRecords) -> ScoredFamily:
+def fit_or_read(path: str | os.PathLike, records: DistinctRecords) -> SmoothFamily:
     """Return the family of laws fitted to the given records, with its scores on held-out records.
 
     The family is read from its file. It is fitted, and the file is written, if there is no file, if the file
@@ -77,16 +75,16 @@ def fit_or_read(path: str | os.PathLike, records: DistinctRecords) -> ScoredFami
     try:
         return read_family(path, records)
     except InputError:
-        scored = score_family(records)
+        scored = SmoothFamily.of(records)
         write_family(path, scored)
         return scored
 
 
-def write_family(path: str | os.PathLike, scored: ScoredFamily) -> None:
+def write_family(path: str | os.PathLike, scored: SmoothFamily) -> None:
     """Write a scored family to a family file, atomically; equal families give equal bytes."""
     family = scored.family
     header = _header(scored.records) | {"members": [member.name for member in scored.members]}
-    arrays = {"header": np.array(json.dumps(header)), "scores": scored.log_scores}
+    arrays = {"header": np.array(json.dumps(header)), "scores": scored.scores}
     for kind in ("ranges", "body"):
         arrays |= {f"{kind} {name}": getattr(getattr(family, kind), name) for name in HAZARD}
     for level, threshold in family.thresholds.items():
@@ -98,7 +96,7 @@ def write_family(path: str | os.PathLike, scored: ScoredFamily) -> None:
         np.savez(file, **arrays)
 
 
-def read_family(path: str | os.PathLike, records: DistinctRecords) -> ScoredFamily:
+def read_family(path: str | os.PathLike, records: DistinctRecords) -> SmoothFamily:
     """Read a scored family from a file of `write_family`.
 
     Parameters
@@ -122,7 +120,7 @@ def read_family(path: str | os.PathLike, records: DistinctRecords) -> ScoredFami
         if differing:
             seen, expected = f"another value of {' and '.join(differing)}", "the family of these records"
             raise InputError(str(path), seen=seen, expected=expected, change=change)
-        return _from_arrays(arrays, tuple(BY_NAME[name] for name in header["members"]), records)
+        return _from_arrays(arrays, tuple(NAMED[name] for name in header["members"]), records)
     except (OSError, EOFError, ValueError, KeyError, TypeError, BadZipFile) as error:
         seen, expected = f"{type(error).__name__}: {error}", "a family file"
         raise InputError(str(path), seen=seen, expected=expected, change=change) from error
@@ -141,7 +139,7 @@ def _header(records: DistinctRecords) -> dict[str, str | int]:
 
 def _from_arrays(
     arrays: Mapping[str, Array], members: tuple[Member, ...], records: DistinctRecords
-) -> ScoredFamily:
+) -> SmoothFamily:
     fitter = Fitter(records, members)
     ranges, body = (
         _hazard(arrays, kind, grid) for kind, grid in zip(("ranges", "body"), fitter.grids, strict=True)
@@ -153,7 +151,7 @@ def _from_arrays(
     used = dict.fromkeys(member.level for member in tails)
     exceedances = {level: Exceedances.of(records, thresholds[level]) for level in sorted(used)}
     family = LawFamily(ranges, body, thresholds, exceedances, tails)
-    return ScoredFamily(fitter, family, arrays["scores"])
+    return SmoothFamily(fitter, family, arrays["scores"])
 
 
 def _hazard(arrays: Mapping[str, Array], kind: str, grid: HazardGrid) -> SmoothHazard:

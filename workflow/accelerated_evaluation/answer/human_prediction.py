@@ -16,6 +16,7 @@ import numpy as np
 import pandas as pd
 from scipy.stats import poisson
 
+from accelerated_evaluation.answer.by_map import masses_under, thinned
 from accelerated_evaluation.answer.counted_crashes import (
     CUT_IN,
     HUNDRED_CAR_MILES,
@@ -23,14 +24,12 @@ from accelerated_evaluation.answer.counted_crashes import (
     STRUCK,
     count_of,
 )
-from accelerated_evaluation.answer.posterior import draw_posterior
-from accelerated_evaluation.answer.scored_family import ScoredFamily
-from accelerated_evaluation.answer.study import with_draws
-from accelerated_evaluation.answer.weighted_family import WeightedLaws
+from accelerated_evaluation.answer.law_study import LawStudy
 from accelerated_evaluation.base.arrays import Array
 from accelerated_evaluation.crash_map.lines import CrashLines
 from accelerated_evaluation.crash_map.mapping import map_crashes
 from accelerated_evaluation.crash_map.maps import Grid
+from accelerated_evaluation.laws.draws import Draws
 from accelerated_evaluation.scenarios import cut_in
 from accelerated_evaluation.vehicles.builtin.human import Human
 from accelerated_evaluation.vehicles.events import CRASH
@@ -163,14 +162,14 @@ class HumanPrediction:
 
     Attributes
     ----------
-    scored
-        The family of laws, fitted to the records, with its held-out scores.
+    study
+        The laws of the records with their weights, one for each draw.
     grid
         Cells and resolution of the crash maps.
     cut_ins_per_km
         Recorded closing cut-ins per kilometre [1/km]; None if the distance is unknown.
     draws
-        Number of draws of the law and of the population of drivers.
+        The draws of the law.
     of_maps
         Random generator of the crash maps. With the generator of the other maps of the study, the driver has
         the same map as there.
@@ -178,10 +177,10 @@ class HumanPrediction:
         Source of all other randomness.
     """
 
-    scored: ScoredFamily
+    study: LawStudy
     grid: Grid
     cut_ins_per_km: float | None
-    draws: int
+    draws: Draws
     of_maps: np.random.Generator
     generator: np.random.Generator
 
@@ -202,12 +201,11 @@ class HumanPrediction:
             probability of at most the counted number; and ``verdict``. Variants are computed only with the
             law of the largest weight, and have no limits.
         """
-        weighted = WeightedLaws.drawn(self.scored, deepcopy(self.generator), self.draws)
         counted = {
             "crash": count_of(counts, CUT_IN, "crash"),
             "near-crash": count_of(counts, STRUCK, "near-crash"),
         }
-        rows = [*self._own_rows(weighted, counted), *self._variant_rows(weighted, counted)]
+        rows = [*self._own_rows(counted), *self._variant_rows(counted)]
         return pd.DataFrame(rows).reindex(columns=COLUMNS)
 
     def _lines(
@@ -218,28 +216,21 @@ class HumanPrediction:
         generator = deepcopy(self.of_maps)
         grid = self.grid.refined(finer)
         crash_map = map_crashes(BrakingHuman(human), grid, braking.values(), generator)
-        records = self.scored.records
+        records = self.study.smooth.records
         return {
             name: CrashLines.of(crash_map, records.lead_speed, event, records.support)
             for name, event in {"crash": CRASH, **braking}.items()
         }
 
-    def _own_rows(self, weighted: WeightedLaws, counted: Mapping[str, int]) -> Iterator[dict]:
+    def _own_rows(self, counted: Mapping[str, int]) -> Iterator[dict]:
         """Yield the rows of the unchanged driver, for several definitions of a near-crash."""
         human = Human()
-        thinned = {
-            event: with_draws(
-                weighted.thinned(lines, deepcopy(self.generator)), human, self.draws, self.generator
-            )
+        drawn = {
+            event: masses_under(thinned(lines, human, self.draws, self.generator), self.draws).sum(axis=1)
             for event, lines in self._lines(human, SEVERE).items()
         }
-        drawn = draw_posterior(
-            thinned, weighted.family, weighted.members, weighted.weights, deepcopy(self.generator)
-        )
-        crash = drawn.pop("crash").probabilities
-        events = {"crash": crash} | {
-            event: np.maximum(braked.probabilities - crash, 0.0) for event, braked in drawn.items()
-        }
+        crash = drawn.pop("crash")
+        events = {"crash": crash} | {event: np.maximum(own - crash, 0.0) for event, own in drawn.items()}
         for event, probabilities in events.items():
             yield self._row("human", event, probabilities, counted)
         if self.cut_ins_per_km is not None:
@@ -261,9 +252,10 @@ class HumanPrediction:
         row |= {"expected": means.mean(), "low90": low, "high90": high}
         return row | {"probability_of_so_few": float(poisson.cdf(seen, means).mean()), "verdict": verdict}
 
-    def _variant_rows(self, weighted: WeightedLaws, counted: Mapping[str, int]) -> Iterator[dict]:
+    def _variant_rows(self, counted: Mapping[str, int]) -> Iterator[dict]:
         """Yield the rows of the variants, which are computed with one law and coarser crash maps."""
-        ranges, law = weighted.family.ranges, weighted.family.law(weighted.heaviest)
+        smooth = self.study.smooth
+        ranges, law = smooth.family.ranges, smooth.speeds(self.study.heaviest)
         cut_ins = np.nan if self.cut_ins_per_km is None else self.cut_ins_per_km * KILOMETRES
         for name, parameters in VARIANTS.items():
             lines = self._lines(Human(**parameters), [MAIN], finer=COARSER)

@@ -9,14 +9,13 @@ import pandas as pd
 from numpy.linalg import LinAlgError
 from tqdm import tqdm
 
-from accelerated_evaluation.answer.scored_family import region
+from accelerated_evaluation.answer.law_study import LawStudy
 from accelerated_evaluation.answer.scores import (
     FittedLaw,
     HeldOut,
     threshold_weighted_crps,
     time_to_collision_boundary,
 )
-from accelerated_evaluation.answer.weighted_family import WeightedLaws
 from accelerated_evaluation.answer.weights import mixture_scores, stacking_weights
 from accelerated_evaluation.base.arrays import Array
 from accelerated_evaluation.base.errors import ConvergenceError
@@ -92,7 +91,7 @@ def rivals(fitter: Fitter, family: LawFamily) -> dict[str, Callable[[DistinctRec
 
 
 def score_laws(
-    weighted: WeightedLaws, vehicle: Vehicle
+    study: LawStudy, vehicle: Vehicle
 ) -> tuple[dict[str, dict[str, Array]], dict[str, Array]]:
     """Score the laws of the family, and the laws with which they are compared, on held-out records.
 
@@ -101,8 +100,8 @@ def score_laws(
 
     Parameters
     ----------
-    weighted
-        The family with its weights.
+    study
+        The laws with its weights.
     vehicle
         The vehicle whose simulated time to collision defines some of the regions.
 
@@ -114,7 +113,7 @@ def score_laws(
         Negative threshold-weighted CRPS (continuous ranked probability score) by law, in the first region,
         shape (records,).
     """
-    fitter, family = weighted.fitter, weighted.family
+    fitter, family = study.smooth.fitter, study.smooth.family
     inside = regions(fitter.records, vehicle)
     first = dict([next(iter(inside.items()))])
     scores, crps = {}, {}
@@ -142,13 +141,13 @@ def score_laws(
     return scores, crps
 
 
-def compare_laws(weighted: WeightedLaws, vehicle: Vehicle, lines: CrashLines) -> pd.DataFrame:
+def compare_laws(study: LawStudy, vehicle: Vehicle, lines: CrashLines) -> pd.DataFrame:
     """Score all laws, and tabulate them with their weights and crash probabilities.
 
     Parameters
     ----------
-    weighted
-        The family with its weights.
+    study
+        The laws with its weights.
     vehicle
         The car under test.
     lines
@@ -160,13 +159,13 @@ def compare_laws(weighted: WeightedLaws, vehicle: Vehicle, lines: CrashLines) ->
         One row for each law, with the columns of `law_table`: gains in the held-out scores, weight, crash
         probability, and whether the law is rejected.
     """
-    found = lines.probabilities(weighted.family, weighted.members)
+    found = lines.probabilities(study.smooth.family, study.smooth.members)
     crash = {member.name: probability for member, probability in found.items()}
-    return law_table(weighted, *score_laws(weighted, vehicle), crash)
+    return law_table(study, *score_laws(study, vehicle), crash)
 
 
 def law_table(
-    weighted: WeightedLaws,
+    study: LawStudy,
     scores: Mapping[str, Mapping[str, Array]],
     crps: Mapping[str, Array],
     probabilities: Mapping[str, float],
@@ -178,8 +177,8 @@ def law_table(
 
     Parameters
     ----------
-    weighted
-        The family with its weights.
+    study
+        The laws with its weights.
     scores, crps
         Held-out log scores by law and region, and negative threshold-weighted CRPS by law, of each record,
         shape (records,).
@@ -195,10 +194,8 @@ def law_table(
         the mean ``weight``; the weight by ``stacking``; the crash ``probability``; and ``refused``, whether
         the law is rejected.
     """
-    mean_weights = weighted.weights.mean(axis=0)
-    inside = weighted.records.closing_speed > region(weighted.records) * weighted.records.range_
-    stacked = stacking_weights(weighted.log_scores, inside)
-    names = [member.name for member in weighted.members]
+    mean_weights, names = study.mean_weights, list(study.names)
+    stacked = stacking_weights(study.family.scores, study.family.resampled)
     own = pd.DataFrame({"weight": mean_weights, "stacking": stacked}, index=names)
     together = {
         region: mixture_scores(np.array([scores[name][region] for name in names]), mean_weights)

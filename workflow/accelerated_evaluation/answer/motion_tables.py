@@ -6,8 +6,8 @@ from copy import deepcopy
 import numpy as np
 import pandas as pd
 
+from accelerated_evaluation.answer.law_study import LawStudy
 from accelerated_evaluation.answer.lead_motion import Means, MovingProblem, mirrored
-from accelerated_evaluation.answer.weighted_family import WeightedLaws
 from accelerated_evaluation.crash_map.lines import CrashLines
 from accelerated_evaluation.crash_map.maps import CrashMap
 from accelerated_evaluation.laws.motion.ngsim import Ngsim
@@ -27,7 +27,7 @@ OPENING_PER_CLOSING = 403_581 / 173_692 - 1
 def motion_table(
     vehicles: Mapping[str, Vehicle],
     maps: Mapping[str, CrashMap],
-    weighted: WeightedLaws,
+    study: LawStudy,
     opening: DistinctRecords,
     generator: np.random.Generator,
 ) -> pd.DataFrame:
@@ -38,7 +38,7 @@ def motion_table(
     vehicles, maps
         The vehicles by name, and their crash maps. Vehicles that cannot be simulated with a changing lead
         speed are left out.
-    weighted
+    study
         The laws; the law with the largest weight is used.
     opening
         Recorded opening cut-ins. If there are fewer than `FEWEST`, closing cut-ins with the opposite sign of
@@ -56,8 +56,8 @@ def motion_table(
         ``high95``; ``factor``, moving divided by constant, with ``factor_error``; and ``factor_half``, the
         factor if all changes of speed are halved.
     """
-    records, family = weighted.records, weighted.family
-    law = family.law(weighted.heaviest)
+    records, family = study.smooth.records, study.smooth.family
+    law = study.smooth.speeds(study.heaviest)
     has_opening = opening.size >= FEWEST
     ratio = opening.size / records.size if has_opening else OPENING_PER_CLOSING
     share, recorded = ratio / (1 + ratio), opening if has_opening else mirrored(records)

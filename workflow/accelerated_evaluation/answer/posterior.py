@@ -1,42 +1,39 @@
 """Posterior of the crash probability, with the uncertainty in the choice of the law and in its parameters."""
 
-from collections.abc import Iterator, Mapping
+import math
+from collections.abc import Mapping
 from dataclasses import dataclass
-from types import MappingProxyType
+from typing import Self
 
 import numpy as np
 import pandas as pd
+from fewruns import LawEstimates
 from numpy.typing import NDArray
+from scipy.special import stdtrit
 
 from accelerated_evaluation.base.arrays import Array
-from accelerated_evaluation.crash_map.lines import CrashLines
-from accelerated_evaluation.laws.smooth.conditional import SpeedLaw
-from accelerated_evaluation.laws.smooth.family import LawFamily, Member
-from accelerated_evaluation.laws.smooth.smooth_hazard import SmoothHazard
 
 LEVELS = (0.5, 0.8, 0.95)  # levels of the credible intervals
+SUMMARY = (
+    "probability",
+    "median",
+    *(f"{end}{100 * level:.0f}" for level in LEVELS for end in ("low", "high")),
+)
+LEVEL = 0.8  # level of the interval whose width is compared with and without the sampling error
+NOISE = 25  # number of equally likely values that represent the distribution of the sampling error of a draw
+LEAST = 0.1  # lower bound of 1 + t c, for sampling errors so large that their distribution is unknown
 # Smallest share of the variance of the logarithms of the estimates that is attributed to the probabilities.
 LEAST_BETWEEN = 0.25
 
 
 @dataclass(frozen=True)
 class Posterior:
-    """Draws of the probability of an event, with the law from which each was drawn.
+    """The probability of an event under each of K draws of the law."""
 
-    Attributes
-    ----------
-    probabilities
-        The draws, shape (draws,).
-    member
-        Index of the law of each draw among the members of the family, shape (draws,).
-    expected
-        Expected value of each risk in an encounter, such as the risk of an injury, shape (draws, risks); None
-        if no risks were given.
-    """
+    probabilities: Array  # shape (K,)
+    member: NDArray[np.intp]  # number of the candidate from which each law was drawn, shape (K,)
 
-    probabilities: Array
-    member: NDArray[np.int_]
-    expected: Array | None = None
+    unseen_lapses = 0.0  # bound on the probability that failures which no run has shown may add
 
     @property
     def probability(self) -> float:
@@ -44,87 +41,107 @@ class Posterior:
         return float(np.median(self.probabilities))
 
     def interval(self, level: float) -> tuple[float, float]:
-        """Return the lower and upper end of the equal-tailed credible interval of the probability.
-
-        Parameters
-        ----------
-        level
-            Probability that the interval contains, between 0 and 1.
-        """
+        """Return the ends of the equal-tailed credible interval of the probability at a level from 0 to 1."""
         low, high = np.quantile(self.probabilities, [(1 - level) / 2, (1 + level) / 2])
         return float(low), float(high)
 
+    @property
+    def alone(self) -> "Posterior":
+        """The posterior without sampling errors; probabilities that are computed exactly have none."""
+        return self
 
-def draw_posterior(
-    lines: Mapping[str, CrashLines],
-    family: LawFamily,
-    members: tuple[Member, ...],
-    weights: Array,
-    generator: np.random.Generator,
-    risks: Mapping[str, Array] = MappingProxyType({}),
-) -> dict[str, Posterior]:
-    """Draw laws and their parameters from their posterior, and compute event probabilities under them.
+    @property
+    def whole(self) -> "Posterior":
+        """The posterior with sampling errors."""
+        return self
 
-    Parameters
-    ----------
-    lines
-        Lines of a crash map, by event: a random selection of pairs of lead speed and range, with the
-        intervals of closing speed in which the event happens. All events use the same draws. If the lines
-        have weights, each draw of the law is combined with a draw of the uncertain parameters of the vehicle.
-    family
-        The family fitted to all records.
-    members
-        The laws that have weights.
-    weights
-        Draws of the weights, shape (draws, members), with rows that sum to 1.
-    generator
-        Source of all randomness.
-    risks
-        Risks in each interval of the lines, such as the risk of an injury, shape (risks, intervals), for some
-        of the events.
+    @property
+    def deviation(self) -> float:
+        """Relative standard deviation of the sampling error that all draws share."""
+        return 0.0
 
-    Returns
-    -------
-    dict
-        The posterior of the probability of each event, by event.
+    @property
+    def noise(self) -> Array:
+        """Equally likely values of estimate / probability for each draw, shape (K, values)."""
+        return np.ones((self.probabilities.size, 1))
+
+
+@dataclass(frozen=True)
+class SampledPosterior(Posterior):
+    """Estimates of the probability of an event under each draw of the law, from the same runs.
+
+    The error of an estimate has a part that all draws share, because they use the same runs, and a part of its
+    own. If the parts are not known, the whole error counts as shared, which is nearly so.
     """
-    probabilities = {event: np.empty(len(weights)) for event in lines}
-    expected = {event: np.empty((len(weights), len(of_event))) for event, of_event in risks.items()}
-    chosen = np.empty(len(weights), dtype=int)
-    for draw, (place, ranges, law) in enumerate(drawn_laws(family, members, weights, generator)):
-        chosen[draw] = place
-        for event, of_event in lines.items():
-            masses = of_event.of_draw(draw).masses(ranges, law)
-            probabilities[event][draw] = masses.sum()
-            if event in risks:
-                expected[event][draw] = risks[event] @ masses
-    return {event: Posterior(values, chosen, expected.get(event)) for event, values in probabilities.items()}
+
+    errors: Array  # relative standard error of each estimate, shape (K,)
+    batches: int  # number of independent batches of runs
+    shared: float = math.nan
+    own: Array | None = None  # shape (K,)
+    unseen_lapses: float = 0.0  # bound on the probability that failures which no run has shown may add
+
+    @classmethod
+    def of(cls, found: LawEstimates, member: NDArray[np.intp], unseen_lapses: float = 0.0) -> Self:
+        """Return the posterior from the estimates of a sampler under all draws."""
+        errors = found.errors, found.batches, found.shared, found.own
+        return cls(found.probabilities, member, *errors, unseen_lapses)
+
+    @property
+    def alone(self) -> Posterior:
+        """The posterior without sampling errors: estimates that are shrunk by their own errors."""
+        known = self.probabilities if self.own is None else shrunk_estimates(self.probabilities, self.own)
+        return Posterior(known, self.member)
+
+    @property
+    def whole(self) -> Posterior:
+        """The posterior with sampling errors: `NOISE` equally likely values for each draw.
+
+        If the relative error c of an estimate p is t-distributed, the probability is p / (1 + t c).
+        """
+        errors = self.errors if self.own is None else np.full(self.errors.size, self.shared)
+        values = self.alone.probabilities[:, None] / self._noise(errors)
+        return Posterior(values.ravel(), np.repeat(self.member, NOISE))
+
+    @property
+    def noise(self) -> Array:
+        """Equally likely values of estimate / probability for each draw, shape (K, NOISE)."""
+        return self._noise(self.errors)
+
+    def _noise(self, errors: Array) -> Array:
+        t = stdtrit(self.batches - 1, (np.arange(NOISE) + 0.5) / NOISE)
+        return np.maximum(1 + errors[:, None] * t, LEAST)
+
+    @property
+    def deviation(self) -> float:
+        """Relative standard deviation of the sampling error that all draws share."""
+        return float(np.sqrt(np.mean(self.errors**2))) if self.own is None else self.shared
+
+    @property
+    def share_of_sampling(self) -> float:
+        """Relative increase of the width of the interval of the logarithm by the sampling error."""
+        if 1 + self.deviation * stdtrit(self.batches - 1, 0.5 / NOISE) < LEAST:
+            return math.inf
+        (low, high), (low_alone, high_alone) = (part.interval(LEVEL) for part in (self.whole, self.alone))
+        with np.errstate(divide="ignore", invalid="ignore"):
+            return float(np.log(high / low) / np.log(high_alone / low_alone) - 1)
 
 
-def drawn_laws(
-    family: LawFamily, members: tuple[Member, ...], weights: Array, generator: np.random.Generator
-) -> Iterator[tuple[int, SmoothHazard, SpeedLaw]]:
-    """Draw members of a family by their weights, and the parameters of each from their posterior.
+def summarise(posterior: Posterior) -> dict[str, float]:
+    """Return mean, median and the ends of the 50, 80 and 95 % intervals of a posterior, by `SUMMARY`."""
+    ends = (end for level in LEVELS for end in posterior.interval(level))
+    values = (float(posterior.probabilities.mean()), posterior.probability, *ends)
+    return dict(zip(SUMMARY, values, strict=True))
 
-    Parameters
-    ----------
-    family, members
-        The family fitted to all records, and those of its laws that have weights.
-    weights
-        Draws of the weights, shape (draws, members), with rows that sum to 1.
-    generator
-        Source of all randomness.
 
-    Yields
-    ------
-    tuple
-        For each draw: the index of the member, the distribution of the range given the lead speed, and the
-        distribution of the closing speed given the lead speed and the range.
-    """
-    ends = np.cumsum(weights, axis=1)
-    chosen = np.minimum((generator.random((len(weights), 1)) > ends).sum(axis=1), len(members) - 1)
-    for place in chosen.tolist():
-        yield place, family.ranges.drawn(generator), family.law(members[place]).drawn(generator)
+def answer_row(posterior: Posterior | None) -> dict[str, float]:
+    """Return the summary of a posterior, with the bound on unseen lapses in the upper ends; NaN for None."""
+    if posterior is None:
+        return dict.fromkeys(SUMMARY, np.nan)
+    row = summarise(posterior.whole) | {"probability": float(posterior.probabilities.mean())}
+    raised = {
+        name: min(end + posterior.unseen_lapses, 1.0) for name, end in row.items() if name.startswith("high")
+    }
+    return row | raised
 
 
 def budget(posterior: Posterior, sampling_deviation: float) -> pd.DataFrame:

@@ -6,6 +6,7 @@ from typing import Self
 
 import numpy as np
 import pandas as pd
+from fewruns.problems import Response
 from numpy.typing import NDArray
 
 from accelerated_evaluation.answer.joint.posterior import (

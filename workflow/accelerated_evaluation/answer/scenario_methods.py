@@ -12,9 +12,7 @@ from accelerated_evaluation.base.randomness import child_generator
 from accelerated_evaluation.laws import Law
 from accelerated_evaluation.methods import METHODS
 from accelerated_evaluation.methods.study import study_method
-from accelerated_evaluation.methods.surrogate import rules_of_joint_laws
-from accelerated_evaluation.methods.surrogate.predecessor import read_predecessor
-from accelerated_evaluation.problem import Problem
+from accelerated_evaluation.methods.surrogate import read_predecessor, rules_of_joint_laws
 from accelerated_evaluation.scenarios.protocol import ENDED, Scenario
 from accelerated_evaluation.vehicles.events import event_named
 from accelerated_evaluation.vehicles.protocol import Vehicle

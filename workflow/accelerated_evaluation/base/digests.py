@@ -3,6 +3,7 @@
 import hashlib
 import json
 import os
+import re
 from collections.abc import Iterable
 from pathlib import Path
 from typing import Any
@@ -34,3 +35,8 @@ def file_digest(path: Path) -> str:
 def value_digest(value: Any) -> str:  # noqa: ANN401
     """Return the SHA-256 of a value written as JSON; the order of mapping keys has no influence."""
     return hashlib.sha256(json.dumps(value, sort_keys=True).encode()).hexdigest()
+
+
+def without_addresses(text: str) -> str:
+    """Return the ``repr`` of an object without memory addresses, which differ in every process."""
+    return re.sub(r"<\S*?(\w+) object at 0x\w+>", r"\1", text)

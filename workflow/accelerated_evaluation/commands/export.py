@@ -66,7 +66,7 @@ class Export:
 
         require_seed(arguments.seed)
         given = given_law(arguments)
-        scenario, (law, description) = given.scenario, given.read()
+        scenario, law = given.scenario, given.read()
         generator = child_generator(arguments.seed, "export")
         if given.table is None:
             refuse_options(arguments, scenario.name, "safe_deceleration", "motion")
@@ -84,7 +84,7 @@ class Export:
                 f"{arguments.motion}; cut-ins are assumed to be safe as with a constant lead speed"
             )
         origin = {
-            f"law of {scenario.noun}s": description,
+            f"law of {scenario.noun}s": law.description,
             **data,
             **{f"{name}, SHA-256": source.sha256 for name, source in given.sources.items()},
             "seed": str(arguments.seed),

@@ -14,13 +14,16 @@ from numpy.typing import NDArray
 
 from accelerated_evaluation.base.arrays import Array
 from accelerated_evaluation.crash_map.maps import LINES_PER_CELL, CrashMap, Lines
+from accelerated_evaluation.laws.protocol import Law
 from accelerated_evaluation.laws.smooth.conditional import Given, Places, SpeedLaw
+from accelerated_evaluation.laws.smooth.draws import LawDraws
 from accelerated_evaluation.laws.smooth.family import LawFamily, Member
 from accelerated_evaluation.laws.smooth.smooth_hazard import SmoothHazard
 from accelerated_evaluation.laws.smooth.support import SUPPORT, Support
 from accelerated_evaluation.scenarios.protocol import Event
 from accelerated_evaluation.vehicles.events import CRASH
 
+NODES, NODE_WEIGHTS = np.polynomial.legendre.leggauss(32)
 EVEN = 0.05  # share of the kept lines that are selected independently of their probability
 
 
@@ -118,6 +121,16 @@ class CrashLines(Lines):
         for member in members:
             yield self._masses(lines, family.law(member).given(self.places, below))
 
+    def masses_of_draws(self, draws: LawDraws) -> Array:
+        """Return the probability of each interval under each draw of the smooth laws, shape (K, intervals)."""
+        masses = np.empty((draws.size, self.row.size))
+        for place, (ranges, body) in enumerate(zip(draws.ranges, draws.bodies, strict=True)):
+            lines, below = self._line_masses(ranges), self.places.body(body)
+            for k in np.flatnonzero(draws.shared == place):
+                own = lines if self.weights is None else lines * self.weights[k][self.row]
+                masses[k] = self._masses(own, draws.laws[k].given(self.places, below))
+        return masses
+
     def _line_masses(self, ranges: SmoothHazard) -> Array:
         """Return for each interval the probability of the cell of its line, shape (intervals,)."""
         return (self.share * self.range_probability(ranges))[self.row]
@@ -169,6 +182,26 @@ class CrashLines(Lines):
             Distribution of the closing speed given the lead speed and the range.
         """
         return float(self.masses(ranges, law).sum())
+
+    def masses_by_density(self, law: Law) -> Array:
+        """Return the probability of each interval under a law of cut-ins by its density, shape (intervals,).
+
+        The ranges of a cell have their probability under the law, and the closing speed has its distribution
+        at the range of the line, so that the result agrees with that of `masses` for the same law.
+        """
+        lead_speed, range_ = self.places.lead_speed, self.places.range_
+        farthest = np.asarray(law.box.upper[1])
+        ends = [np.minimum(farthest, farthest * np.exp(-edge)) for edge in (self.nearer, self.farther)]
+        ranges = ends[0] + np.outer(NODES + 1, ends[1] - ends[0]) / 2  # shape (nodes, lines)
+        cell = np.zeros(self.share.size)
+        for weight, each in zip(NODE_WEIGHTS, ranges, strict=True):
+            cell += weight / 2 * (ends[1] - ends[0]) * _over_speeds(law, lead_speed, each)
+        start, end = self.start, np.minimum(self.end, law.box.upper[2])
+        at_line = _over_speeds(law, lead_speed[self.row], range_[self.row], start, end)
+        whole = _over_speeds(law, lead_speed, range_)
+        with np.errstate(invalid="ignore", divide="ignore"):
+            given = np.where(whole[self.row] > 0, at_line / whole[self.row], 0.0)
+        return (self.share * cell)[self.row] * np.where(end > start, given, 0.0)
 
     def probabilities(self, family: LawFamily, members: Iterable[Member]) -> dict[Member, float]:
         """Return the probability of the event under each of the given members of a fitted family of laws."""
@@ -264,3 +297,17 @@ def lead_speed_shares(crash_map: CrashMap, lead_speeds: Array) -> Array:
     """Return the share of the recorded lead speeds [m/s] that is in each cell of a map, shape (cells,)."""
     speeds = np.sort(lead_speeds)
     return np.diff(np.searchsorted(speeds, crash_map.cells.lead_speed), axis=1)[:, 0] / speeds.size
+
+
+def _over_speeds(
+    law: Law, lead_speed: Array, range_: Array, start: Array | float = 0.0, end: Array | None = None
+) -> Array:
+    """Integrate the density of a law over the closing speed from start to end [m/s], shape (n,).
+
+    By default the end is that of the law, whose closing speeds are bounded.
+    """
+    end = np.full(range_.size, law.box.upper[2]) if end is None else end
+    half = (end - start)[:, None] / 2
+    speeds = half * NODES + (start + end)[:, None] / 2
+    x = np.column_stack([np.repeat(lead_speed, NODES.size), np.repeat(range_, NODES.size), speeds.ravel()])
+    return half[:, 0] * (np.exp(law.log_density(x)).reshape(speeds.shape) @ NODE_WEIGHTS)

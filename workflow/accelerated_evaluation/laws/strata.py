@@ -16,13 +16,14 @@ from dataclasses import dataclass
 from typing import ClassVar, Self
 
 import numpy as np
+from fewruns.problems import normal_score_quantile
 from numpy.typing import ArrayLike, NDArray
 from scipy.special import ndtr
 
 from accelerated_evaluation.base.arrays import Array
 from accelerated_evaluation.base.digests import value_digest
 from accelerated_evaluation.distributions import Distribution, Empirical
-from accelerated_evaluation.distributions.tails import interval_probability, normal_score_quantile
+from accelerated_evaluation.distributions.tails import interval_probability
 from accelerated_evaluation.laws.protocol import Box, Law
 
 VARIABLES = ("lead_speed", "range", "closing_speed")

@@ -13,6 +13,7 @@ from typing import Any, ClassVar
 
 import numpy as np
 import pandas as pd
+from fewruns.problems import ScoreProblem
 from tqdm import tqdm
 
 from accelerated_evaluation.base.digests import file_digest, value_digest
@@ -27,7 +28,7 @@ from accelerated_evaluation.methods.intervals import (
     gamma_interval,
     sequential_estimate,
 )
-from accelerated_evaluation.problem import Problem, ScoreProblem
+from accelerated_evaluation.problem import Problem
 
 ALL = "all"
 Counts = dict[str, list[int]]  # simulations and crashes of one batch, by segment

@@ -1,112 +1,22 @@
-"""The common interface of all methods: stopping rule, estimate and method."""
+"""The common interface of all methods; the stopping rule and the estimate are those of `fewruns`."""
 
 from abc import ABC, abstractmethod
 from collections.abc import Mapping
-from dataclasses import dataclass, field
 from typing import Any, ClassVar, Self
 
 import numpy as np
-import pandas as pd
-from scipy.special import ndtri
+from fewruns.estimates import Estimate, Stopping, normal_reach
+from fewruns.problems import ScoreProblem
 
 from accelerated_evaluation.base.sections import Schema
-from accelerated_evaluation.problem import ScoreProblem
+
+__all__ = ["Estimate", "Method", "Stopping", "configured_stopping", "normal_reach"]
 
 
-def normal_reach(alpha: float) -> float:
-    """Return the normal quantile z(1 - alpha / 2): the half-width of an interval in standard errors."""
-    return -float(ndtri(alpha / 2))
-
-
-@dataclass(frozen=True)
-class Stopping:
-    """The rule that decides when an estimate is precise enough (paper, section VI.C).
-
-    Attributes
-    ----------
-    alpha
-        The level of the intervals is 100 (1 - alpha) %.
-    beta
-        An estimate has converged when the half-width of its interval is at most ``beta`` times the estimate.
-    minimum_events
-        Smallest number of events for convergence. It prevents that an estimate seems to have converged after
-        a few events.
-    maximum_simulations
-        Number of simulations after which a method ends without convergence.
-    anytime
-        Whether the intervals keep their level although they are checked after every batch; see
-        `surrogate.anytime`. Only the surrogate-guided sampler has such intervals.
-    """
-
-    alpha: float = 0.2
-    beta: float = 0.2
-    minimum_events: int = 100
-    maximum_simulations: int = 100_000
-    anytime: bool = False
-
-    @classmethod
-    def configured(cls, section: Mapping[str, Any]) -> Self:
-        """Return the stopping rule with the settings of the section ``importance_sampling``."""
-        return cls(**{name: section[name] for name in cls.__dataclass_fields__ if name != "anytime"})
-
-
-@dataclass(frozen=True)
-class Estimate:
-    """The estimated probability of an event, in the form that all methods use.
-
-    Attributes
-    ----------
-    probability, low, high
-        The estimate and the ends of its interval. If there are too few events, the interval begins at 0 and
-        ends at an upper limit, which is 1 in the worst case, and the estimate is 0 or NaN.
-    alpha
-        The level of the interval is 100 (1 - alpha) %.
-    learning
-        Number of simulations that were used for learning, and do not enter the estimate.
-    estimating
-        Number of simulations on which the estimate is based.
-    events
-        Number of events among the simulations that enter the estimate, or that the method counts instead.
-    converged
-        Whether the stopping rule is satisfied.
-    diagnostics
-        Additional numbers by name, which differ between the methods.
-    tables
-        Additional tables by name, which differ between the methods.
-    """
-
-    probability: float
-    low: float
-    high: float
-    alpha: float
-    learning: int
-    estimating: int
-    events: int
-    converged: bool
-    diagnostics: Mapping[str, float] = field(default_factory=dict)
-    tables: Mapping[str, pd.DataFrame] = field(default_factory=dict)
-
-    @property
-    def simulations(self) -> int:
-        """Total number of simulations, including those for learning."""
-        return self.learning + self.estimating
-
-    def covers(self, probability: float) -> bool:
-        """Return whether the interval contains the given probability."""
-        return self.low <= probability <= self.high
-
-    def row(self) -> dict[str, Any]:
-        """Return the estimate as a row of a table, by column; the diagnostics are the last columns."""
-        return {
-            "probability": self.probability,
-            "ci_low": self.low,
-            "ci_high": self.high,
-            "learning": self.learning,
-            "estimating": self.estimating,
-            "events": self.events,
-            "converged": self.converged,
-            **self.diagnostics,
-        }
+def configured_stopping(section: Mapping[str, Any]) -> Stopping:
+    """Return the stopping rule with the settings of the section ``importance_sampling``."""
+    names = ("alpha", "beta", "minimum_events", "maximum_simulations")
+    return Stopping(**{name: section[name] for name in names})
 
 
 class Method(ABC):
@@ -151,7 +61,7 @@ class Method(ABC):
     @classmethod
     def stopping(cls, config: Mapping[str, Any]) -> Stopping:
         """Return the stopping rule of this method for a configuration, by default the paper's rule."""
-        return Stopping.configured(config["importance_sampling"])
+        return configured_stopping(config["importance_sampling"])
 
     @classmethod
     def stream(cls, scope: str, replicate: int) -> tuple[str | int, ...]:

@@ -12,6 +12,7 @@ from dataclasses import dataclass, replace
 from typing import Any, ClassVar
 
 import numpy as np
+from fewruns.problems import ScoreProblem
 from scipy.cluster.vq import kmeans2
 from scipy.special import logsumexp
 
@@ -19,7 +20,6 @@ from accelerated_evaluation.base.arrays import Array
 from accelerated_evaluation.methods import METHODS
 from accelerated_evaluation.methods.estimate import Estimate, Method, Stopping
 from accelerated_evaluation.methods.intervals import Sums, gamma_interval, sequential_estimate
-from accelerated_evaluation.problem import ScoreProblem
 
 DEFENSIVE = 0.25  # share of the standard normal distribution in the mixture
 STAGES, STAGE_SIZE = 4, 500  # number of stages of learning, and of simulations in each

@@ -8,14 +8,15 @@ from typing import Any, Self
 
 import numpy as np
 import pandas as pd
+from fewruns.problems import Response
 
 from accelerated_evaluation.base.arrays import Array
+from accelerated_evaluation.base.digests import without_addresses
 from accelerated_evaluation.base.errors import InputError
 from accelerated_evaluation.laws import Law
 from accelerated_evaluation.laws.files import read_law
 from accelerated_evaluation.laws.joint.folding import folded
 from accelerated_evaluation.laws.joint.truncated_normals import TruncatedNormalMixture
-from accelerated_evaluation.problem.protocol import Response, without_addresses
 from accelerated_evaluation.records.encounter_table import read_encounters
 from accelerated_evaluation.scenarios import SCENARIOS
 from accelerated_evaluation.scenarios.protocol import Event, Scenario

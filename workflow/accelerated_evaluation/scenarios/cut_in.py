@@ -136,6 +136,11 @@ CUT_IN = SCENARIOS.add("cut_in")(
         outcome_rules=_outcome_rules,
         reported_rules=_reported_rules,
         noun="cut-in",
+        upper_set_in="closing_speed",
+        has_sources=True,
+        has_injuries=True,
+        # The careful human of UN R157, and the human driver from data.
+        references={"": "cc_human", "human_": "human"},
         derived={"host_speed": lambda cut_in: cut_in["lead_speed"] + cut_in["closing_speed"]},
         panels=(
             Panel("speed [m/s]", {"host_speed_m_per_s": "host", "lead_speed_m_per_s": "lead vehicle"}),

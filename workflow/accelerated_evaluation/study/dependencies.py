@@ -21,7 +21,7 @@ BLOCKS = (ast.stmt, ast.excepthandler, ast.match_case)  # nodes that may contain
 def imported_modules(
     sources: Paths, package: str | os.PathLike, members: Mapping[str, Iterable[str]] | None = None
 ) -> list[Path]:
-    """Return the modules of a package that some scripts or notebooks import, directly or indirectly.
+    """Return the modules that some scripts or notebooks import from a package or from packages next to it.
 
     The sources are parsed but never run, so imports inside functions are found as well. A module that creates
     a `registry.Registry` imports the modules of its package when a name is looked up. It therefore depends on
@@ -32,7 +32,7 @@ def imported_modules(
     sources
         Python files or notebooks.
     package
-        Folder of the package; modules outside it are ignored.
+        Folder of the package; modules outside it and of the packages in the same folder are ignored.
     members
         Names of the members that are looked up in the registry of a package, by the name of the package. For
         a package without an entry, all members are dependencies.
@@ -177,9 +177,9 @@ def _imported_names(statement: ast.AST, source: Path, package: Path) -> Iterator
 def _modules(name: str, package: Path) -> Iterator[Path]:
     """Yield the files that the import of a dotted name runs: those of its packages, then the module."""
     first, *parts = name.split(".")
-    if first != package.name:
+    folder = package.parent / first
+    if not (folder / "__init__.py").is_file():
         return
-    folder = package
     yield folder / "__init__.py"
     for part in parts:
         if (folder / f"{part}.py").is_file():

@@ -10,16 +10,17 @@ need not be driven, because it is certainly not an event within the limits.
 """
 
 from collections.abc import Mapping
-from dataclasses import dataclass, field, replace
-from typing import Any, Self
+from dataclasses import dataclass, field
+from typing import Self
+
+from fewruns.gaussian_process import Predecessor
+from fewruns.sampler import Sampler
 
 from accelerated_evaluation.base.errors import InputError
 from accelerated_evaluation.base.randomness import child_generator
 from accelerated_evaluation.laws import Law
 from accelerated_evaluation.methods.estimate import Estimate, Stopping
-from accelerated_evaluation.methods.surrogate import rules_of_joint_laws
-from accelerated_evaluation.methods.surrogate.gaussian_process import Predecessor
-from accelerated_evaluation.methods.surrogate.sampler import Sampler
+from accelerated_evaluation.methods.surrogate import rules_for, study_errors
 from accelerated_evaluation.scenarios.cut_in import CUT_IN
 from accelerated_evaluation.scenarios.protocol import Event, Scenario
 from accelerated_evaluation.track.driven import BEYOND, DrivenOutcome, outcome_in_words, outcomes_of
@@ -93,6 +94,7 @@ class Campaign:
     scenario: Scenario = CUT_IN
 
     @classmethod
+    @study_errors()
     def begin(
         cls,
         law: Source,
@@ -141,7 +143,7 @@ class Campaign:
             limits, or if the predecessor belongs to another law or event, or has no event.
         """
         check_batch_size(batch_size)
-        read, description = law_in(scenario, law, encounters)
+        read = law_in(scenario, law, encounters)
         beyond = require_limits(limits, read)
         fingerprint = f"{event.quantity} {event.threshold!r} under the law {law.sha256}"
         if limits:
@@ -153,7 +155,7 @@ class Campaign:
             fingerprint=fingerprint,
             predecessor=None if predecessor is None else predecessor.as_predecessor(law, event),
             deterministic=deterministic,
-            **sampler_rules(scenario, event),
+            **rules_for(scenario, event),
         )
         return cls(law, encounters, description, event, goal, sampler, limits, beyond, scenario=scenario)
 
@@ -183,8 +185,7 @@ class Campaign:
         if batch_size is not None:
             check_batch_size(batch_size)
             # Batches may have different sizes, if each size is chosen before the batch is drawn.
-            state = replace(self.sampler.state(), batch_size=batch_size)
-            self.sampler = Sampler.resume(state, **sampler_rules(self.scenario, self.event))
+            self.sampler.batch_size = batch_size
         for _ in range(MOST_EMPTY):
             if self.outstanding:
                 return self.outstanding
@@ -301,17 +302,6 @@ class Campaign:
     def estimate(self) -> Estimate:
         """Return the estimated probability of the event, with its interval, from all complete batches."""
         return self.sampler.estimate(self.goal)
-
-
-def sampler_rules(scenario: Scenario, event: Event) -> Mapping[str, Any]:
-    """Return the arguments of `Sampler` that depend on the scenario and the event, by name.
-
-    For cut-ins, the mapping is empty, so that the sampler uses its defaults, which are for rare events. In
-    other scenarios the event may be frequent and may consist of separate parts. The sampler then begins in
-    another way, and converges only when a part that no run has observed has at most a small multiple of the
-    estimated probability.
-    """
-    return {} if scenario is CUT_IN else rules_of_joint_laws(event.filled)
 
 
 def check_batch_size(size: int) -> None:

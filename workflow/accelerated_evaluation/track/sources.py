@@ -35,8 +35,8 @@ def source_of(path: str | os.PathLike) -> Source:
     return Source(str(path), file_digest(path))
 
 
-def law_in(scenario: Scenario, law: Source, encounters: Source | None) -> tuple[Law, str]:
-    """Read a law and its description.
+def law_in(scenario: Scenario, law: Source, encounters: Source | None) -> Law:
+    """Read a law.
 
     Parameters
     ----------
@@ -52,5 +52,4 @@ def law_in(scenario: Scenario, law: Source, encounters: Source | None) -> tuple[
     InputError
         If a file cannot be used, or if the law belongs to another scenario.
     """
-    read = read_law_of(scenario, law.file, None if encounters is None else read_encounters(encounters.file))
-    return read, read.description
+    return read_law_of(scenario, law.file, None if encounters is None else read_encounters(encounters.file))

@@ -1,119 +1,89 @@
-"""The answer of a campaign under the draws of a mean law, which includes the uncertainty of the records."""
+"""The answer of a campaign under the draws of a law, which includes the uncertainty of the records."""
 
 from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
+from fewruns import SeveralLaws
 
-from accelerated_evaluation.answer.averaged import Course, answer_in_words, answer_row, budget_in_words
-from accelerated_evaluation.answer.posterior import budget
-from accelerated_evaluation.answer.reweighting import LEVEL, Reweighting
-from accelerated_evaluation.answer.study import event_name
+from accelerated_evaluation.answer.by_few_runs import SHARE, laws_of
+from accelerated_evaluation.answer.posterior import LEVEL, SampledPosterior, answer_row, budget
+from accelerated_evaluation.answer.words import answer_in_words, budget_in_words
 from accelerated_evaluation.base.arrays import Array
 from accelerated_evaluation.base.errors import InputError
 from accelerated_evaluation.laws import Law, StratifiedLaw
-from accelerated_evaluation.laws.files import read_law
+from accelerated_evaluation.laws.draws import Draws
 from accelerated_evaluation.laws.smooth.mean import MeanLaw
-from accelerated_evaluation.records.encounter_table import read_encounters
 from accelerated_evaluation.track.campaign import Campaign
+from accelerated_evaluation.track.sources import law_in, source_of
 
 ALONE = (
     "laws        the interval above is that of the sampling alone; with --under "
     "results/STUDY/estimate/law.json, the status also reports the uncertainty of the records"
 )
-JOINT = "laws        the interval above is that of the sampling alone, under one law of the scenario"
 FEWEST = 10  # with fewer effective events under a draw, the standard error is not reliable
 MOST_UNKNOWN = 0.05  # if a larger share of the draws has fewer effective events, a warning is given
 
 
-def read_draws(path: Path, campaign: Campaign) -> MeanLaw:
-    """Read a law with draws, to which the runs of a campaign can be reweighted.
+def read_draws(path: Path, campaign: Campaign) -> Draws:
+    """Read a law with draws, to which the runs of a campaign can be reweighted; other files are an InputError.
 
-    Parameters
-    ----------
-    path
-        Law file that contains draws of its parameters.
-    campaign
-        The campaign. The law must have been fitted to its encounter table.
-
-    Raises
-    ------
-    InputError
-        If the file is a law without draws, if the law was fitted to other encounters, or if the scenario of
-        the campaign is not the cut-in.
+    A law of cut-ins must have been fitted to the encounter table of the campaign.
     """
-    if campaign.encounters is None:
-        seen, expected = f"the scenario {campaign.scenario.name}", "cut_in"
-        raise InputError("--under", seen=seen, expected=expected, change="Leave the option out.")
-    encounters = read_encounters(campaign.encounters.file)
-    law = read_law(path, encounters)
-    if not isinstance(law, MeanLaw):
+    law = law_in(campaign.scenario, source_of(path), campaign.encounters)
+    if not isinstance(law, Draws):
         change = "Name results/STUDY/estimate/law.json, which `accelerated-evaluation estimate` writes."
         raise InputError("--under", seen=f"the single law {path}", expected="a law with draws", change=change)
     return law
 
 
-def whole_in_words(campaign: Campaign, law: Law, draws: MeanLaw | None = None) -> list[str]:
+def whole_in_words(campaign: Campaign, law: Law, draws: Draws | None = None) -> list[str]:
     """Return lines of text with the probability that a campaign estimates under all draws of a law.
 
-    Parameters
-    ----------
-    campaign
-        The campaign; the runs of its open batch are not used.
-    law
-        The law under which the runs were chosen.
-    draws
-        The law for whose draws the runs are reweighted; by default ``law``, if it has draws.
-    """
-    if not isinstance(law, StratifiedLaw):
-        return [JOINT]
-    if draws is None and not isinstance(law, MeanLaw):
-        return [ALONE]
-    course = Course.of(law, campaign.sampler) if draws is None else read_under(campaign, law, draws)
-    posterior = course.refined()
-    if posterior is None:
-        return ["laws        there is no estimate under the draws of the law yet"]
-    row = {"event": event_name(campaign.event), "per_km": float("nan")} | answer_row(
-        posterior, course.unseen_lapses()
-    )
-    gain = 1 - 1 / (1 + max(posterior.share_of_sampling, 0.0))
-    return [
-        *answer_in_words(row),
-        *budget_in_words(budget(posterior.alone, posterior.deviation)),
-        f"more runs would make the {LEVEL:.0%} interval at most {gain:.0%} narrower; the rest is "
-        "the uncertainty of the records, which only more records reduce",
-        *([] if draws is None else _reach(course.reweighting.effective_events(campaign.sampler.progress))),
-    ]
-
-
-def read_under(campaign: Campaign, law: StratifiedLaw, draws: MeanLaw) -> Course:
-    """Return the runs of a campaign with density ratios f_k / f for each draw k of another law.
-
-    A cut-in with a closing speed above the cap of the campaign's law was driven with the cap. Its outcome is
-    used for all closing speeds from the cap on, so the draws get the same cap.
+    The runs of the open batch are not used.
 
     Parameters
     ----------
     campaign
         The campaign.
     law
-        The law f under which the runs were chosen.
+        The law under which the runs were chosen.
     draws
-        The mean law with the draws f_k.
-
-    Returns
-    -------
-    Course
-        The runs of the complete batches with their outcomes and ratios, from which the probability under each
-        draw is estimated.
+        The draws for which the runs are reweighted; by default those of ``law``, if it has any.
     """
-    draws = replace(draws, closing_speed_max=law.closing_speed_max)
+    under = law if draws is None and isinstance(law, Draws) else draws
+    if under is None:
+        return [ALONE]
+    laws = laws_of(under, law.from_normal_scores) if under is law else laws_under(law, under)
+    found = laws.refined(campaign.sampler)
+    if found is None:
+        return ["laws        there is no estimate under the draws of the law yet"]
+    lapses = campaign.sampler.unseen_lapses(float(found.probabilities.mean()), SHARE)
+    posterior = SampledPosterior.of(found, under.member, lapses)
+    row = {"event": campaign.scenario.event_in_words(campaign.event), "per_km": float("nan")}
+    gain = 1 - 1 / (1 + max(posterior.share_of_sampling, 0.0))
+    return [
+        *answer_in_words(row | answer_row(posterior), campaign.scenario.noun),
+        *budget_in_words(budget(posterior.alone, posterior.deviation)),
+        f"more runs would make the {LEVEL:.0%} interval at most {gain:.0%} narrower; the rest is "
+        "the uncertainty of the records, which only more records reduce",
+        *([] if draws is None else _reach(laws.effective_events(campaign.sampler.progress))),
+    ]
+
+
+def laws_under(law: Law, draws: Draws) -> SeveralLaws:
+    """Return draws with density ratios f_k / f to another law f, under which runs were chosen.
+
+    A cut-in with a closing speed above the cap of that law was driven with the cap. Its outcome is used for all
+    closing speeds from the cap on, so the draws get the same cap.
+    """
+    if isinstance(law, StratifiedLaw) and isinstance(draws, MeanLaw):
+        draws = replace(draws, closing_speed_max=law.closing_speed_max)
 
     def log_ratios(x: Array) -> Array:
         return draws.log_densities(x) - law.log_density(x)
 
-    member = np.unique(draws.draws.names, return_inverse=True)[1]
-    return Course(draws, campaign.sampler, Reweighting(log_ratios, law.from_normal_scores, member))
+    return SeveralLaws(log_ratios, law.from_normal_scores)
 
 
 def _reach(effective: Array) -> list[str]:

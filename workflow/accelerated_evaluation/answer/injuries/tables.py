@@ -13,12 +13,12 @@ import numpy as np
 import pandas as pd
 from numpy.typing import NDArray
 
+from accelerated_evaluation.answer.comparison import RATIO
 from accelerated_evaluation.answer.exposure import UNITS, Rate
 from accelerated_evaluation.answer.injuries.curves import FRONTAL, LEVELS, REAR
 from accelerated_evaluation.answer.injuries.impacts import Key, gentle
 from accelerated_evaluation.answer.injuries.sources import SOURCES
-from accelerated_evaluation.answer.posterior import Posterior, log_variances, shares
-from accelerated_evaluation.answer.summary import RATIO, SUMMARY, summarise
+from accelerated_evaluation.answer.posterior import SUMMARY, Posterior, log_variances, shares, summarise
 from accelerated_evaluation.base.arrays import Array
 
 CUT_IN = "cut-in"
@@ -53,13 +53,13 @@ class Injured:
     gentle: float = 0.0
 
     @classmethod
-    def of(cls, posterior: Posterior, keys: Sequence[Key], level: str) -> "Injured":
+    def of(cls, posterior: Posterior, expected: Array, keys: Sequence[Key], level: str) -> "Injured":
         """Collect the draws of one level of injury from a posterior.
 
         Parameters
         ----------
-        posterior
-            Draws of the crash probability, with the expected values of the risks.
+        posterior, expected
+            Draws of the crash probability, and expected value of each risk in an encounter, (draws, risks).
         keys
             Level, struck end and source of each risk of the posterior.
         level
@@ -73,7 +73,7 @@ class Injured:
 
         def drawn(level: str, impact: str) -> tuple[Array, list[str]]:
             chosen = [i for i, (of, end, _) in enumerate(keys) if (of, end) == (level, impact)]
-            return posterior.expected[:, chosen], [keys[i][2] for i in chosen]
+            return expected[:, chosen], [keys[i][2] for i in chosen]
 
         (own, first), (other, second) = (drawn(level, impact) for impact in (FRONTAL, REAR))
         slow = sum(float(drawn(gentle(level), impact)[0].mean()) for impact in (FRONTAL, REAR))
@@ -256,7 +256,7 @@ def curves_table() -> pd.DataFrame:
 
 
 def injury_tables(
-    posteriors: Mapping[str, Posterior],
+    posteriors: Mapping[str, tuple[Posterior, Array]],
     tested: str,
     keys: Sequence[Key],
     cut_ins: int,
@@ -268,7 +268,7 @@ def injury_tables(
     Parameters
     ----------
     posteriors
-        Posterior of the crash probability of each vehicle, with the expected values of the risks. Vehicles
+        Posterior of the crash probability of each vehicle, and the expected values of the risks. Vehicles
         whose crash map was rejected are left out.
     tested
         Name of the vehicle under test.
@@ -287,8 +287,8 @@ def injury_tables(
         ``injury_budget`` and ``injury_curves`` (`curves_table`).
     """
     injured = {
-        name: {level: Injured.of(posterior, keys, level) for level in LEVELS}
-        for name, posterior in posteriors.items()
+        name: {level: Injured.of(posterior, expected, keys, level) for level in LEVELS}
+        for name, (posterior, expected) in posteriors.items()
     }
     return {
         "injuries": injuries_table(injured, cut_ins, exposure),

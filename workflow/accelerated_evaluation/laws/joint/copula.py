@@ -38,6 +38,7 @@ class GaussianCopula(JointLaw):
     """
 
     kind: ClassVar[str] = "gaussian_copula"
+    candidates: ClassVar[Mapping[str, Mapping[str, int]]] = {"Gaussian copula": {}}
 
     box: Box
     margins: Sequence[TruncatedNormalMixture]
@@ -128,6 +129,7 @@ class IndependentVariables(GaussianCopula):
     """Independent variables with smooth marginal distributions."""
 
     kind: ClassVar[str] = "independent_variables"
+    candidates: ClassVar[Mapping[str, Mapping[str, int]]] = {"independent": {}}
 
     @classmethod
     def _correlation(cls, estimated: Array) -> Array:

@@ -29,6 +29,7 @@ class KernelLaw(TruncatedNormalMixture):
     """A mixture of truncated normal distributions, one about each record."""
 
     kind: ClassVar[str] = "kernel"
+    candidates: ClassVar[Mapping[str, Mapping[str, int]]] = {"kernel": {}}
 
     @classmethod
     def fit(

@@ -1,7 +1,8 @@
 """Interface of a joint law: a law of any variables within limits that can be fitted to any records."""
 
 from abc import abstractmethod
-from typing import Self
+from collections.abc import Mapping
+from typing import ClassVar, Self
 
 import numpy as np
 
@@ -10,7 +11,16 @@ from accelerated_evaluation.laws.protocol import Box, Law
 
 
 class JointLaw(Law):
-    """A law of d variables within a box that can be fitted to records of any scenario."""
+    """A law of d variables within a box that can be fitted to records of any scenario.
+
+    Attributes
+    ----------
+    candidates
+        Settings of `fit` with which the law is a candidate for the records of a scenario, by the name of the
+        candidate.
+    """
+
+    candidates: ClassVar[Mapping[str, Mapping[str, int]]]
 
     @classmethod
     @abstractmethod

@@ -51,6 +51,9 @@ class TruncatedNormalMixture(JointLaw):
     """
 
     kind: ClassVar[str] = "truncated_normals"
+    candidates: ClassVar[Mapping[str, Mapping[str, int]]] = {
+        f"truncated normals, K = {k}": {"components": k} for k in (2, 3, 4, 6, 8)
+    }
 
     shares: Array
     normals: Normals

@@ -58,41 +58,21 @@ class LawDraws:
         cls,
         family: LawFamily,
         members: Sequence[Member],
-        weights: Array,
         support: Support,
         generator: np.random.Generator,
     ) -> Self:
-        """Draw K members of the family by their posterior weights, and parameters from the posterior of each.
-
-        The uniform numbers that choose the members are stratified, one in each of K equal intervals, so that
-        the share of each member is close to its weight.
-
-        Parameters
-        ----------
-        family
-            Fit of the family to all records.
-        members
-            Members of the family.
-        weights
-            Posterior weights of the members for each draw, shape (K, members); each row sums to 1.
-        support
-            Limits of the records.
-        generator
-            Random generator.
-        """
-        size, ends = len(weights), np.cumsum(weights, axis=1)
-        u = (generator.permutation(size) + generator.random(size)) / size
-        chosen = np.minimum((u[:, None] > ends).sum(axis=1), len(members) - 1)
+        """Draw the parameters of K given members from their posteriors, after a fit to all records."""
+        size = len(members)
         count = min(SHARED, size)
         ranges = tuple(family.ranges.drawn(generator) for _ in range(count))
         bodies = tuple(family.body.drawn(generator) for _ in range(count))
         shared = np.arange(size) % count
         laws = []
-        for place, body in zip(chosen, shared, strict=True):
-            law = family.law(members[place])
+        for member, body in zip(members, shared, strict=True):
+            law = family.law(member)
             tail = None if law.tail is None else law.tail.drawn(generator)
             laws.append(replace(law, body=bodies[body], tail=tail))
-        names = tuple(members[place].name for place in chosen)
+        names = tuple(member.name for member in members)
         return cls(ranges, bodies, tuple(laws), shared, names, support)
 
     @property

@@ -91,6 +91,11 @@ class DistinctRecords:
         return self.lead_speed.size
 
     @property
+    def cut_ins(self) -> Array:
+        """Lead speed [m/s], range [m] and closing speed [m/s] as columns, shape (n, 3)."""
+        return np.column_stack([self.lead_speed, self.range_, self.closing_speed])
+
+    @property
     def places(self) -> Places:
         """The lead speeds and ranges of the records, at which laws of the closing speed are evaluated."""
         return Places.of(self.lead_speed, self.range_, self.support)

@@ -24,6 +24,7 @@ from scipy.special import logsumexp
 from accelerated_evaluation.base.arrays import Array
 from accelerated_evaluation.distributions import Empirical
 from accelerated_evaluation.laws import LAWS
+from accelerated_evaluation.laws.draws import Draws
 from accelerated_evaluation.laws.paper.independent import recorded_lead_speeds
 from accelerated_evaluation.laws.protocol import Box
 from accelerated_evaluation.laws.smooth.conditional import Places, SpeedLaw, Threshold, range_grid, speed_grid
@@ -172,7 +173,7 @@ class MeanStratum(SmoothStratum):
 
 @LAWS.add("mean")
 @dataclass(frozen=True, repr=False)
-class MeanLaw(SmoothLaw):
+class MeanLaw(SmoothLaw, Draws):
     """The law in which v_L is as recorded, and range and closing speed follow the mean of K draws given v_L.
 
     Attributes
@@ -230,11 +231,22 @@ class MeanLaw(SmoothLaw):
         """The distribution in each segment, by name of the segment."""
         return {segment: MeanStratum(self.lead_speeds[segment], self.draws) for segment in self.counts}
 
-    def thinned(self, size: int) -> Self:
-        """Return the mean law of at most ``size`` of the draws, at equal distances in their order."""
-        return replace(self, draws=self.draws.thinned(size))
+    @property
+    def proposal(self) -> Self:
+        """The mean law itself."""
+        return self
 
-    def only_draws(self, chosen: NDArray[np.intp]) -> Self:
+    @property
+    def names(self) -> tuple[str, ...]:
+        """Name of the member of the family of each draw."""
+        return self.draws.names
+
+    def mixture(self, n: int, generator: np.random.Generator) -> tuple[Array, Array]:
+        """Draw n cut-ins from the mean law, shape (n, 3), with log f_k / f_mean, shape (K, n)."""
+        x = self.draw(n, generator)
+        return x, self.log_ratios(x)
+
+    def subset(self, chosen: NDArray[np.intp]) -> Self:
         """Return the mean law of the k draws with the given indices, shape (k,)."""
         return replace(self, draws=self.draws.only(chosen))
 

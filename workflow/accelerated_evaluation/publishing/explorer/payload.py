@@ -15,7 +15,7 @@ from scipy.special import ndtri_exp
 from accelerated_evaluation.answer.explored import DEPTH, DrawnLaws, ExploredLines
 from accelerated_evaluation.answer.explored_ratios import COARSE, FINE, LEVELS, LIMITS, refinements
 from accelerated_evaluation.answer.exposure import Rate
-from accelerated_evaluation.answer.weighted_family import WeightedLaws
+from accelerated_evaluation.answer.law_study import LawStudy
 from accelerated_evaluation.base.arrays import Array
 from accelerated_evaluation.crash_map.maps import CrashMap
 from accelerated_evaluation.laws.smooth.family import DistinctRecords
@@ -96,14 +96,14 @@ def add_lines(payload: Payload, lines: ExploredLines) -> None:
     payload.text["lines"] = {"depth": DEPTH, "speed_step": SPEED_STEP}
 
 
-def add_laws(payload: Payload, weighted: WeightedLaws, drawn: DrawnLaws, logs: Array) -> None:
+def add_laws(payload: Payload, study: LawStudy, drawn: DrawnLaws, logs: Array) -> None:
     """Add the draws of the laws to the data of the page: index of the law, and ratios to the mean law.
 
     Parameters
     ----------
     payload
         The data of the page.
-    weighted
+    study
         The laws with their weights, with which a reader can choose a law or a threshold.
     drawn
         The draws, each with the index of its law.
@@ -111,7 +111,7 @@ def add_laws(payload: Payload, weighted: WeightedLaws, drawn: DrawnLaws, logs: A
         Logarithm of the ratio of each draw to the mean law at nodes of lead speed, range and cumulative
         hazard, from `answer.explored_ratios.log_ratios`.
     """
-    members = weighted.members
+    members = study.smooth.members
     payload.add("member", drawn.member, "u1")
     order = np.argsort(drawn.member, kind="stable")  # draws of one law are similar, so differences are small
     levels = np.round((logs[order] - LIMITS[0]) / RATIO_STEP).astype(int)
@@ -125,9 +125,9 @@ def add_laws(payload: Payload, weighted: WeightedLaws, drawn: DrawnLaws, logs: A
         "answered": drawn.answered,
         "order": order.tolist(),
         "members": [member.name for member in members],
-        "weights": weighted.weights.mean(axis=0).tolist(),
+        "weights": study.mean_weights.tolist(),
         "thresholds": [
-            {"level": level, "weights": weighted.weights_at(level).mean(axis=0).tolist()}
+            {"level": level, "weights": study.only(at_level(level)).mean_weights.tolist()}
             for level in thresholds
         ],
         "coarse": [*COARSE, len(LEVELS)],

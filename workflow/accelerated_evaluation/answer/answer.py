@@ -1,0 +1,168 @@
+"""The answer: the probability of an event over all laws that the records support, however it was computed."""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+from typing import Any, Protocol, Self
+
+import numpy as np
+import pandas as pd
+from scipy.stats import beta
+
+from accelerated_evaluation.answer.calibration import mid_p
+from accelerated_evaluation.answer.posterior import Posterior, SampledPosterior, answer_row, budget
+from accelerated_evaluation.base.arrays import Array
+from accelerated_evaluation.laws.draws import Draws
+from accelerated_evaluation.problem import Problem
+from accelerated_evaluation.scenarios.protocol import Event
+
+# An answer is rejected unless the mid-p value of the number of events among replayed records exceeds this value.
+MISSED = 1e-4
+
+
+@dataclass(frozen=True)
+class Crashes:
+    """Crashes with their probabilities under each draw of the law.
+
+    For a crash map these are parts of intervals of the closing speed, otherwise simulated encounters.
+    """
+
+    x: Array  # the encounters, shape (m, d)
+    impact_speed: (
+        Array  # [m/s], of some simulations of each crash, NaN where there was none, shape (m, points)
+    )
+    weights: Array  # probability of each crash under each draw, shape (K, m); a row sums to about P_k
+
+    @property
+    def shares(self) -> Array:
+        """Share of each crash in the probability, averaged over the draws by their probabilities, (m,)."""
+        weights = self.weights.mean(axis=0)
+        return weights / weights.sum() if len(weights) else weights
+
+
+@dataclass(frozen=True)
+class Replayed:
+    """How often an event happened when the vehicle replayed records: a check that needs no law."""
+
+    events: int
+    records: int
+
+    @classmethod
+    def of(cls, problem: Problem, x: Array) -> Self:
+        """Replay records x, shape (n, d)."""
+        return cls(int(problem.event.happens(problem.simulate(x)).sum()), len(x))
+
+    def supports(self, probability: float) -> bool:
+        """Return whether the count is possible for a probability of the event in an encounter."""
+        return bool(mid_p(self.events, self.records * probability) > MISSED)
+
+    def interval(self, level: float = 0.95) -> tuple[float, float]:
+        """Return the exact binomial interval of the probability (Clopper and Pearson 1934)."""
+        miss, k, n = (1 - level) / 2, self.events, self.records
+        low = float(beta.ppf(miss, k, n - k + 1)) if k else 0.0
+        return low, float(beta.isf(miss, k + 1, n - k)) if k < n else 1.0
+
+
+@dataclass(frozen=True)
+class Answer:
+    """The probability of the events of a problem under K draws of the law, and what it was computed from.
+
+    Attributes
+    ----------
+    problem
+        Scenario, vehicle and main event.
+    draws
+        The K draws of the law.
+    posteriors
+        The probability of each event under each draw, the main event first; None where the simulations give
+        no estimate.
+    crashes
+        The crashes of which the probability consists; None if there was none.
+    replayed
+        The main event among replayed records; None if they were not replayed.
+    simulations
+        Number of simulations, if they were counted.
+    converged
+        Whether further simulations are expected to leave the answer as it is.
+    tables
+        Tables of the way by which the answer was computed, such as the runs.
+
+    See Also
+    --------
+    answer : compute an answer.
+    """
+
+    problem: Problem
+    draws: Draws
+    posteriors: Mapping[Event, Posterior | None]
+    crashes: Crashes | None = None
+    replayed: Replayed | None = None
+    simulations: int | None = None
+    converged: bool = True
+    tables: Mapping[str, pd.DataFrame] = field(default_factory=dict)
+    notes: Mapping[str, Any] = field(default_factory=dict)
+
+    @property
+    def sampled(self) -> bool:
+        """Whether the answer has a sampling error."""
+        return isinstance(self.posterior, SampledPosterior) or self.posterior is None
+
+    @property
+    def posterior(self) -> Posterior | None:
+        """The probability of the main event under each draw."""
+        return self.posteriors[self.problem.event]
+
+    def table(self, events_per_km: float | None = None) -> pd.DataFrame:
+        """Return one row for each event: mean, median, 50, 80 and 95 % interval, and rate per kilometre."""
+        rows = []
+        for event, posterior in self.posteriors.items():
+            row = {"event": self.problem.scenario.event_in_words(event)} | answer_row(posterior)
+            rate = np.nan if events_per_km is None else row["probability"] * events_per_km
+            rows.append(row | {"per_km": rate})
+        return pd.DataFrame(rows)
+
+    def budget(self) -> pd.DataFrame:
+        """Return the variance of the logarithm of the main event by source: data, choice of law, sampling."""
+        if self.posterior is None:
+            return pd.DataFrame(columns=["source", "factor", "variance_share"])
+        return budget(self.posterior.alone, self.posterior.deviation)
+
+
+class Way(Protocol):
+    """A way to compute an answer: `Map`, `Simulations` or `FewRuns`."""
+
+    def answer(
+        self, problem: Problem, draws: Draws, events: Sequence[Event], generator: np.random.Generator
+    ) -> Answer:
+        """Compute the answer for the event of a problem, and for further events."""
+
+
+def answer(
+    problem: Problem,
+    draws: Draws,
+    by: Way,
+    events: Sequence[Event] = (),
+    *,
+    generator: np.random.Generator,
+) -> Answer:
+    """Return the probability of an event under all draws of the law.
+
+    Parameters
+    ----------
+    problem
+        Scenario, vehicle and event. Its law is not used; the encounters come from the draws.
+    draws
+        Draws of the law of the encounters.
+    by
+        The way: `Map` for a fast vehicle in cut-ins, `Simulations` for any other fast vehicle, `FewRuns` for
+        a slow vehicle.
+    events
+        Further events whose probability is given, if the way allows it.
+    generator
+        Source of all randomness.
+
+    Returns
+    -------
+    Answer
+        Posterior of the probability of each event, with tables and a text.
+    """
+    return by.answer(problem, draws, events, generator)

@@ -1,0 +1,114 @@
+"""The answer from a crash map: the law of every draw is integrated over the map, so nothing is sampled."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from accelerated_evaluation.answer.answer import Answer, Crashes, Replayed
+from accelerated_evaluation.answer.posterior import Posterior
+from accelerated_evaluation.base.arrays import Array
+from accelerated_evaluation.crash_map.impacts import with_impacts
+from accelerated_evaluation.crash_map.lines import CrashLines
+from accelerated_evaluation.crash_map.maps import CrashMap
+from accelerated_evaluation.crash_map.sampled import sample_crashes
+from accelerated_evaluation.laws.draws import Draws, MixedDraws, single_laws
+from accelerated_evaluation.laws.smooth.conditional import SpeedLaw
+from accelerated_evaluation.laws.smooth.family import DistinctRecords
+from accelerated_evaluation.laws.smooth.mean import MeanLaw
+from accelerated_evaluation.problem import Problem
+from accelerated_evaluation.scenarios.protocol import Event
+from accelerated_evaluation.vehicles.events import CRASH
+from accelerated_evaluation.vehicles.protocol import RandomVehicle, Vehicle
+
+LINES = 2500  # number of lines of a map that are kept for the integrals
+GUIDES = 10  # number of draws of the law that determine which lines are kept
+
+
+@dataclass(frozen=True)
+class Map:
+    """The way to an answer by a crash map, for fast vehicles in cut-ins.
+
+    Parameters
+    ----------
+    crash_map
+        Crash map of the vehicle, with the events of which the answer shall give the probability.
+    records
+        The distinct records, which are replayed: if their crashes contradict the map, its crashes are drawn
+        at random in place of an adaptive scan, which may overlook narrow stripes.
+    """
+
+    crash_map: CrashMap
+    records: DistinctRecords
+
+    def answer(
+        self, problem: Problem, draws: Draws, events: Sequence[Event], generator: np.random.Generator
+    ) -> Answer:
+        """Return the probability of the events of a problem under each draw of the law."""
+        vehicle, scan = problem.vehicle, "refined"
+        replayed = Replayed.of(problem, self.records.cut_ins)
+        lines = self._lines(self.crash_map, problem.event, vehicle, draws, generator)
+        if not replayed.supports(masses_under(lines, draws).sum(axis=1).mean()):
+            sampled = sample_crashes(vehicle, self.crash_map, generator, events=(problem.event,))
+            lines, scan = self._lines(sampled, problem.event, vehicle, draws, generator), "random"
+        posteriors, crashes = {}, None
+        for event in (problem.event, *events):
+            if event != problem.event:
+                lines = self._lines(self.crash_map, event, vehicle, draws, generator)
+            if event == CRASH and (law := typical_law(draws)) is not None:
+                lines, closing_speed, impact_speed = with_impacts(lines, vehicle, law)
+                x = [*lines.place(lines.row), closing_speed.mean(axis=1)]
+                crashes = Crashes(np.column_stack(x), impact_speed, masses_under(lines, draws))
+                probabilities = crashes.weights.sum(axis=1)
+            else:
+                probabilities = masses_under(lines, draws).sum(axis=1)
+            posteriors[event] = Posterior(probabilities, draws.member)
+        return Answer(problem, draws, posteriors, crashes, replayed, notes={"scan": scan})
+
+    def _lines(
+        self,
+        crash_map: CrashMap,
+        event: Event,
+        vehicle: Vehicle,
+        draws: Draws,
+        generator: np.random.Generator,
+    ) -> CrashLines:
+        """Return the lines of a map that matter for an event."""
+        lines = CrashLines.of(crash_map, self.records.lead_speed, event, self.records.support)
+        return thinned(lines, vehicle, draws, generator)
+
+
+def thinned(
+    lines: CrashLines, vehicle: Vehicle, draws: Draws, generator: np.random.Generator
+) -> CrashLines:
+    """Return the lines that matter for an event, with weights for each draw of a random vehicle.
+
+    The weights depend on the seed of the generator and not on its state, so that all events of a random vehicle
+    have the same draws of its parameters.
+    """
+    masses = masses_under(lines, draws.thinned(GUIDES))
+    shares = [mass / mass.sum() for mass in masses if mass.any()]
+    if shares:  # otherwise the event never happens, or its probability underflows
+        lines = lines.thinned(np.mean(shares, axis=0), LINES, generator)
+    if not isinstance(vehicle, RandomVehicle) or lines.inner is None:
+        return lines
+    same = np.random.Generator(type(generator.bit_generator)(generator.bit_generator.seed_seq))
+    return replace(lines, weights=vehicle.inner_weights(lines.inner, draws.size, same))
+
+
+def masses_under(lines: CrashLines, draws: Draws) -> Array:
+    """Return the probability of each interval of a crash map under each draw, shape (K, intervals)."""
+    if isinstance(draws, MixedDraws):
+        return np.vstack([masses_under(lines, part) for part in draws.parts])
+    if isinstance(draws, MeanLaw):
+        return lines.masses_of_draws(draws.draws)
+    return np.array([lines.of_draw(k).masses_by_density(law) for k, law in enumerate(single_laws(draws))])
+
+
+def typical_law(draws: Draws) -> SpeedLaw | None:
+    """Return the first draw of the candidate with most draws among smooth laws; None if there are none."""
+    if isinstance(draws, MixedDraws):
+        return next((law for part in draws.parts if (law := typical_law(part)) is not None), None)
+    if not isinstance(draws, MeanLaw):
+        return None
+    return draws.draws.laws[int(np.argmax(draws.member == np.bincount(draws.member).argmax()))]

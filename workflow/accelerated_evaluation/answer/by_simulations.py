@@ -1,0 +1,80 @@
+"""The answer from crude Monte Carlo: encounters from the mean of all draws, reweighted for each draw."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from accelerated_evaluation.answer.answer import Answer, Crashes
+from accelerated_evaluation.answer.posterior import SampledPosterior
+from accelerated_evaluation.base.errors import InputError
+from accelerated_evaluation.laws.draws import Draws
+from accelerated_evaluation.problem import Problem
+from accelerated_evaluation.scenarios.protocol import Event
+
+ENOUGH_EVENTS = 100  # simulations are repeated with other encounters until there are so many events,
+ROUNDS = 25  # or so many repetitions
+SMALLEST = 1e-3  # lower bound of the estimate of a draw, as a share of the mean
+
+
+@dataclass(frozen=True)
+class Simulations:
+    """The way to an answer by many simulations, for fast vehicles in any scenario.
+
+    Parameters
+    ----------
+    size
+        Number of simulations, which is repeated up to 25 times until the event has happened 100 times.
+    """
+
+    size: int = 200_000
+
+    def answer(
+        self, problem: Problem, draws: Draws, events: Sequence[Event], generator: np.random.Generator
+    ) -> Answer:
+        """Return the probability of the events of a problem under each draw of the law.
+
+        Raises
+        ------
+        InputError
+            If the main event does not happen in any simulation.
+        """
+        every = (problem.event, *(event for event in events if event != problem.event))
+        found: dict[Event, list] = {event: [] for event in every}
+        size, rounds = 0, 0
+        while rounds < ROUNDS and sum(len(part[0]) for part in found[problem.event]) < ENOUGH_EVENTS:
+            x, log_ratios = draws.mixture(self.size, generator)
+            outcomes = problem.simulate(x)
+            impact = getattr(outcomes, "impact_speed", np.full(len(x), np.nan))
+            for event, parts in found.items():
+                happened = event.happens(outcomes)
+                parts.append((x[happened], impact[happened], np.exp(log_ratios[:, happened])))
+            size, rounds = size + len(x), rounds + 1
+        if not sum(len(part[0]) for part in found[problem.event]):
+            raise InputError(
+                f"the laws {', '.join(sorted(set(draws.names)))}",
+                seen=f"no {problem.event.quantity} in {size:,} encounters drawn from them, so that its "
+                f"probability is 0 or below {3 / size:.1g} (95 % confidence)",
+                expected="laws with probability where the event happens",
+                change="Check the limits of the variables and the event. If the event is really so rare, "
+                "state that the vehicle is slow (simulations.slow), which selects the simulations.",
+            )
+        crashes = {event: _joined(parts, size) for event, parts in found.items()}
+        posteriors = {event: _posterior(own, draws, size) for event, own in crashes.items()}
+        return Answer(problem, draws, posteriors, crashes[problem.event], simulations=size)
+
+
+def _joined(parts: list, size: int) -> Crashes:
+    x, impact, ratios = zip(*parts, strict=True)
+    return Crashes(np.concatenate(x), np.concatenate(impact)[:, None], np.hstack(ratios) / size)
+
+
+def _posterior(crashes: Crashes, draws: Draws, size: int) -> SampledPosterior | None:
+    """Return the posterior of the probability of an event from its n weighted occurrences among ``size``."""
+    estimates = crashes.weights.sum(axis=1)
+    if not estimates.any():
+        return None
+    squares = size * (crashes.weights**2).sum(axis=1)
+    variances = np.maximum(squares - estimates**2, 0) / size
+    known = np.maximum(estimates, SMALLEST * estimates.mean())
+    return SampledPosterior(known, draws.member, np.minimum(np.sqrt(variances) / known, 1), size)

@@ -1,0 +1,121 @@
+"""The law that a user names: all laws by their weights, one candidate, a kind of law, or a law file."""
+
+from collections.abc import Mapping
+from functools import partial
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pandas as pd
+from threadpoolctl import threadpool_limits
+
+from accelerated_evaluation.answer.fitted_records import FittedRecords
+from accelerated_evaluation.answer.joint_family import Candidate
+from accelerated_evaluation.answer.law_study import LawStudy
+from accelerated_evaluation.answer.smooth_family import NAMED, SmoothFamily
+from accelerated_evaluation.base.errors import InputError
+from accelerated_evaluation.base.randomness import child_generator
+from accelerated_evaluation.laws import FITS, LAWS
+from accelerated_evaluation.laws.draws import Draws, OneLaw, as_draws
+from accelerated_evaluation.laws.joint.protocol import JointLaw
+from accelerated_evaluation.laws.paper.independent import IndependentLaw
+from accelerated_evaluation.laws.paper.models import PAPER_LAWS, fit_paper_laws
+from accelerated_evaluation.laws.smooth.family import DistinctRecords, Fitter, Member
+from accelerated_evaluation.problem import read_law_of
+from accelerated_evaluation.records.sources import describe
+
+ANSWER, PAPER = "answer", "paper"
+FILE = ".json"
+
+
+def fit_paper_law(name: str, encounters: pd.DataFrame, config: Mapping[str, Any]) -> IndependentLaw:
+    """Fit the paper's laws to an encounter table by a complete configuration, and return one by its name."""
+    models = config["models"]
+    limits = config["filters"]["range_max"], describe(config["data"]), models["closing_speed_max"]
+    return fit_paper_laws(encounters, models, *limits)[name]
+
+
+for _name in PAPER_LAWS:
+    FITS.add(_name)(partial(fit_paper_law, _name))
+
+
+def law_study(records: FittedRecords, config: Mapping[str, Any]) -> LawStudy:
+    """Return the study of the laws of records with the numbers of draws and the seed of a configuration.
+
+    The fit of smooth laws is read from the file of the study, or written to it, so it is made once.
+    """
+    store = Path("results", config["study"], "laws", "family.npz")
+    with threadpool_limits(1, "blas"):  # as in the jobs of the study, so that the digits are the same
+        return LawStudy.of(
+            records,
+            config["answer"]["draws"],
+            partial(child_generator, config["seed"], "laws"),
+            store,
+            config["answer"]["grid"]["closing_speed_max"],
+        )
+
+
+def choose_draws(choice: str, records: FittedRecords, config: Mapping[str, Any]) -> Draws:
+    """Return the draws of the law that a user names.
+
+    Parameters
+    ----------
+    choice
+        ``answer`` for all candidates by their weights; the name of one candidate, for draws of its parameters;
+        a kind of law, or ``paper``, for one fitted law; or a law file, which ends in .json.
+    records
+        The records to which laws are fitted, or to which the law of a file belongs.
+    config
+        A complete configuration.
+
+    Raises
+    ------
+    InputError
+        If there is no such law for these records.
+    """
+    generator = child_generator(config["seed"], "laws", "draws")
+    if choice.endswith(FILE):
+        if not Path(choice).is_file():
+            change = "Correct the path."
+            raise InputError("--law", seen=f"no file {choice}", expected="a law file", change=change)
+        return as_draws(read_law_of(records.scenario, choice, records.table))
+    if choice == ANSWER:
+        return law_study(records, config).draws(generator)
+    is_smooth = isinstance(records.data, DistinctRecords)
+    if is_smooth and choice in NAMED:
+        with threadpool_limits(1, "blas"):
+            return _one_member(choice, records, config).draws(generator)
+    if is_smooth and choice in (PAPER, *FITS):
+        name = config["models"]["inverse_range"]["variant"] if choice == PAPER else choice
+        return OneLaw(FITS[name](records.table, config))
+    kinds = {} if is_smooth else {n: k for n, k in LAWS.items() if issubclass(k, JointLaw)}
+    if choice in kinds:
+        own = child_generator(config["seed"], "laws", "fit", choice)
+        return OneLaw(Candidate(choice, kinds[choice], {}).fit(records.data, own))
+    known = (PAPER, *FITS, *NAMED) if is_smooth else kinds
+    raise InputError(
+        "--law",
+        seen=repr(choice),
+        expected=f"{ANSWER}, {', '.join(known)}, or a law file, which ends in {FILE}",
+        change="Correct the name.",
+    )
+
+
+def _one_member(name: str, records: FittedRecords, config: Mapping[str, Any]) -> LawStudy:
+    """Fit one smooth law, without scores."""
+    members = tuple(dict.fromkeys((Member(), NAMED[name])))
+    fitter = Fitter(records.data, members)
+    family = fitter.fit()
+    if NAMED[name].level is not None and NAMED[name] not in family.tails:
+        raise InputError(
+            "--law",
+            seen=f"{name!r}, whose threshold fewer than ten of the {records.size:,} distinct records exceed",
+            expected="a law with a threshold that at least ten records exceed",
+            change=f"Choose a law with a lower threshold, or {ANSWER}.",
+        )
+    scores = np.zeros((len(members), records.size))
+    cap = config["answer"]["grid"]["closing_speed_max"]
+    smooth = SmoothFamily(fitter, family, scores, records.table, cap)
+    weights = np.zeros((config["answer"]["draws"], len(members)))
+    weights[:, members.index(NAMED[name])] = 1.0
+    return LawStudy(smooth, weights)

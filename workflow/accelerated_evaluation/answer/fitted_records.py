@@ -1,0 +1,121 @@
+"""The records of a scenario in the form in which laws are fitted to them."""
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field
+from typing import Any, Self
+
+import numpy as np
+import pandas as pd
+
+from accelerated_evaluation.answer.joint_family import ClusteredRecords
+from accelerated_evaluation.base.arrays import Array
+from accelerated_evaluation.base.errors import InputError
+from accelerated_evaluation.base.randomness import child_generator
+from accelerated_evaluation.laws import Box
+from accelerated_evaluation.laws.smooth.family import DistinctRecords
+from accelerated_evaluation.laws.smooth.support import Support
+from accelerated_evaluation.records.filters import Account
+from accelerated_evaluation.records.ingest import ingest
+from accelerated_evaluation.records.segments import require_rows
+from accelerated_evaluation.records.sources import read_source
+from accelerated_evaluation.scenarios import SCENARIOS
+from accelerated_evaluation.scenarios.protocol import CLUSTER, FITTED, Scenario
+from accelerated_evaluation.scenarios.record_table import read_scenario_records
+
+FEWEST = 50  # smallest number of records, so that the region near the event, with a tenth of them, has a few
+TIED = 1e-9  # relative size of the residuals of a variable that is a linear function of others
+UNKNOWN: Mapping[str, float | None] = {"kilometres": None, "hours": None}
+
+
+@dataclass(frozen=True)
+class FittedRecords:
+    """The records of a scenario to which laws are fitted, with the distance and time in which they were made.
+
+    Cut-ins are in the order of the recording, and a row that repeats the row before it is left out. Records of
+    other scenarios come in clusters, such as those of one driver.
+    """
+
+    scenario: Scenario
+    table: pd.DataFrame  # the encounter table
+    data: DistinctRecords | ClusteredRecords
+    exposure: Mapping[str, float | None] = field(default_factory=lambda: UNKNOWN)
+    account: pd.DataFrame | None = None  # number of records that each filter has removed
+
+    @classmethod
+    def of(
+        cls,
+        scenario: Scenario,
+        table: pd.DataFrame,
+        support: Support | None = None,
+        exposure: Mapping[str, float | None] = UNKNOWN,
+    ) -> Self:
+        """Return the records of an encounter table; a support is the limits of cut-ins for smooth laws."""
+        data = clustered(scenario, table) if support is None else DistinctRecords.of(table, support)
+        return cls(scenario, table, data, exposure)
+
+    @property
+    def x(self) -> Array:
+        """The records as points, shape (n, d)."""
+        return self.data.cut_ins if isinstance(self.data, DistinctRecords) else self.data.x
+
+    @property
+    def size(self) -> int:
+        """Number of records."""
+        return len(self.x)
+
+    @property
+    def per_km(self) -> float | None:
+        """Records per kilometre [1/km]; None if the distance is not known."""
+        kilometres = self.exposure["kilometres"]
+        return None if kilometres is None else self.size / kilometres
+
+
+def read_records(config: Mapping[str, Any], check: Callable[[pd.DataFrame], None] | None = None) -> FittedRecords:
+    """Read the records that a complete configuration names, and apply its filters.
+
+    ``check`` is called with the records as they were read, before the filters.
+    """
+    scenario = SCENARIOS[config["scenario"]["name"]]
+    if not scenario.has_sources:
+        table = read_scenario_records(scenario, config["scenario"]["records"])
+        if check is not None:
+            check(table)
+        return FittedRecords.of(scenario, table)
+    raw = read_source(config["data"], child_generator(config["seed"], "sample"))
+    if check is not None:
+        check(raw)
+    account = Account.of(raw)
+    encounters = ingest(raw, config, account)
+    require_rows(encounters)
+    data = DistinctRecords.of(encounters, Support.configured(config))
+    return FittedRecords(scenario, encounters, data, raw.attrs["exposure"], account.table())
+
+
+def clustered(scenario: Scenario, table: pd.DataFrame) -> ClusteredRecords:
+    """Return the fitted records of a table with their clusters; InputError if laws cannot be fitted to them."""
+    fitted = table[table[FITTED]]
+    if len(fitted) < FEWEST:
+        raise InputError(
+            f"the records of the scenario {scenario.name}",
+            seen=f"{len(fitted)} of {len(table)} within the limits of the variables and not repeated",
+            expected=f"{FEWEST} or more, to which laws can be fitted",
+            change="Check the units of the columns with the command inspect, or name more records.",
+        )
+    box = Box(scenario.names, *(tuple(map(float, side)) for side in scenario.law_limits.T))
+    x = scenario.as_in_law(fitted[list(scenario.names)].to_numpy(float))
+    for k, name in enumerate(scenario.names):
+        _require_variation(x[:, : k + 1], f"the records of the scenario {scenario.name}, column {name}")
+    return ClusteredRecords.of(x, fitted[CLUSTER], box)
+
+
+def _require_variation(x: Array, where: str) -> None:
+    """Raise InputError if the last column of x, shape (n, d), is constant, or determined by the others."""
+    others, last = np.column_stack([np.ones(len(x)), x[:, :-1]]), x[:, -1]
+    rest = last - others @ np.linalg.lstsq(others, last, rcond=None)[0]
+    if np.abs(rest).max() <= TIED * np.abs(last).max():
+        raise InputError(
+            where,
+            seen="one value in all records" if np.ptp(last) == 0 else "a linear function of earlier columns",
+            expected="values that vary, to which a joint distribution can be fitted",
+            change="Check how the column was made.",
+        )

@@ -1,0 +1,164 @@
+"""The laws that the records support: candidates, their weights, and draws from the posterior."""
+
+import math
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Protocol, Self
+
+import numpy as np
+import pandas as pd
+from fewruns.problems import Response
+from numpy.typing import NDArray
+
+from accelerated_evaluation.answer.added_laws import AddedLaws, Together, added_candidates
+from accelerated_evaluation.answer.family_file import fit_or_read
+from accelerated_evaluation.answer.fitted_records import FittedRecords
+from accelerated_evaluation.answer.joint_family import ClusteredRecords, JointFamily, Respond
+from accelerated_evaluation.answer.smooth_family import SmoothFamily
+from accelerated_evaluation.answer.weights import bootstrapped_weights
+from accelerated_evaluation.base.arrays import Array
+from accelerated_evaluation.laws.draws import Draws
+from accelerated_evaluation.scenarios.protocol import Scenario
+from accelerated_evaluation.vehicles.loading import load_vehicle
+from accelerated_evaluation.vehicles.protocol import Vehicle
+
+
+class Family(Protocol):
+    """Candidate laws that are fitted to the same records, with scores on held-out records."""
+
+    names: tuple[str, ...]  # of the M candidates
+    scores: Array  # log score of each candidate on each unit (a record, or a cluster of records), (M, units)
+    resampled: NDArray[np.bool_]  # the units that the Bayesian bootstrap resamples, shape (units,)
+
+    def draws(self, chosen: NDArray[np.intp], generator: np.random.Generator) -> Draws:
+        """Draw the chosen candidates, shape (K,), each with parameters from their posterior."""
+
+
+@dataclass(frozen=True)
+class LawStudy:
+    """The candidate laws of the records of a scenario, with draws of their weights.
+
+    The weight of a candidate is the softmax of its log score on held-out records. Its uncertainty is that of
+    the records: the Bayesian bootstrap (Rubin 1981) resamples the scores, so that every draw has weights of
+    its own. This is pseudo-Bayesian model averaging with the bootstrap of Yao and others (2018).
+
+    Parameters
+    ----------
+    family
+        The fitted candidates with their scores.
+    weights
+        K draws of the weights of the M candidates, shape (K, M), with rows that sum to 1.
+
+    Examples
+    --------
+    >>> from accelerated_evaluation.answer import LawStudy, read_records
+    >>> records = read_records("left_turn")
+    >>> study = LawStudy.of(records, 100, np.random.default_rng(1))    # takes a minute  # doctest: +SKIP
+    >>> study.draws(np.random.default_rng(2)).size                      # doctest: +SKIP
+    100
+    """
+
+    family: Family
+    weights: Array
+
+    @classmethod
+    def of(
+        cls,
+        records: FittedRecords,
+        size: int,
+        streams: Callable[[str], np.random.Generator],
+        store: Path | None = None,
+        closing_speed_max: float = math.inf,
+    ) -> Self:
+        """Fit and score the candidate laws of records, and draw their weights ``size`` times.
+
+        Parameters
+        ----------
+        records
+            Records of any scenario. Smooth laws with dependence are the candidates for cut-ins, and joint laws
+            for other records. Joint laws that users have added are candidates for cut-ins, too.
+        size
+            Number K of draws.
+        streams
+            Function that returns a random generator for the name of a step.
+        store
+            File with the fit of smooth laws, which is read if it belongs to the records, and otherwise written.
+        closing_speed_max
+            Cap on the closing speed of laws of cut-ins [m/s].
+        """
+        if isinstance(records.data, ClusteredRecords):
+            vehicle = load_vehicle(records.scenario.default_vehicle, records.scenario)
+            family = JointFamily.of(records.data, _responder(records.scenario, vehicle), streams("fit"))
+            return cls.of_family(family, size, streams("weigh"))
+        family = SmoothFamily.of(records.data) if store is None else fit_or_read(store, records.data)
+        family = replace(family, encounters=records.table, closing_speed_max=closing_speed_max)
+        if added := added_candidates():
+            others = AddedLaws.of(records.data, added, closing_speed_max, streams("fit"))
+            family = Together(family, others)
+        return cls.of_family(family, size, streams("weigh"))
+
+    @classmethod
+    def of_family(cls, family: Family, size: int, generator: np.random.Generator) -> Self:
+        """Draw the weights of the candidates of a family ``size`` times."""
+        return cls(family, bootstrapped_weights(family.scores, family.resampled, size, generator))
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """Names of the M candidates."""
+        return self.family.names
+
+    @property
+    def smooth(self) -> SmoothFamily:
+        """The smooth laws among the candidates; a study of other records than cut-ins has none."""
+        return self.family.smooth if isinstance(self.family, Together) else self.family
+
+    @property
+    def mean_weights(self) -> Array:
+        """Mean weight of each candidate, shape (M,)."""
+        return self.weights.mean(axis=0)
+
+    @property
+    def heaviest(self) -> str:
+        """Name of the candidate with the largest mean weight."""
+        return self.names[int(self.mean_weights.argmax())]
+
+    def draws(self, generator: np.random.Generator) -> Draws:
+        """Draw K laws from the posterior: a candidate by its weight in each draw, and then its parameters.
+
+        The uniform numbers that choose the candidates are stratified, one in each of K equal intervals, so
+        that the share of each candidate is close to its weight.
+        """
+        size, ends = len(self.weights), np.cumsum(self.weights, axis=1)
+        u = (generator.permutation(size) + generator.random(size)) / size
+        chosen = np.minimum((u[:, None] > ends).sum(axis=1), len(self.names) - 1)
+        return self.family.draws(chosen, generator)
+
+    def only(self, names: Sequence[str]) -> Self:
+        """Return the study in which only the named candidates have weight, relative to each other.
+
+        In a draw in which all their weights are 0, they have equal weights.
+        """
+        kept = np.isin(self.names, names)
+        weights = np.where(kept, self.weights, 0.0)
+        weights[~weights.any(axis=1)] = kept
+        return replace(self, weights=weights / weights.sum(axis=1, keepdims=True))
+
+    def mean(self, values: Mapping[str, Array | float]) -> Array | float:
+        """Return the mean of a quantity over the candidates, given by name, with their mean weights."""
+        return sum(weight * values[name] for weight, name in zip(self.mean_weights, self.names, strict=True))
+
+    def table(self) -> pd.DataFrame:
+        """Return the candidates with their mean weights, one row each: ``law`` and ``weight``."""
+        return pd.DataFrame({"law": self.names, "weight": self.mean_weights})
+
+
+def _responder(scenario: Scenario, vehicle: Vehicle) -> Respond:
+    """Return a function that simulates a vehicle at points, and returns flags and scores of the main event."""
+    event = scenario.events[0]
+
+    def respond(x: Array) -> Response:
+        outcomes = vehicle.simulate(*scenario.to_inputs(x).T)
+        return event.happens(outcomes), event.score(outcomes)
+
+    return respond

@@ -1,0 +1,100 @@
+"""The smooth laws of cut-ins as candidates: fitted together, and scored on held-out records."""
+
+import math
+from dataclasses import dataclass
+from typing import Self
+
+import numpy as np
+import pandas as pd
+from numpy.typing import NDArray
+
+from accelerated_evaluation.answer.scores import BLOCKS, HeldOut
+from accelerated_evaluation.base.arrays import Array
+from accelerated_evaluation.laws.smooth.conditional import SpeedLaw
+from accelerated_evaluation.laws.smooth.dependent import DependentLaw
+from accelerated_evaluation.laws.smooth.draws import LawDraws
+from accelerated_evaluation.laws.smooth.family import MEMBERS, DistinctRecords, Fitter, LawFamily, Member
+from accelerated_evaluation.laws.smooth.mean import MeanLaw
+
+# [1/s], inverse time to collision above which laws are scored. In the study, the region contains the crash
+# set and about 600 records.
+REGION = 0.25
+REGION_SHARE = 0.003  # smallest share of the records in the region, for records of less critical traffic
+NAMED = {member.name: member for member in MEMBERS}
+
+
+@dataclass(frozen=True)
+class SmoothFamily:
+    """The fitted members of the family of smooth laws, with their log scores on held-out records."""
+
+    fitter: Fitter  # the records, with the bases of the splines
+    family: LawFamily
+    scores: Array  # held-out log score of each member on each distinct record, shape (M, n)
+    encounters: pd.DataFrame | None = None  # encounter table, from which laws take their lead speeds
+    closing_speed_max: float = math.inf  # cap on the closing speed of laws [m/s]
+
+    @classmethod
+    def of(
+        cls,
+        records: DistinctRecords,
+        members: tuple[Member, ...] = MEMBERS,
+        blocks: int = BLOCKS,
+        start: LawFamily | None = None,
+    ) -> Self:
+        """Fit the members that have enough records, and score them on contiguous blocks of records.
+
+        The fit begins from ``start``, a fit to similar records.
+        """
+        fitter = Fitter(records, members)
+        family, boundary = fitter.fit(start), region(records) * records.range_
+        fitted = tuple(member for member in members if member.level is None or member in family.tails)
+        if fitted != members:
+            fitter = Fitter(records, fitted)
+        held_out = HeldOut.of_family(fitter, family, blocks)
+        return cls(fitter, family, held_out.scores({"region": boundary})["region"])
+
+    @property
+    def records(self) -> DistinctRecords:
+        """The distinct records to which the laws are fitted."""
+        return self.fitter.records
+
+    @property
+    def members(self) -> tuple[Member, ...]:
+        """The M members."""
+        return self.fitter.members
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """Names of the members, of length M."""
+        return tuple(member.name for member in self.members)
+
+    @property
+    def resampled(self) -> NDArray[np.bool_]:
+        """Flags of the records in the region of critical cut-ins, whose scores the bootstrap resamples."""
+        return self.records.closing_speed > region(self.records) * self.records.range_
+
+    def draws(self, chosen: NDArray[np.intp], generator: np.random.Generator) -> MeanLaw:
+        """Draw the parameters of the chosen members, shape (K,), from their posteriors."""
+        drawn = LawDraws.of(self.family, [self.members[k] for k in chosen], self.records.support, generator)
+        names = sorted(set(drawn.names))
+        whose = names[0] if len(names) == 1 else "all laws"
+        description = f"mean of {drawn.size} draws of {whose}"
+        if self.encounters is None:  # only probabilities of crash maps can be computed
+            return MeanLaw(description, {}, drawn, {}, self.closing_speed_max)
+        return MeanLaw.fitted(drawn, self.encounters, description, self.closing_speed_max)
+
+    def speeds(self, name: str) -> SpeedLaw:
+        """Return the distribution of the closing speed of a member, given by its name."""
+        return self.family.law(NAMED[name])
+
+    def law(self, name: str) -> DependentLaw:
+        """Return a member, without the uncertainty of its parameters."""
+        return DependentLaw.fitted(self.family, NAMED[name], self.encounters, self.records.support)
+
+
+def region(records: DistinctRecords) -> float:
+    """Return the inverse time to collision [1/s] above which the laws are scored.
+
+    It is `REGION`, or smaller if fewer than a share `REGION_SHARE` of the records exceed this.
+    """
+    return min(REGION, float(np.quantile(records.closing_speed / records.range_, 1 - REGION_SHARE)))

@@ -1,0 +1,101 @@
+"""The answer for other choices: of the thresholds of the laws, and of the treatment of the records."""
+
+from collections.abc import Mapping
+from copy import deepcopy
+
+import numpy as np
+import pandas as pd
+from tqdm import tqdm
+
+from accelerated_evaluation.answer.by_map import masses_under
+from accelerated_evaluation.answer.law_study import LawStudy
+from accelerated_evaluation.answer.posterior import SUMMARY, Posterior, summarise
+from accelerated_evaluation.answer.smooth_family import NAMED, SmoothFamily
+from accelerated_evaluation.base.arrays import Array
+from accelerated_evaluation.crash_map.lines import CrashLines
+from accelerated_evaluation.laws.smooth.family import DistinctRecords
+from accelerated_evaluation.laws.smooth.support import SUPPORT, Support
+from accelerated_evaluation.records.segments import MINIMUM_ROWS
+
+RANGE_LIMIT_WIDTH = 0.5  # [m], width below the largest range in which records may be affected by rounding
+
+
+def threshold_table(study: LawStudy, lines: CrashLines, generator: np.random.Generator) -> pd.DataFrame:
+    """Return the crash probability from the laws with one threshold alone, one row for each ``level``.
+
+    All thresholds get the same random numbers, so that they differ only by the threshold.
+    """
+    levels = {name: NAMED[name].level for name in study.names if name in NAMED}
+    rows = []
+    for level in sorted({level for level in levels.values() if level is not None}):
+        own = study.only([name for name, each in levels.items() if each == level])
+        rows.append({"level": level} | _summary(own, lines, deepcopy(generator)))
+    return pd.DataFrame(rows, columns=["level", *SUMMARY])
+
+
+def record_variants(
+    encounters: pd.DataFrame, crashed: Array, outlier_rows: list[int], support: Support = SUPPORT
+) -> dict[str, DistinctRecords]:
+    """Return the records after alternative treatments of the data, by the name of the treatment.
+
+    Parameters
+    ----------
+    encounters
+        Encounter table, in the order of the records.
+    crashed
+        Whether each row crashes when the car under test replays it, shape (rows,).
+    outlier_rows
+        Numbers of the rows that the authors' later code leaves out, counted from 1.
+    support
+        Limits of the records.
+    """
+    distinct, range_ = DistinctRecords.of(encounters, support), encounters["range"].to_numpy()
+    outlier = np.isin(np.arange(1, len(encounters) + 1), outlier_rows)
+    rows = DistinctRecords(
+        *(encounters[name].to_numpy(float) for name in ("lead_speed", "range", "closing_speed")), support
+    )
+    return {
+        "as in the answer": distinct,
+        "repeated rows kept": rows,
+        **{
+            reading: DistinctRecords.of(encounters[kept], support)
+            for reading, kept in {
+                "without ranges under 3 m": range_ >= 3,
+                "without ranges under 5 m": range_ >= 5,
+                "without the record that crashes": ~crashed,
+                "without the authors' outliers": ~outlier,
+                "without the last half metre of range": range_ <= support.range_max - RANGE_LIMIT_WIDTH,
+            }.items()
+        },
+    }
+
+
+def quality_table(
+    choices: Mapping[str, DistinctRecords],
+    start: SmoothFamily,
+    lines: CrashLines,
+    draws: int,
+    generator: np.random.Generator,
+) -> pd.DataFrame:
+    """Return the crash probability for each treatment of the records, one row for each ``reading``.
+
+    The laws are fitted again, from a fit ``start`` to all records, and weighted again. All treatments get the
+    same random numbers. The numbers are NaN if too few records are left.
+    """
+    rows, answers = [], {}
+    for reading, records in tqdm(choices.items(), desc="data quality", unit=" readings"):
+        # A treatment that concerns no record leaves the records, and therefore the answer, as they are.
+        content = records.cut_ins.tobytes()
+        if content not in answers:
+            own = deepcopy(generator)
+            answers[content] = {}
+            if records.size >= MINIMUM_ROWS:
+                family = SmoothFamily.of(records, start.members, start=start.family)
+                answers[content] = _summary(LawStudy.of_family(family, draws, own), lines, own)
+        rows.append({"reading": reading, "events": records.size} | answers[content])
+    return pd.DataFrame(rows)
+
+
+def _summary(study: LawStudy, lines: CrashLines, generator: np.random.Generator) -> dict[str, float]:
+    draws = study.draws(generator)
+    return summarise(Posterior(masses_under(lines, draws).sum(axis=1), draws.member))

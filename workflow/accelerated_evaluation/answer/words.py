@@ -1,0 +1,36 @@
+"""Answers in words."""
+
+from collections.abc import Mapping
+from typing import Any
+
+import numpy as np
+import pandas as pd
+
+from accelerated_evaluation.answer.posterior import LEVELS
+
+
+def answer_in_words(row: Mapping[str, Any], noun: str = "encounter") -> list[str]:
+    """Return a row of the table ``answer`` as lines of text; ``noun`` is the name of one encounter."""
+    if np.isnan(row["median"]):
+        return [f"{row['event']}: not known from these runs"]
+    intervals = (f"{100 * level:.0f}%: {_ends(row, level)}" for level in LEVELS)
+    per_km = "" if np.isnan(row["per_km"]) else f"; mean per kilometre {row['per_km']:.2g}"
+    article = "an" if noun[0] in "aeiou" else "a"
+    return [
+        f"{row['event']}: probability in {article} {noun} {row['median']:.3g} (median), "
+        f"{row['probability']:.3g} (mean){per_km}",
+        f"  intervals with data, laws and sampling: {'; '.join(intervals)}",
+    ]
+
+
+def _ends(row: Mapping[str, Any], level: float) -> str:
+    return f"{row[f'low{100 * level:.0f}']:.3g} to {row[f'high{100 * level:.0f}']:.3g}"
+
+
+def budget_in_words(budget: pd.DataFrame) -> list[str]:
+    """Return the shares of the variance in the table ``budget`` as a line of text; none if they are unknown."""
+    shares = budget.set_index("source")["variance_share"]
+    if shares.empty or shares.isna().any():
+        return []
+    parts = ", ".join(f"{source} {shares[source]:.0%}" for source in ("data", "choice of law", "sampling"))
+    return [f"variance of the logarithm: {parts}; only the last becomes smaller with more simulations"]

@@ -1,0 +1,175 @@
+"""The sampler of `fewruns` as a method of the study, for vehicles that are expensive to simulate."""
+
+import os
+from collections.abc import Callable, Iterator, Mapping
+from contextlib import contextmanager
+from dataclasses import dataclass, replace
+from typing import Any, ClassVar, Self
+
+import numpy as np
+from fewruns.certificate import Certificate
+from fewruns.errors import InputError as SamplerInputError
+from fewruns.estimates import Estimate, Stopping
+from fewruns.predecessor import Predecessor
+from fewruns.problems import ScoreProblem
+from fewruns.running import estimate_problem, sampler_for
+from fewruns.sampler import Sampler
+
+from accelerated_evaluation.base.errors import InputError
+from accelerated_evaluation.base.sections import Schema, choice, integer, section
+from accelerated_evaluation.base.tables import read_csv, require_file
+from accelerated_evaluation.methods import METHODS
+from accelerated_evaluation.methods.estimate import Method, configured_stopping
+from accelerated_evaluation.problem import Problem
+from accelerated_evaluation.scenarios.protocol import Event, Scenario
+
+ROUNDING = 1e-6  # relative tolerance; laws that were fitted on two kinds of processor differ by less
+FLAGS = {"True": True, "False": False}
+
+SETTINGS = section(
+    replicates=integer(
+        10, 1, 1000, "Independent repetitions of the surrogate-guided estimate, its learning included."
+    ),
+    batch_size=integer(
+        5,
+        1,
+        500,
+        "Simulations in one batch; large batches keep more workers busy, but need more in total.",
+    ),
+    maximum_calls=integer(
+        1000,
+        100,
+        100_000,
+        "Simulations after which a replicate stops, learning included, converged or not.",
+    ),
+    interval=choice(
+        "usual",
+        ["usual", "anytime"],
+        "usual for an interval that covers the truth as often as stated if it is computed once; anytime for "
+        "one that does so although it is checked after every batch, for about a sixth more simulations.",
+    ),
+)
+
+
+@contextmanager
+def study_errors() -> Iterator[None]:
+    """Convert an `InputError` of the sampler into one of the study, which is printed without a traceback."""
+    try:
+        yield
+    except SamplerInputError as error:
+        raise InputError(
+            error.where, seen=error.seen, expected=error.expected, change=error.change
+        ) from error
+
+
+def rules_for(scenario: Scenario, event: Event) -> dict[str, Any]:
+    """Return the arguments of `Sampler` that follow from what a scenario states of an event.
+
+    If the scenario states that an event is an upper set in a variable, the event is rare and of one piece, and
+    the certificate may allow unobserved parts of a thousand times the estimate. Otherwise an event may be
+    frequent and may consist of several parts. The estimate then converges only when a part that no run has
+    observed has at most three times the estimated probability. In such a part the event happens at least in a
+    share ``filled`` of the encounters, which is below 1 if rounding errors decide.
+    """
+    if scenario.upper_set_in is not None:
+        return {}
+    certificate = Certificate(share=3.0, curvature=0.0, filled=event.filled)
+    return {"certificate": certificate, "frequent": True}
+
+
+@study_errors()
+def sampler_of(problem: ScoreProblem, generator: np.random.Generator, **settings: Any) -> Sampler:  # noqa: ANN401
+    """Return a new sampler for a problem; ``settings`` are arguments of `Sampler`."""
+    return sampler_for(problem, generator, **_rules_of(problem) | settings)
+
+
+def _rules_of(problem: ScoreProblem) -> dict[str, Any]:
+    return rules_for(problem.scenario, problem.event) if isinstance(problem, Problem) else {}
+
+
+@METHODS.add("surrogate")
+@dataclass(frozen=True)
+class Surrogate(Method):
+    """Estimate the probability of an event with few simulations, guided by a surrogate that learns the event.
+
+    Attributes
+    ----------
+    state_file
+        File in which the state is saved after every batch. If the file exists, its runs are reused and the
+        work is resumed. Each problem needs its own file. By default nothing is saved.
+    on_batch
+        Function that is called with the estimate after every batch, for example to show progress.
+    batch_size, predecessor
+        Arguments of `Sampler`.
+    """
+
+    name: ClassVar[str] = "surrogate"
+    style: ClassVar[dict[str, Any]] = {"color": "#6a3d9a", "linestyle": (0, (3, 1, 1, 1)), "marker": "D"}
+    settings: ClassVar[dict[str, Schema]] = {"surrogate": SETTINGS}
+    sections: ClassVar[tuple[str, ...]] = ("surrogate",)
+    tables: ClassVar[tuple[str, ...]] = ("runs",)
+
+    batch_size: int = 5
+    state_file: str | os.PathLike | None = None
+    on_batch: Callable[[Estimate], None] | None = None
+    predecessor: Predecessor | None = None
+
+    @classmethod
+    def configured(cls, config: Mapping[str, Any]) -> Self:
+        """Return the method with the settings of a configuration."""
+        return cls(config["surrogate"]["batch_size"])
+
+    @classmethod
+    def replicates(cls, config: Mapping[str, Any]) -> int:
+        """Return the number of independent replicates of the study."""
+        return config["surrogate"]["replicates"]
+
+    @classmethod
+    def stopping(cls, config: Mapping[str, Any]) -> Stopping:
+        """Return the stopping rule of this method: the paper's level and precision with other limits.
+
+        One event is enough, the number of simulations is limited by ``maximum_calls``, and the interval may
+        be one that is valid at every check (``anytime``).
+        """
+        rule = configured_stopping(config["importance_sampling"])
+        own = config["surrogate"]
+        anytime = own["interval"] == "anytime"
+        return replace(rule, minimum_events=1, maximum_simulations=own["maximum_calls"], anytime=anytime)
+
+    @study_errors()
+    def estimate(self, problem: ScoreProblem, stopping: Stopping, generator: np.random.Generator) -> Estimate:
+        """Return the estimated probability of the event, from as few simulations as possible.
+
+        A few dozen events are enough for this method, so ``minimum_events`` of the stopping rule should be 1.
+        The runs also end, without convergence, if the vehicle may fail in a few of its runs. If a saved state
+        is resumed, its own generator is used; InputError is raised if it belongs to another problem.
+        """
+        own = _rules_of(problem) | {"batch_size": self.batch_size, "predecessor": self.predecessor}
+        return estimate_problem(problem, generator, stopping, self.state_file, self.on_batch, **own)
+
+
+def read_predecessor(path: str | os.PathLike, problem: Problem) -> Predecessor:
+    """Return the runs of a similar vehicle from the table ``runs.csv`` of the command ``estimate``.
+
+    The law of the problem must map the normal scores of the table to the same encounters. InputError is
+    raised if it does not, if the file is no table of simulations, or if the table contains no event.
+    """
+    change = "Name the runs.csv that `estimate` wrote for a similar vehicle, with the same law and records."
+    require_file(path, change)
+    names = [*problem.coordinates(np.zeros((1, problem.dimension)))]
+    scores = [f"z_{name}" for name in names]
+    table = read_csv(path, {name: name for name in (*scores, *names, "event")})
+    try:
+        z, recorded = table[scores].to_numpy(float), table[names].to_numpy(float)
+        happened = np.array([FLAGS[flag] for flag in table["event"]], bool)
+    except (ValueError, KeyError) as error:
+        expected = "numbers, and True or False for the event"
+        raise InputError(str(path), seen=f"a cell {error}", expected=expected, change=change) from error
+    if not happened.any():
+        seen = f"no event in {len(z)} simulations"
+        raise InputError(str(path), seen=seen, expected="at least one event", change=change)
+    own = problem.coordinates(z)
+    if not np.allclose(np.column_stack([own[name] for name in names]), recorded, rtol=ROUNDING, atol=0):
+        expected = "encounters of the law of this estimate, fitted to the same records"
+        raise InputError(str(path), seen="encounters of another law", expected=expected, change=change)
+    return Predecessor(z, happened)

@@ -1,0 +1,30 @@
+"""The probability of a rare event from a few hundred runs of an expensive system."""
+
+from importlib import import_module
+from typing import Any
+
+# The module of each public name. It is imported when the name is first used, because the compiler (numba) and
+# the optimiser take half a second.
+_HOME = {
+    "Certificate": "certificate",
+    "Estimate": "estimates",
+    "InputError": "errors",
+    "LawEstimates": "several_laws",
+    "Predecessor": "predecessor",
+    "Sampler": "sampler",
+    "ScoreProblem": "problems",
+    "SeveralLaws": "several_laws",
+    "Stopping": "estimates",
+    "SystemProblem": "problems",
+    "estimate": "running",
+    "read_state": "state",
+    "run_batches": "running",
+    "write_state": "state",
+}
+__all__ = sorted(_HOME)
+
+
+def __getattr__(name: str) -> Any:  # noqa: ANN401
+    if name not in _HOME:
+        raise AttributeError(f"module 'fewruns' has no attribute {name!r}")
+    return getattr(import_module(f"fewruns.{_HOME[name]}"), name)

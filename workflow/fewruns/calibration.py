@@ -1,0 +1,128 @@
+"""Calibration of the probabilities that the two surrogates predict, by the outcomes of later runs.
+
+Before every run of the second phase both surrogates predict the probability of the event, and afterwards the
+flag is known. The runs therefore test the predictions one after the other (Dawid 1984). A prior cannot fit
+every event: near the smooth boundary of a half-space the surrogate of the flags is underconfident, and near a
+fine structure it is overconfident. If a surrogate was overconfident, its probabilities are corrected in full.
+If it was underconfident, they are corrected only by the amount that the runs support.
+"""
+
+from dataclasses import dataclass
+from typing import Self
+
+import numpy as np
+from scipy.optimize import minimize_scalar
+from scipy.special import expit, log_ndtr, ndtr, ndtri
+
+from fewruns.arrays import Array, Flags
+from fewruns.constants import (
+    LEAST_TRUST,
+    LOG_SLOPE_BOUNDS,
+    MOST_TRUST,
+    SLOPE_SPREAD,
+    SUREST,
+)
+
+
+@dataclass(frozen=True)
+class Slopes:
+    """Calibration p -> Phi(b Phi^-1(p)), with one slope b for p below one half and one for p above.
+
+    Attributes
+    ----------
+    unlikely, likely
+        The slopes below and above one half. A slope above 1 corrects an underconfident surrogate, and a slope
+        below 1 an overconfident one.
+    """
+
+    unlikely: float = 1.0
+    likely: float = 1.0
+
+    @classmethod
+    def learn(cls, foreseen: Array, happened: Flags) -> Self:
+        """Return the slopes that are supported by the outcomes of the runs.
+
+        The prior of log b is normal about 0. A slope is the posterior mode of log b; if the mode is above 0,
+        it is reduced by one posterior standard deviation (Laplace's approximation), but not below 0.
+
+        Parameters
+        ----------
+        foreseen
+            Probabilities that the surrogate predicted for runs before they were made, shape (n,).
+        happened
+            Whether the event happened, shape (n,).
+        """
+        below = foreseen < 0.5
+        return cls(*(_slope(foreseen[side], happened[side]) for side in (below, ~below)))
+
+    def __call__(self, probability: Array) -> Array:
+        """Return the calibrated values of predicted probabilities, both of shape (n,)."""
+        probit = _probit(probability)
+        return ndtr(np.where(probit < 0, self.unlikely, self.likely) * probit)
+
+
+@dataclass(frozen=True)
+class Calibration:
+    """The mixture of the predictions of two surrogates, each calibrated with its own slopes.
+
+    Attributes
+    ----------
+    first, second
+        Slopes of the two surrogates.
+    trust
+        Weight of the second surrogate in the mixture.
+    """
+
+    first: Slopes = Slopes()
+    second: Slopes = Slopes()
+    trust: float = 0.0
+
+    @classmethod
+    def learn(cls, foreseen: Array, happened: Flags, least: float = 0.0, log_odds: float = 0.0) -> Self:
+        """Return the slopes and the weight that are supported by the outcomes of the runs.
+
+        The weight is `MOST_TRUST` times the posterior probability that the second surrogate predicts better,
+        by Bayes' rule. The first surrogate therefore always keeps some weight,
+        and the second one can lower a probability at most by a factor of 20. A weight below `LEAST_TRUST` is
+        set to 0.
+
+        Parameters
+        ----------
+        foreseen
+            Probabilities that the two surrogates predicted for runs before they were made, shape (n, 2).
+        happened
+            Whether the event happened, shape (n,).
+        least
+            Smallest weight of the second surrogate.
+        log_odds
+            Logarithm of the prior odds that the second surrogate predicts better.
+        """
+        slopes = [Slopes.learn(predicted, happened) for predicted in foreseen.T]
+        calibrated = [slope(predicted) for slope, predicted in zip(slopes, foreseen.T, strict=True)]
+        first, second = (np.log(np.where(happened, p, 1 - p)).sum() for p in calibrated)
+        trust = float(MOST_TRUST * expit(second - first + log_odds))
+        return cls(*slopes, max(trust if trust >= LEAST_TRUST else 0.0, least))
+
+    def __call__(self, foreseen: Array) -> Array:
+        """Return calibrated probabilities, shape (m,), from both surrogates' predictions, shape (m, 2)."""
+        by_first, by_second = self.first(foreseen[:, 0]), self.second(foreseen[:, 1])
+        return (1 - self.trust) * by_first + self.trust * by_second
+
+
+def _slope(foreseen: Array, happened: Flags) -> float:
+    """Return the slope that is supported by the runs, as `Slopes.learn` describes."""
+    towards = np.where(happened, 1, -1) * _probit(foreseen)
+
+    def loss(log_slope: float) -> float:
+        return (log_slope / SLOPE_SPREAD) ** 2 / 2 - log_ndtr(np.exp(log_slope) * towards).sum()
+
+    best = minimize_scalar(loss, bounds=LOG_SLOPE_BOUNDS, method="bounded").x
+    u = np.exp(best) * towards
+    ratio = np.exp(-u * u / 2 - log_ndtr(u)) / np.sqrt(2 * np.pi)
+    # The second derivative of the negative log likelihood of the runs may be negative; it is then ignored.
+    information = SLOPE_SPREAD**-2 + max((u * ratio * (u * (u + ratio) - 1)).sum(), 0.0)
+    return float(np.exp(best if best < 0 else max(best - information**-0.5, 0.0)))
+
+
+def _probit(probability: Array) -> Array:
+    return ndtri(np.clip(probability, SUREST, 1 - SUREST))

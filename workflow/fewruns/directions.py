@@ -1,0 +1,218 @@
+"""The directions in a space of many normal scores on which the outcomes of the runs depend.
+
+The graded outcomes are regressed on z M and on the distance of z from the origin, with the covariance of
+`kernel` and noise. The matrix M has few columns. Their size is the inverse of the length in this direction
+(Vivarelli and Williams 1999; Tripathy, Bilionis and Gonzalez 2016). M and all other parameters maximise the
+posterior density. The columns are added one after the other. A small new column v changes the log evidence by
+v' L v, with a matrix L that `_Regression.posterior` computes. A new column therefore starts along the
+eigenvector of L with the largest eigenvalue; for the first column this is similar to partial least squares.
+
+Two kinds of M are compared. The columns of the first kind are arbitrary directions, with a prior under which
+all inputs may have small effects. Each column of the second kind is a single input. The kind with the higher
+density is chosen, after subtracting a cost for the number of parameters.
+"""
+
+import math
+from dataclasses import dataclass
+from typing import Self
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.linalg.lapack import dpotrf, dpotri, dpotrs
+from scipy.optimize import minimize
+
+from fewruns.arrays import Array, Flags
+from fewruns.constants import (
+    AMPLITUDE_SPREAD,
+    COST,
+    DIRECTION_RUNS,
+    DIRECTION_STEPS,
+    FIRST_NOISE,
+    INPUTS,
+    LEAST_SINGULAR,
+    LOG_DIRECTION_BOUNDS,
+    MOST_DIRECTIONS,
+    NOISE,
+    NOISE_SPREAD,
+    OUTWARD,
+    OUTWARD_SPREAD,
+    STARTS,
+)
+from fewruns.graded import graded
+from fewruns.kernel import (
+    covariance_of_runs,
+    negative_log_posterior,
+    thinned,
+)
+from fewruns.subspace import outward
+
+# Prior mean and standard deviation of three logarithms: inverse length outward, amplitude and noise.
+CENTRE = np.log([OUTWARD, 1.0, NOISE])
+SCALE = np.array([OUTWARD_SPREAD, AMPLITUDE_SPREAD, NOISE_SPREAD])
+
+
+def learn_directions(z: Array, happened: Flags, score: Array, before: Array | None) -> Array:
+    """Return the directions on which the outcomes depend, divided by their lengths, as columns, shape (d, k).
+
+    Parameters
+    ----------
+    z, happened, score
+        Normal scores, shape (n, d), flags and scores, shape (n,), of all runs.
+    before
+        Earlier directions, which are used as a further starting point; None if there are none.
+    """
+    outcome = graded(happened, score)
+    kept = thinned(np.argsort(outcome, kind="stable"), DIRECTION_RUNS)
+    regression = _Regression(z[kept], outcome[kept])
+    first = np.log([OUTWARD, 1.0, FIRST_NOISE])
+    none = regression.optimise(_Model(np.zeros((z.shape[1], 0)), first))
+    found = [regression.grown(none, single=single) for single in (False, True)]
+    if before is not None:
+        again = regression.optimise(_Model(before, first))
+        found.append(regression.grown(again, single=not again.free.all()))
+    best = min(found, key=lambda model: model.loss)
+    fewer = [regression.optimise(best.of_inputs(count)) for count in INPUTS if count < z.shape[1]]
+    return min([best, *fewer], key=lambda model: model.loss).directions
+
+
+@dataclass(frozen=True)
+class _Model:
+    """The parameters of the regression.
+
+    Attributes
+    ----------
+    directions
+        The matrix M, shape (d, k). An entry that is exactly 0 is fixed; all others are parameters.
+    others
+        Logarithms of the inverse length outward, of the amplitude and of the noise, shape (3,).
+    loss
+        Negative log posterior density plus the cost of the parameters.
+    """
+
+    directions: Array
+    others: Array
+    loss: float = math.inf
+
+    @property
+    def free(self) -> NDArray[np.bool_]:
+        """Whether each entry of the matrix M is a free parameter, shape (d, k)."""
+        return self.directions != 0
+
+    @property
+    def cost(self) -> float:
+        """The cost of the parameters, which is added to the loss when models are compared.
+
+        If all columns have the same free entries, a rotation of the columns changes nothing, so that the
+        parameters of the rotation cost nothing.
+        """
+        (d, k), inputs = self.directions.shape, self.free.any(axis=1).sum()
+        turned = k * (k - 1) / 2 if self.free.sum() == inputs * k else 0
+        return COST * (self.free.sum() - turned) + (math.log(d) * inputs if inputs < d else 0.0)
+
+    @property
+    def vector(self) -> Array:
+        """All parameters of the model in one vector."""
+        return np.append(self.directions[self.free], self.others)
+
+    def at(self, vector: Array) -> Self:
+        """Return the model whose parameters have the values in ``vector``, in the order of `vector`."""
+        directions = np.zeros(self.directions.shape)
+        directions[self.free] = vector[: -len(self.others)]
+        return type(self)(directions, vector[-len(self.others) :])
+
+    def of_inputs(self, count: int) -> Self:
+        """Return the model restricted to its ``count`` most important inputs, with all their entries free."""
+        matter = np.argsort((self.directions**2).sum(axis=1))[-count:]
+        left, length, _ = np.linalg.svd(self.directions[matter], full_matrices=False)
+        few = np.zeros((len(self.directions), len(length)))
+        few[matter] = left * np.maximum(length, LEAST_SINGULAR * length[0])
+        return type(self)(few, self.others)
+
+    def with_column(self, column: Array) -> Self:
+        """Return the model with an additional column of M, shape (d,)."""
+        return type(self)(np.column_stack([self.directions, column]), self.others)
+
+
+class _Regression:
+    """Gaussian process regression of outcomes on a few directions, with its posterior density.
+
+    Parameters
+    ----------
+    z, outcome
+        Normal scores, shape (n, d), and graded outcomes, shape (n,).
+    """
+
+    def __init__(self, z: Array, outcome: Array) -> None:
+        self._z, self._outcome = z, outcome
+        self._outward = outward((z * z).sum(1), z.shape[1])
+
+    def optimise(self, model: _Model) -> _Model:
+        """Return the model at a maximum of the posterior density, found from a given model by L-BFGS-B."""
+        free = model.free
+        bounds = [(None, None)] * int(free.sum()) + [*LOG_DIRECTION_BOUNDS]
+
+        def loss(vector: Array) -> tuple[float, Array]:
+            value, gradient, _ = self.posterior(model.at(vector), free)
+            return value, gradient
+
+        steps = {"maxiter": DIRECTION_STEPS}
+        found = minimize(loss, model.vector, method="L-BFGS-B", jac=True, bounds=bounds, options=steps)
+        best = model.at(found.x)
+        return _Model(best.directions, best.others, float(found.fun) + model.cost)
+
+    def grown(self, model: _Model, *, single: bool) -> _Model:
+        """Return a model with additional columns, as long as each of them reduces the loss.
+
+        The model has at least one column and at most `MOST_DIRECTIONS`.
+
+        Parameters
+        ----------
+        model
+            The model to which columns are added.
+        single
+            Whether each new column is a single input.
+        """
+        d, k = model.directions.shape
+        while k < min(MOST_DIRECTIONS, d - 1):
+            _, _, growth = self.posterior(model, model.free)
+            if single:
+                gain = np.where(model.free.any(axis=1), -np.inf, np.diag(growth))
+                column = np.eye(d)[gain.argmax()]
+            else:
+                column = np.linalg.eigh(growth)[1][:, -1]
+            tried = [model.with_column(start * column) for start in STARTS]
+            best = min(tried, key=lambda other: self.posterior(other, other.free)[0])
+            wider = self.optimise(best)
+            if k > 0 and wider.loss > model.loss:
+                break
+            model, k = wider, k + 1
+        return model
+
+    def posterior(self, model: _Model, free: NDArray[np.bool_]) -> tuple[float, Array, Array]:
+        """Return the negative log posterior density of a model, its gradient, and the matrix L.
+
+        A column v that is added to M changes the log evidence by v' L v to second order.
+        """
+        along, others = model.directions, model.others
+        scale, (variance, noise) = math.exp(others[0]), np.exp(2 * others[1:])
+        points = np.column_stack([self._z @ along, self._outward * scale])
+        covariance, slope = covariance_of_runs(points, variance, with_slope=True)
+        factor, _ = dpotrf(covariance + noise * np.eye(len(points)), lower=1, clean=1)
+        weights = dpotrs(factor, self._outcome, lower=1)[0]
+        evidence = -0.5 * self._outcome @ weights - np.log(np.diag(factor)).sum()
+        half = np.tril(dpotri(factor, lower=1)[0])
+        outer = 0.5 * (np.outer(weights, weights) - half - np.tril(half, -1).T)
+        by_square = -0.5 * variance * slope * outer  # derivative with respect to the squared distances
+        growth = _sum_over_pairs(self._z, by_square)
+        by_outward = 2 * scale**2 * _sum_over_pairs(self._outward[:, None], by_square).item()
+        by_others = [by_outward, 2 * (outer * covariance).sum(), 2 * noise * np.trace(outer)]
+        gradient = np.append((2 * growth @ along)[free], by_others)
+        width = np.sqrt(np.broadcast_to(free.sum(axis=0), free.shape)[free])  # 1 / prior standard deviation
+        score = np.append(along[free] * width, (others - CENTRE) / SCALE)
+        value, slope_of_loss = negative_log_posterior(evidence, gradient, score, np.append(1 / width, SCALE))
+        return float(value), slope_of_loss, growth
+
+
+def _sum_over_pairs(z: Array, weight: Array) -> Array:
+    """Return the sum over all pairs of weight_ij (z_i - z_j) (z_i - z_j)', shape (d, d)."""
+    return 2 * (z.T @ (weight.sum(axis=1)[:, None] * z) - z.T @ (weight @ z))

@@ -1,0 +1,100 @@
+"""The estimate of a probability, and the rule that decides when it is precise enough."""
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from typing import TYPE_CHECKING, Any
+
+from scipy.special import ndtri
+
+if TYPE_CHECKING:  # importing pandas takes half a second
+    import pandas as pd
+
+
+def normal_reach(alpha: float) -> float:
+    """Return the normal quantile z(1 - alpha / 2): the half-width of an interval in standard errors."""
+    return -float(ndtri(alpha / 2))
+
+
+@dataclass(frozen=True)
+class Stopping:
+    """The rule that decides when an estimate is precise enough.
+
+    Attributes
+    ----------
+    alpha
+        The level of the intervals is 100 (1 - alpha) %.
+    beta
+        An estimate has converged when the half-width of its interval is at most ``beta`` times the estimate.
+    minimum_events
+        Smallest number of events for convergence. It prevents that an estimate seems to have converged after
+        a few events. The sampler of this package needs only one event.
+    maximum_simulations
+        Number of simulations after which the estimation ends without convergence.
+    anytime
+        Whether the intervals keep their level although they are checked after every batch; see `anytime`.
+    """
+
+    alpha: float = 0.2
+    beta: float = 0.2
+    minimum_events: int = 100
+    maximum_simulations: int = 100_000
+    anytime: bool = False
+
+
+@dataclass(frozen=True)
+class Estimate:
+    """The estimated probability of an event.
+
+    Attributes
+    ----------
+    probability, low, high
+        The estimate and the ends of its interval. If there are too few events, the interval begins at 0 and
+        ends at an upper limit, which is 1 in the worst case, and the estimate is 0 or NaN.
+    alpha
+        The level of the interval is 100 (1 - alpha) %.
+    learning
+        Number of simulations that were used for learning, and do not enter the estimate.
+    estimating
+        Number of simulations on which the estimate is based.
+    events
+        Number of events among the simulations.
+    converged
+        Whether the stopping rule is satisfied.
+    diagnostics
+        Additional numbers by name.
+    tables
+        Additional tables by name.
+    """
+
+    probability: float
+    low: float
+    high: float
+    alpha: float
+    learning: int
+    estimating: int
+    events: int
+    converged: bool
+    diagnostics: Mapping[str, float] = field(default_factory=dict)
+    tables: "Mapping[str, pd.DataFrame]" = field(default_factory=dict)
+
+    @property
+    def simulations(self) -> int:
+        """Total number of simulations, including those for learning."""
+        return self.learning + self.estimating
+
+    def covers(self, probability: float) -> bool:
+        """Return whether the interval contains the given probability."""
+        return self.low <= probability <= self.high
+
+    def row(self) -> dict[str, Any]:
+        """Return the estimate as a row of a table, by column; the diagnostics are the last columns."""
+        return {
+            "probability": self.probability,
+            "ci_low": self.low,
+            "ci_high": self.high,
+            "learning": self.learning,
+            "estimating": self.estimating,
+            "events": self.events,
+            "converged": self.converged,
+            **self.diagnostics,
+        }

@@ -1,0 +1,163 @@
+"""A surrogate of the graded outcome: its predicted mean and standard deviation at any point.
+
+All runs are ranked by how close they came to the event, with the events first. The graded outcome of a run is
+Phi^-1((rank - 1/2) / n). The surrogate is a Gaussian process regression (Rasmussen and Williams 2006, section
+2.2) whose lengths, amplitude and noise maximise the posterior density.
+"""
+
+import math
+
+import numpy as np
+from scipy.linalg.lapack import dpotrf, dpotri, dpotrs, dtrtrs
+from scipy.optimize import minimize
+from scipy.special import ndtr, ndtri
+
+from fewruns.arrays import Array, Flags
+from fewruns.constants import (
+    AMPLITUDE_SPREAD,
+    GRADED_RUNS,
+    GRADED_STEPS,
+    LEAST_VARIANCE,
+    LENGTH,
+    LENGTH_SPREAD,
+    LOG_AMPLITUDE_BOUNDS,
+    LOG_LENGTH_BOUNDS,
+    LOG_NOISE_BOUNDS,
+    NOISE,
+    NOISE_SPREAD,
+)
+from fewruns.kernel import (
+    covariance_between,
+    covariance_of_runs,
+    evidence_gradient,
+    negative_log_posterior,
+    thinned,
+)
+
+
+def graded(happened: Flags, score: Array) -> Array:
+    """Return the graded outcome Phi^-1((rank - 1/2) / n) of each run.
+
+    Events have the first ranks, then the runs with the smallest scores; equal runs have their mean rank. Only
+    the order of the scores is used, because the scale of a score may be arbitrary.
+
+    Parameters
+    ----------
+    happened, score
+        Flags and scores of all runs, shape (n,). A smaller score means that the run came closer to the event.
+
+    Returns
+    -------
+    numpy.ndarray
+        Graded outcomes, shape (n,).
+    """
+    columns = np.column_stack([~happened, score])
+    _, place, alike = np.unique(columns, axis=0, return_inverse=True, return_counts=True)
+    rank = np.cumsum(alike) - (alike - 1) / 2  # equal runs have their mean rank
+    return ndtri((rank[place.ravel()] - 0.5) / len(score))
+
+
+def end_of_events(outcome: Array, happened: Flags) -> float:
+    """Return the graded outcome midway between the events and all other runs.
+
+    A point is predicted to end in the event if its graded outcome is below this value.
+
+    Parameters
+    ----------
+    outcome, happened
+        Graded outcomes, and whether the event happened, shape (n,); some runs have to be events, but not all.
+    """
+    return float(outcome[happened].max() + outcome[~happened].min()) / 2
+
+
+class GradedSurrogate:
+    """Gaussian process regression of the graded outcome, with the covariance of `kernel`.
+
+    Parameters
+    ----------
+    dimension
+        Number d of normal scores.
+
+    Attributes
+    ----------
+    theta
+        Logarithms of the lengths, of the amplitude and of the noise, shape (d + 2,).
+    """
+
+    def __init__(self, dimension: int) -> None:
+        self._centre = np.log([*[LENGTH * math.sqrt(dimension)] * dimension, 1.0, NOISE])
+        self._scale = np.array([*[LENGTH_SPREAD] * dimension, AMPLITUDE_SPREAD, NOISE_SPREAD])
+        self._bounds = [LOG_LENGTH_BOUNDS] * dimension + [LOG_AMPLITUDE_BOUNDS, LOG_NOISE_BOUNDS]
+        self.theta = self._centre.copy()
+
+    def fit(self, z: Array, outcome: Array, *, learn: bool) -> None:
+        """Fit the regression to all runs, or to `GRADED_RUNS` of them if there are more.
+
+        Parameters
+        ----------
+        z, outcome
+            Normal scores, shape (n, d), and graded outcomes, shape (n,).
+        learn
+            Whether to learn lengths, amplitude and noise again, starting from the prior.
+        """
+        kept = thinned(np.argsort(outcome, kind="stable"), GRADED_RUNS)  # the smallest outcomes first
+        self._z, self._outcome = z[kept], outcome[kept]
+        if learn:
+            steps = {"maxiter": GRADED_STEPS}
+            found = minimize(
+                self._loss, self._centre, method="L-BFGS-B", jac=True, bounds=self._bounds, options=steps
+            )
+            self.theta = found.x
+        self._runs = self._z / np.exp(self.theta[:-2])
+        self._variance, noise_variance = np.exp(2 * self.theta[-2:])
+        covariance, _ = covariance_of_runs(self._runs, self._variance)
+        self._factor, self._weights = self._solve(covariance, noise_variance)
+
+    def expect(self, z: Array) -> tuple[Array, Array]:
+        """Return mean and standard deviation of the predicted graded outcome, each of shape (m,).
+
+        The points z have shape (m, d). The standard deviation does not include noise.
+        """
+        covariance = covariance_between(z / np.exp(self.theta[:-2]), self._runs, self._variance)[0]
+        mean = covariance @ self._weights
+        # The transpose has the column order of LAPACK, so it is not copied.
+        scaled = dtrtrs(self._factor, covariance.T, lower=1, overwrite_b=1)[0]
+        variance = np.maximum(2 * self._variance - np.einsum("ij,ij->j", scaled, scaled), LEAST_VARIANCE)
+        return mean, np.sqrt(variance)
+
+    def probability(self, z: Array, below: float | Array, *, noisy: bool = False) -> Array:
+        """Return the probability that the graded outcome is below given values, shape (m,).
+
+        Parameters
+        ----------
+        z
+            Points, shape (m, d).
+        below
+            One value for all points, or one for each point, shape (m,).
+        noisy
+            Whether the noise of the regression is part of the outcome, as for a vehicle whose outcomes are
+            random.
+        """
+        mean, deviation = self.expect(z)
+        if noisy:
+            deviation = np.hypot(deviation, math.exp(self.theta[-1]))
+        return ndtr((below - mean) / deviation)
+
+    def _solve(self, covariance: Array, noise_variance: float) -> tuple[Array, Array]:
+        """Return the Cholesky factor of the covariance with noise, and its inverse times the outcomes."""
+        factor, _ = dpotrf(covariance + noise_variance * np.eye(len(covariance)), lower=1, clean=1)
+        return factor, dpotrs(factor, self._outcome, lower=1)[0]
+
+    def _loss(self, theta: Array) -> tuple[float, Array]:
+        """Return the negative log posterior density of the log parameters, and its gradient."""
+        variance, noise_variance = np.exp(2 * theta[-2:])
+        runs = self._z / np.exp(theta[:-2])
+        covariance, slope = covariance_of_runs(runs, variance, with_slope=True)
+        factor, weights = self._solve(covariance, noise_variance)
+        evidence = -0.5 * self._outcome @ weights - np.log(np.diag(factor)).sum()
+        half = np.tril(dpotri(factor, lower=1)[0])
+        inverse = half + np.tril(half, -1).T
+        outer = 0.5 * (np.outer(weights, weights) - inverse)
+        gradient = evidence_gradient(runs, covariance, slope, outer, variance)
+        gradient = np.append(gradient, 2 * noise_variance * np.trace(outer))
+        return negative_log_posterior(evidence, gradient, (theta - self._centre) / self._scale, self._scale)

@@ -1,0 +1,116 @@
+"""The interface of a problem, and a problem for any function of independent inputs."""
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from typing import Protocol
+
+import numpy as np
+from numpy.typing import ArrayLike
+from scipy.special import ndtr
+
+from fewruns.arrays import Array, Flags
+
+Response = tuple[Flags, Array | None]
+
+
+class ScoreProblem(Protocol):
+    """The interface of a problem for samplers in the space of normal scores.
+
+    A problem may also have a method ``repeat``, with the interface of ``evaluate``, which runs the system
+    again even if the outcomes of ``evaluate`` are stored.
+
+    Attributes
+    ----------
+    dimension
+        Number d of normal scores.
+    fingerprint
+        A text that identifies the problem, so that a sampler resumes a saved state only for the same problem.
+    deterministic
+        Whether the same normal scores always give the same outcome; None if this is unknown.
+    """
+
+    dimension: int
+    fingerprint: str
+    deterministic: bool | None
+
+    def evaluate(self, z: Array) -> Response:
+        """Run the system at normal scores, and return whether the event happened.
+
+        Parameters
+        ----------
+        z
+            Normal scores, shape (n, d).
+
+        Returns
+        -------
+        happened : numpy.ndarray
+            Whether the event happened, shape (n,).
+        score : numpy.ndarray or None
+            A number that is smaller the closer the run came to the event, shape (n,); None if it is unknown.
+        """
+
+
+class Marginal(Protocol):
+    """The distribution of one input, for example a frozen distribution of `scipy.stats`."""
+
+    def ppf(self, q: ArrayLike) -> Array:
+        """Return the quantile x with P(X <= x) = q."""
+
+    def isf(self, q: ArrayLike) -> Array:
+        """Return x with P(X > x) = q; it has to be accurate for small q."""
+
+
+@dataclass(frozen=True)
+class SystemProblem:
+    """An event of any system with independent inputs, which need not be a vehicle in a cut-in.
+
+    Attributes
+    ----------
+    respond
+        Function that runs the system on inputs, shape (n, d), and returns a pair (happened, score) as
+        `ScoreProblem.evaluate` does.
+    dimension
+        Number d of inputs.
+    marginals
+        Distributions of the d inputs; None if the inputs are the normal scores themselves.
+    fingerprint
+        A text that identifies the problem.
+    deterministic
+        Whether the system always gives the same response to the same inputs. If it is None, a sampler repeats
+        a few runs to find out. They detect noise, but not a system that fails once in a hundred runs.
+    """
+
+    respond: Callable[[Array], Response]
+    dimension: int
+    marginals: Sequence[Marginal] | None = None
+    fingerprint: str = "a system with independent inputs"
+    deterministic: bool | None = None
+
+    def inputs(self, z: Array) -> Array:
+        """Map normal scores z to inputs with the distributions `marginals`, both of shape (n, d)."""
+        if self.marginals is None:
+            return z
+        columns = (normal_score_quantile(law, z[:, k]) for k, law in enumerate(self.marginals))
+        return np.column_stack(list(columns))
+
+    def evaluate(self, z: Array) -> Response:
+        """Run the system at normal scores z, shape (n, d).
+
+        Return whether the event happened, shape (n,), and the scores, shape (n,), or None without scores.
+        """
+        return self.respond(self.inputs(z))
+
+
+def normal_score_quantile(law: Marginal, z: Array) -> Array:
+    """Return the quantiles x of a distribution at normal scores z, shape (n,), so that F(x) = Phi(z).
+
+    Above the median the survival function is inverted, and below it the distribution function, so that
+    neither tail loses accuracy by rounding near one.
+    """
+    value, above = np.empty_like(z), z > 0
+    # A side without points is skipped, because the quantile function of a mixture takes long even then.
+    if above.any():
+        value[above] = law.isf(ndtr(-z[above]))
+    if not above.all():
+        value[~above] = law.ppf(ndtr(z[~above]))
+    return value

@@ -1,0 +1,267 @@
+"""Results of a sampler: the estimate, whether it has converged, and a table of all runs."""
+
+import math
+from collections.abc import Sequence
+from dataclasses import replace
+from typing import TYPE_CHECKING
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from fewruns.anytime import anytime_interval
+from fewruns.arrays import Array, Flags
+from fewruns.certificate import Certificate, Unseen, look_beyond
+from fewruns.combining import (
+    BatchEstimate,
+    Combined,
+    combine,
+    counted_batches,
+)
+from fewruns.constants import NOISY_USABLE, USABLE
+from fewruns.estimates import Estimate, Stopping
+from fewruns.lapses import LapseBounds
+from fewruns.progress import Progress
+from fewruns.two_phase import reach_of
+from fewruns.wide_laws import bound_without_event
+
+if TYPE_CHECKING:
+    import pandas as pd
+
+ROUNDING = 1e-12  # relative tolerance
+
+
+def estimate(progress: Progress, batch_size: int, stopping: Stopping, certificate: Certificate) -> Estimate:
+    """Return the estimated probability of the event, from the batches since the surrogate became usable.
+
+    If no simulation was an event, the estimate is 0, and the upper end of the interval is the bound for an
+    event that no run has met. If every simulation was an event, the estimate is 1, and the lower end of
+    the interval follows from the same bound for the complement. As long as there are not two batches on which
+    an estimate can be based, the estimate is NaN and the interval is [0, 1].
+
+    Parameters
+    ----------
+    progress
+        The runs of the sampler.
+    batch_size, stopping
+        Number of simulations in a batch, and the stopping rule.
+    certificate
+        The certificate that is required for convergence.
+
+    Returns
+    -------
+    Estimate
+        ``events`` counts the events of all simulations, and ``tables["runs"]`` has a row for each run. The
+        diagnostics contain the upper bounds ``unseen_mode`` and ``unseen_any`` on the probability of a part
+        of the event that no run has met; see `certificate`.
+    """
+    events, (combined, ends) = int(np.count_nonzero(progress.happened)), combined_estimate(progress, stopping)
+    if combined is not None:
+        # The mean of unbiased estimates of a probability may exceed 1.
+        probability = min(combined.probability, 1.0)
+        interval = min(ends[0], 1.0), min(ends[1], 1.0)
+    elif 0 < events < progress.happened.size:
+        probability, interval = math.nan, (0.0, 1.0)
+    else:
+        bound = bound_without_event(progress.wide_draws[:, 0].sum(), stopping.alpha)
+        probability, interval = (1.0, (1 - bound, 1.0)) if events else (0.0, (0.0, bound))
+    estimating = sum(batch.runs for batch in _that_count(progress))
+    return Estimate(
+        probability,
+        *interval,
+        alpha=stopping.alpha,
+        learning=len(progress.z) + len(progress.repeats) + len(progress.law_draws) - estimating,
+        estimating=estimating,
+        events=events,
+        converged=is_narrow(progress, stopping) and is_certified(progress, certificate),
+        diagnostics=_diagnostics(progress, combined, certificate),
+        tables={"runs": tabulate_runs(progress, batch_size)},
+    )
+
+
+def with_lapses(found: Estimate, progress: Progress, stopping: Stopping) -> Estimate:
+    """Return an estimate whose interval also includes the probability that unobserved lapses can add.
+
+    A lapse is a failure of the vehicle in a few of its runs; the module `lapses` derives the bounds. The
+    bound for cut-ins of equal hardness is added to the upper end of the interval, or is this end if there
+    is no estimate. The diagnostics get the two bounds, ``unseen_lapses`` and ``unseen_lapses_monotone``, and
+    ``settling_runs``, the number of draws from the law itself after which lapses could add at most
+    ``stopping.beta`` times the estimate.
+
+    Parameters
+    ----------
+    found
+        The estimate.
+    progress
+        The runs of the sampler.
+    stopping
+        The stopping rule.
+    """
+    bounds = lapse_bounds(progress, found.probability, stopping.beta)
+    own = {
+        "unseen_lapses": bounds.like_hardness,
+        "unseen_lapses_monotone": bounds.monotone,
+        "settling_runs": bounds.runs,
+    }
+    sampled = found.high if found.probability > 0 else 0.0
+    high = min(sampled + bounds.like_hardness, 1.0)
+    return replace(found, high=high, diagnostics={**found.diagnostics, **own})
+
+
+def lapse_bounds(progress: Progress, probability: float, share: float) -> LapseBounds:
+    """Return bounds on the probability that unobserved lapses can add to an estimate.
+
+    Parameters
+    ----------
+    progress
+        The runs and the draws of the law, from which the bounds follow.
+    probability
+        The estimated probability of the event.
+    share
+        Share of the estimate to which the number ``runs`` of the result would reduce the bound.
+    """
+    draws = progress.law_draws
+    z, happened = np.vstack([progress.z, draws.z]), np.append(progress.happened, draws.happened)
+    return LapseBounds.after(z, happened, probability, share)
+
+
+def is_contradicted(progress: Progress) -> bool:
+    """Return whether the draws of the law contain far more events than the present estimate allows."""
+    return progress.law_draws.contradict(_mean(progress))
+
+
+def is_narrow(progress: Progress, stopping: Stopping) -> bool:
+    """Return whether the interval is as narrow as a stopping rule requires, with enough observed events."""
+    combined, (low, high) = combined_estimate(progress, stopping)
+    if combined is None or np.count_nonzero(progress.happened) < stopping.minimum_events:
+        return False
+    return (high - low) / 2 <= stopping.beta * combined.probability * (1 + ROUNDING)
+
+
+def is_certified(progress: Progress, certificate: Certificate) -> bool:
+    """Return whether the bound on an unobserved mode is at most ``certificate.share`` times the estimate."""
+    probability = _mean(progress)
+    return _unseen(progress, probability, certificate).mode <= certificate.share * probability
+
+
+def where_to_search(progress: Progress, certificate: Certificate) -> float:
+    """Return the rarity beyond which defensive runs are placed to exclude unobserved parts of the event.
+
+    The result is 0 if there is no estimate, or if the certificate excludes no mode.
+    """
+    probability = _mean(progress)
+    if not 0 < (share := certificate.share * probability / certificate.filled) < 0.5:
+        return 0.0
+    wide_draws = progress.wide_draws * [certificate.filled, 1, 1]
+    known = wide_draws, progress.z.shape[1], reach_of(probability), certificate.curvature
+    return look_beyond(*known, share)
+
+
+def _mean(progress: Progress) -> float:
+    """Return the estimate from the batches on which it is based; 0 if there are none."""
+    batches = _that_count(progress)
+    return combine(batches).probability if batches else 0.0
+
+
+def _that_count(progress: Progress) -> Sequence[BatchEstimate]:
+    """Return the batches on which the estimate is based, without those before noise was noticed."""
+    usable = NOISY_USABLE if progress.repeats.vary_often else USABLE
+    return counted_batches(progress.estimates[progress.chance_since :], usable)
+
+
+def _unseen(progress: Progress, probability: float, certificate: Certificate) -> Unseen:
+    """Return the bounds on an unobserved part of the event, given the probability of the known part."""
+    reach = reach_of(probability)
+    shape = certificate.curvature, certificate.filled
+    return Unseen.after(progress.wide_draws, progress.z.shape[1], reach, *shape)
+
+
+def combined_estimate(progress: Progress, stopping: Stopping) -> tuple[Combined | None, tuple[float, float]]:
+    """Return the estimate from the last batches with consistent predictions, and its interval.
+
+    If no event has been observed, or if there are fewer than two such batches, the estimate is None and the
+    interval is [0, 1].
+
+    Parameters
+    ----------
+    progress
+        The runs of the sampler.
+    stopping
+        The stopping rule, which also selects the kind of interval (``anytime``).
+    """
+    batches = _that_count(progress)
+    if not progress.happened.any() or len(batches) < 2:
+        return None, (0.0, 1.0)
+    if stopping.anytime:
+        combined, interval = anytime_interval(batches, stopping.alpha, stopping.beta)
+    else:
+        combined = combine(batches)
+        interval = combined.interval(stopping.alpha) if combined.probability > 0 else (0.0, 1.0)
+    usable = combined.probability > 0 and interval[1] > interval[0]
+    return (combined, interval) if usable else (None, (0.0, 1.0))
+
+
+def tabulate_runs(progress: Progress, batch_size: int) -> "pd.DataFrame":
+    """Tabulate all simulations, with the phase to which each belongs.
+
+    Parameters
+    ----------
+    progress
+        The runs of the sampler.
+    batch_size
+        Number of simulations in a batch.
+
+    Returns
+    -------
+    pandas.DataFrame
+        One row for each simulation. Columns: ``run`` and ``batch``, counted from 1; ``phase``; the normal
+        scores ``z_1``, ``z_2`` and so on; ``event``. The phase is ``search`` until the search has ended,
+        ``estimate`` for the simulations on which the estimate is based, and ``learn`` for those in between.
+        Repetitions of runs and draws of the law are the last rows, with the phases ``repeat`` and ``law`` and
+        the batch 0.
+    """
+    import pandas as pd  # imported here, because it takes half a second
+
+    run = np.arange(len(progress.z)) + 1
+    batch = (run - 1) // batch_size + 1
+    batches = len(run) // batch_size
+    searched = batches - len(progress.estimates)
+    learnt = batches - len(_that_count(progress))
+    phase = np.select([batch <= searched, batch <= learnt], ["search", "learn"], "estimate")
+    repeats, draws = progress.repeats, progress.law_draws
+    tables = [
+        _runs_table(batch, phase, progress.z, progress.happened),
+        _runs_table(0, "repeat", progress.z[repeats.repeated], repeats.happened),
+        _runs_table(0, "law", draws.z, draws.happened),
+    ]
+    table = pd.concat([part for part in tables if len(part)] or tables[:1], ignore_index=True)
+    table.insert(0, "run", np.arange(len(table)) + 1)
+    return table
+
+
+def _runs_table(batch: ArrayLike, phase: ArrayLike, z: Array, happened: Flags) -> "pd.DataFrame":
+    """Return the columns of `tabulate_runs` except for the number of the run."""
+    import pandas as pd
+
+    scores = {f"z_{k + 1}": values for k, values in enumerate(z.T)}
+    return pd.DataFrame({"batch": batch, "phase": phase, **scores, "event": happened})
+
+
+def _diagnostics(progress: Progress, combined: Combined | None, certificate: Certificate) -> dict[str, float]:
+    """Return relative standard errors (NaN without an estimate), and bounds on unobserved parts."""
+    errors, probability = (math.nan, math.nan), 0.0
+    if combined is not None:
+        probability = combined.probability
+        errors = np.sqrt([combined.observed_variance, combined.predicted_variance]) / probability
+    unseen = _unseen(progress, probability, certificate)
+    return {
+        "batches": 0 if combined is None else combined.batches,
+        "observed_error": float(errors[0]),
+        "predicted_error": float(errors[1]),
+        "wide_draws": unseen.runs,
+        "unseen_mode": unseen.mode,
+        "unseen_any": unseen.anything,
+        "repeats": len(progress.repeats),
+        "differed": int(np.count_nonzero(progress.repeats.differed)),
+        "law_draws": len(progress.law_draws),
+        "law_events": progress.law_draws.events,
+    }

@@ -1,0 +1,172 @@
+"""Distributions in the space of normal scores from which the points of a pool are drawn."""
+
+import math
+from dataclasses import dataclass
+from typing import Self
+
+import numpy as np
+from numba import njit
+from scipy.special import chdtr, chdtrc, chdtri, gammaincinv, gammaln
+
+from fewruns.arrays import Array
+from fewruns.constants import REACH, SMALLEST_SPREAD
+
+
+def draw_wide(n: int, dimension: int, generator: np.random.Generator, reach: float = REACH) -> Array:
+    """Draw n points from the wide distribution up to the rarity ``reach``, shape (n, d).
+
+    Directions are uniform, and the rarity is uniform from 0 to ``reach``, so that each power of ten of
+    P(|Z| > radius) gets the same number of points.
+    """
+    return draw_at(generator.uniform(0, reach, n), dimension, generator)
+
+
+def draw_at(rarity: Array, dimension: int, generator: np.random.Generator) -> Array:
+    """Draw points with given rarities -log P(|Z| > radius), shape (n,), in uniform directions.
+
+    The points have shape (n, d), where d is ``dimension``. Z is standard normal.
+    """
+    radius = np.sqrt(chdtri(dimension, np.exp(-rarity)))
+    z = generator.normal(size=(len(rarity), dimension))
+    return z * (radius / np.linalg.norm(z, axis=1))[:, None]
+
+
+def rarity(z: Array) -> Array:
+    """Return the rarity -log P(|Z| > |z|), shape (n,), of points z, shape (n, d), for a standard normal Z."""
+    return -_log_tail((z * z).sum(1), z.shape[1])
+
+
+def log_normal_to_wide(z: Array) -> Array:
+    """Return the log ratio of the standard normal density to that of the wide distribution, shape (n,).
+
+    ``z`` are points, shape (n, d).
+
+    Both densities depend only on the radius, and u = -log P(|Z| > radius) has the density exp(-u) under the
+    standard normal and 1 / REACH under the wide distribution. The ratio is therefore REACH P(|Z| > radius).
+    It is infinite beyond the largest rarity of the wide distribution.
+    """
+    log_tail = _log_tail((z * z).sum(1), z.shape[1])
+    return np.where(log_tail >= -REACH, log_tail + math.log(REACH), np.inf)
+
+
+def _log_tail(square: Array, dimension: int) -> Array:
+    """Return log P(|Z|^2 > square) for a standard normal Z, computed from the smaller tail probability."""
+    tail = square > 2 * gammaincinv(dimension / 2, 0.5)  # beyond the median
+    log_tail = np.empty_like(square)
+    with np.errstate(divide="ignore"):  # where the tail underflows
+        log_tail[tail] = np.log(chdtrc(dimension, square[tail]))
+    log_tail[~tail] = np.log1p(-chdtr(dimension, square[~tail]))
+    return log_tail
+
+
+@dataclass(frozen=True)
+class WideLaw:
+    """The wide distribution in a given number of dimensions, from which the points of a pool are drawn."""
+
+    dimension: int
+
+    def draw(self, n: int, generator: np.random.Generator) -> Array:
+        """Draw n points from the wide distribution, shape (n, d)."""
+        return draw_wide(n, self.dimension, generator)
+
+    def log_normal_ratio(self, z: Array) -> Array:
+        """Return the log ratio of the standard normal density to the wide density at points z, shape (n,)."""
+        return log_normal_to_wide(z)
+
+
+def bound_without_event(runs: float, alpha: float) -> float:
+    """Return an upper bound on the probability of an event that no run has met, with confidence 1 - alpha.
+
+    The ``runs`` runs are draws from the wide distribution. Under it, the event has at most the probability
+    m = 1 - alpha^(1/runs). Among all sets of probability m, the ball about the origin has the largest
+    probability under the standard normal, 1 - exp(-REACH m), because the ratio of the normal to the wide
+    density decreases with the radius.
+    """
+    return -math.expm1(-REACH * (1 - alpha ** (1 / max(runs, 1))))
+
+
+def log_normal(z: Array) -> Array:
+    """Return the log density, shape (n,), of the standard normal distribution at points z, shape (n, d)."""
+    return -0.5 * (z * z).sum(1) - z.shape[1] / 2 * math.log(2 * math.pi)
+
+
+def truncated(weight: Array) -> Array:
+    """Return importance weights truncated at their mean times the square root of their number, shape (n,).
+
+    This is the truncation of Ionides (2008). Without it, a single point may outweigh all others in many
+    dimensions, and become the centre of every kernel.
+    """
+    return np.minimum(weight, weight.mean() * math.sqrt(len(weight)))
+
+
+@dataclass(frozen=True)
+class KernelMixture:
+    """A mixture of Student-t kernels with d degrees of freedom and of the wide distribution.
+
+    Parameters
+    ----------
+    centres
+        Centres of the kernels, shape (k, d).
+    width
+        Scale of the kernels in each dimension, shape (d,).
+    wide_share
+        Share of the wide distribution.
+    """
+
+    centres: Array
+    width: Array
+    wide_share: float
+
+    @classmethod
+    def about(cls, points: Array, wide_share: float) -> Self:
+        """Return the mixture with a kernel around each point of a sample, and widths by Silverman's rule.
+
+        Parameters
+        ----------
+        points
+            Centres of the kernels, shape (k, d).
+        wide_share
+            Share of the wide distribution.
+        """
+        k, d = points.shape
+        return cls(points, np.maximum(points.std(0), SMALLEST_SPREAD) * k ** (-1 / (d + 4)), wide_share)
+
+    def draw(self, n: int, generator: np.random.Generator) -> Array:
+        """Draw n points from the mixture, shape (n, d).
+
+        The first ``wide_share`` n points, rounded down, are drawn from the wide distribution.
+        """
+        wide, d = int(self.wide_share * n), self.centres.shape[1]
+        step = generator.normal(size=(n - wide, d)) / np.sqrt(generator.chisquare(d, (n - wide, 1)) / d)
+        centre = self.centres[generator.integers(len(self.centres), size=n - wide)]
+        return np.vstack([draw_wide(wide, d, generator), centre + self.width * step])
+
+    def log_normal_ratio(self, z: Array) -> Array:
+        """Return the log ratio of the standard normal to the mixture density at points z, shape (n,)."""
+        d = z.shape[1]
+        scale = self.width * math.sqrt(d)
+        # The density of a kernel is exp(constant) (1 + |z - centre|^2 / scale^2)^-d. With d degrees of
+        # freedom, the exponent (degrees + d) / 2 of Student's density is the integer d.
+        constant = gammaln(d) - gammaln(d / 2) - d / 2 * math.log(d * math.pi) - np.log(self.width).sum()
+        normal = log_normal(z)
+        wide = math.log(self.wide_share) + normal - log_normal_to_wide(z)
+        kernels = (
+            math.log1p(-self.wide_share) + constant + np.log(_mean_kernel(z / scale, self.centres / scale))
+        )
+        return normal - np.logaddexp(wide, kernels)
+
+
+@njit(cache=True)
+def _mean_kernel(a: Array, b: Array) -> Array:
+    """Return the mean over the rows of b of (1 + |a - b|^2)^-d, for each row of a, shape (len(a),)."""
+    n, d = a.shape
+    mean = np.empty(n)
+    for i in range(n):
+        total = 0.0
+        for j in range(b.shape[0]):
+            square = 1.0
+            for k in range(d):
+                square += (a[i, k] - b[j, k]) ** 2
+            total += square**-d
+        mean[i] = total / b.shape[0]
+    return mean
