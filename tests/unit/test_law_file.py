@@ -17,7 +17,9 @@ from accelerated_evaluation.distributions import (
     PiecewiseMixture,
 )
 from accelerated_evaluation.laws import LAWS, Box
+from accelerated_evaluation.laws.draws import DrawnLaws, MixedDraws
 from accelerated_evaluation.laws.files import read_law, write_law
+from accelerated_evaluation.laws.lead_speeds import WithLeadSpeeds
 from accelerated_evaluation.laws.paper.independent import IndependentLaw
 from accelerated_evaluation.records.encounter_table import complete
 
@@ -34,12 +36,24 @@ LAW = IndependentLaw(
     closing_speed_max=23.49,
 )
 BOX = Box(("speed_mps", "distance_m"), (-3.0, 0.0), (4.0, 50.0))
+CUT_IN_BOX = Box(("range", "closing_speed"), (0.0, 0.0), (60.0, 40.0))
+SPEEDS, OTHERS = Empirical([20.0, 7.0, 6.0, 30.0]), Empirical([20.0, 7.0, 6.0, 31.0])
 JOINT = ("gaussian_copula", "independent_variables", "kernel", "truncated_normals")
 
 
-def joint_law(kind):
+def joint_law(kind, box=BOX):
     generator = np.random.default_rng(1)
-    return LAWS[kind].fit(generator.uniform(BOX.lower, BOX.upper, (50, 2)), BOX, generator)
+    return LAWS[kind].fit(generator.uniform(box.lower, box.upper, (50, 2)), box, generator)
+
+
+def draws_of(names, lead_speeds=None):
+    """Return one draw of a joint law for each name, with the lead speeds of cut-ins if they are given."""
+    laws = [joint_law("independent_variables", CUT_IN_BOX) for _ in names]
+    drawn = DrawnLaws.of(laws, names, np.random.default_rng(3))
+    if lead_speeds is None:
+        return drawn
+    with_speeds = [WithLeadSpeeds(law, lead_speeds) for law in laws]
+    return replace(drawn, laws=with_speeds, proposal=WithLeadSpeeds(drawn.proposal, lead_speeds))
 
 
 def strict(path):
@@ -51,12 +65,12 @@ def strict(path):
     return json.loads(path.read_text(encoding="utf-8"), parse_constant=refuse)
 
 
-def read_again(law, folder):
+def read_again(law, folder, records=ENCOUNTERS):
     """Write a law, read it, and check that it is written equally again; return it and the content."""
     first, second = folder / "first.json", folder / "second.json"
-    write_law(first, law, ENCOUNTERS)
-    read = read_law(first, ENCOUNTERS)
-    write_law(second, read, ENCOUNTERS)
+    write_law(first, law, records)
+    read = read_law(first, records)
+    write_law(second, read, records)
     assert first.read_bytes() == second.read_bytes()
     assert type(read) is type(law)
     assert (read.description, read.box) == (law.description, law.box)
@@ -65,7 +79,7 @@ def read_again(law, folder):
 
 def test_every_kind_of_law_has_a_test_of_its_file():
     smooth = {"dependent", "mean"}  # in the tests of these laws
-    assert {*LAWS} == {"independent", *JOINT} | smooth
+    assert {*LAWS} == {"independent", "with_lead_speeds", "draws", "mixed_draws", *JOINT} | smooth
 
 
 @pytest.mark.parametrize(
@@ -110,13 +124,42 @@ def test_a_law_of_cut_ins_comes_back_equal(tmp_path, cap):
 @pytest.mark.parametrize("kind", JOINT)
 def test_a_joint_law_comes_back_equal_and_needs_no_table(tmp_path, kind):
     law = joint_law(kind)
-    read, content = read_again(law, tmp_path)
+    read, content = read_again(law, tmp_path, None)
     assert read.content() == law.content()
     assert read.digest == law.digest
     x = np.random.default_rng(2).uniform(BOX.lower, BOX.upper, (20, 2))
     np.testing.assert_array_equal(read.log_density(x), law.log_density(x))
     assert "records" not in content
-    assert read_law(tmp_path / "first.json").digest == law.digest
+
+
+@pytest.mark.parametrize(
+    "make",
+    [
+        lambda speeds: WithLeadSpeeds(joint_law("kernel", CUT_IN_BOX), speeds),
+        lambda speeds: draws_of(("one", "two"), speeds),
+        lambda speeds: MixedDraws([draws_of(("one", "two"), speeds), draws_of(("three",), speeds)]),
+    ],
+)
+def test_laws_and_draws_with_lead_speeds_come_back_equal_with_their_table(tmp_path, make):
+    law = make(SPEEDS)
+    read, _ = read_again(law, tmp_path)
+    assert read.digest == law.digest != make(OTHERS).digest
+    x = law.draw(30, np.random.default_rng(2))
+    assert np.isin(x[:, 0], SPEEDS.values).all()
+    np.testing.assert_array_equal(read.log_density(x), law.log_density(x))
+    assert np.isneginf(law.log_density(np.array([[20.0, 9.0, 40.0]])))  # the cap of other laws
+    for table in (None, ENCOUNTERS[1:]):
+        with pytest.raises(InputError, match="the encounter table of this law: seen"):
+            read_law(tmp_path / "first.json", table)
+
+
+def test_draws_of_a_scenario_come_back_equal_and_need_no_table(tmp_path):
+    drawn = draws_of(("one", "two"))
+    read, content = read_again(drawn, tmp_path, None)
+    assert read.names == ("one", "two")
+    assert "records" not in content
+    x = drawn.draw(30, np.random.default_rng(2))
+    np.testing.assert_array_equal(read.log_densities(x), drawn.log_densities(x))
 
 
 def test_lead_speeds_are_those_of_the_table_and_of_no_other(tmp_path):

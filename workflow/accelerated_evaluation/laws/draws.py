@@ -17,6 +17,7 @@ from numpy.typing import NDArray
 from scipy.special import logsumexp, ndtr, ndtri
 
 from accelerated_evaluation.base.arrays import Array
+from accelerated_evaluation.base.digests import value_digest
 from accelerated_evaluation.laws import LAWS
 from accelerated_evaluation.laws.joint.truncated_normals import TruncatedNormalMixture
 from accelerated_evaluation.laws.protocol import Box, Law
@@ -100,6 +101,11 @@ class DrawnLaws(Draws, Law):
         """The variables and their limits."""
         return self.proposal.box
 
+    @property
+    def digest(self) -> str:
+        """The digest of the draws and of their proposal, which has the lead speeds of all."""
+        return value_digest([super().digest, self.proposal.digest])
+
     def from_normal_scores(self, z: Array) -> Array:
         """Map normal scores to points of the proposal, both of shape (n, d)."""
         return self.proposal.from_normal_scores(z)
@@ -165,6 +171,11 @@ class MixedDraws(Draws, Law):
     def names(self) -> tuple[str, ...]:
         """Names of the candidates of the draws, in the order of the parts."""
         return tuple(name for part in self.parts for name in part.names)
+
+    @property
+    def digest(self) -> str:
+        """The digest of all parts."""
+        return value_digest([part.digest for part in self.parts])
 
     @property
     def _shares(self) -> Array:

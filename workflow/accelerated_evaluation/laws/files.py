@@ -38,7 +38,7 @@ def write_law(path: str | os.PathLike, law: Law, records: pd.DataFrame | None = 
     """
     header = {"format": FORMAT, "version": VERSION, "kind": law.kind, "description": law.description}
     header |= {"variables": law.box.content()}
-    if law.needs_records:
+    if records is not None or law.needs_records:
         header |= {"records": _described(records)}
     write_json(path, header | law.content())
 
@@ -75,7 +75,7 @@ def read_law(path: str | os.PathLike, records: pd.DataFrame | None = None) -> La
             seen = f"a law of kind {content['kind']!r}"
             raise InputError(str(path), seen=seen, expected=f"one of {', '.join(LAWS)}", change=CHANGE)
         kind = LAWS[content["kind"]]
-        if kind.needs_records:
+        if kind.needs_records or "records" in content:
             _require_table(path, records, content["records"])
         box = Box.from_content(content["variables"])
         law = kind.from_content(content, box, records)

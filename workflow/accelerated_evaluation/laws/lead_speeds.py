@@ -10,6 +10,7 @@ import pandas as pd
 from fewruns.problems import normal_score_quantile
 
 from accelerated_evaluation.base.arrays import Array
+from accelerated_evaluation.base.digests import value_digest
 from accelerated_evaluation.distributions import Empirical
 from accelerated_evaluation.laws import LAWS
 from accelerated_evaluation.laws.protocol import Box, Law
@@ -42,8 +43,17 @@ class WithLeadSpeeds(Law):
         return np.column_stack([lead_speed, self.law.from_normal_scores(z[:, 1:])])
 
     def log_density(self, x: Array) -> Array:
-        """Return the log density of range and closing speed at cut-ins x, shape (n, 3)."""
-        return self.law.log_density(x[:, 1:])
+        """Return the log density of range and closing speed at cut-ins x, shape (n, 3).
+
+        It is -inf at the largest closing speed, which has no probability. Laws with a cap there state the
+        probability of the cap in place of a density, and the two must not be added.
+        """
+        return np.where(x[:, 2] >= self.law.box.upper[1], -math.inf, self.law.log_density(x[:, 1:]))
+
+    @property
+    def digest(self) -> str:
+        """The digest of the law and of the lead speeds, which are not part of its content."""
+        return value_digest([super().digest, repr(self.lead_speeds)])
 
     def content(self) -> dict[str, Any]:
         """Return the content of the law file: that of the law of range and closing speed."""
