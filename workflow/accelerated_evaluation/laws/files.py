@@ -37,7 +37,7 @@ def write_law(path: str | os.PathLike, law: Law, records: pd.DataFrame | None = 
     """
     header = {"format": FORMAT, "version": VERSION, "kind": law.kind, "description": law.description}
     header |= {"variables": law.box.content()}
-    if records is not None:
+    if law.needs_records and records is not None:
         header |= {"records": _described(records)}
     write_json(path, header | law.content())
 
