@@ -43,12 +43,12 @@ class Simulations:
         found: dict[Event, list] = {event: [] for event in every}
         size, rounds = 0, 0
         while rounds < ROUNDS and sum(len(part[0]) for part in found[problem.event]) < ENOUGH_EVENTS:
-            x, log_ratios = draws.mixture(self.size, generator)
+            x = draws.draw_from_mean(self.size, generator)
             outcomes = problem.simulate(x)
             impact = getattr(outcomes, "impact_speed", np.full(len(x), np.nan))
             for event, parts in found.items():
                 happened = event.happens(outcomes)
-                parts.append((x[happened], impact[happened], np.exp(log_ratios[:, happened])))
+                parts.append((x[happened], impact[happened]))
             size, rounds = size + len(x), rounds + 1
         if not sum(len(part[0]) for part in found[problem.event]):
             raise InputError(
@@ -59,14 +59,15 @@ class Simulations:
                 change="Check the limits of the variables and the event. If the event is really so rare, "
                 "state that the vehicle is slow (simulations.slow), which selects the simulations.",
             )
-        crashes = {event: _joined(parts, size) for event, parts in found.items()}
+        crashes = {event: _crashes(parts, draws, size) for event, parts in found.items()}
         posteriors = {event: _posterior(own, draws, size) for event, own in crashes.items()}
         return Answer(problem, draws, posteriors, crashes[problem.event], simulations=size)
 
 
-def _joined(parts: list, size: int) -> Crashes:
-    x, impact, ratios = zip(*parts, strict=True)
-    return Crashes(np.concatenate(x), np.concatenate(impact)[:, None], np.hstack(ratios) / size)
+def _crashes(parts: list, draws: Draws, size: int) -> Crashes:
+    """Return the occurrences of an event among ``size`` simulations, with their weights under each draw."""
+    x, impact = (np.concatenate(column) for column in zip(*parts, strict=True))
+    return Crashes(x, impact[:, None], np.exp(draws.log_ratios_to_mean(x)) / size)
 
 
 def _posterior(crashes: Crashes, draws: Draws, size: int) -> SampledPosterior | None:

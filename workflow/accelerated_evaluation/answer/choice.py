@@ -45,10 +45,11 @@ def law_study(records: FittedRecords, config: Mapping[str, Any]) -> LawStudy:
     The fit of smooth laws is read from the file of the study, or written to it, so it is made once.
     """
     store = Path("results", config["study"], "laws", "family.npz")
+    size = config["answer" if isinstance(records.data, DistinctRecords) else "scenario"]["draws"]
     with threadpool_limits(1, "blas"):  # as in the jobs of the study, so that the digits are the same
         return LawStudy.of(
             records,
-            config["answer"]["draws"],
+            size,
             partial(child_generator, config["seed"], "laws"),
             store,
             config["answer"]["grid"]["closing_speed_max"],

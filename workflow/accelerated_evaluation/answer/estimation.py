@@ -1,307 +1,222 @@
-"""The answer for a slow vehicle, from few simulations chosen by the surrogate-guided sampler."""
+"""The estimate of a slow vehicle without a study: records, laws, few runs, comparison, and the answer in words."""
 
+import math
 import os
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import contextmanager
 from dataclasses import dataclass, replace
+from functools import partial
+from pathlib import Path
 from typing import Any
 
-import numpy as np
 import pandas as pd
-from fewruns.gaussian_process import Predecessor
 from tqdm import tqdm
 
-from accelerated_evaluation.answer.averaged import SHARE, AveragedSurrogate, posterior_of
-from accelerated_evaluation.answer.chosen_law import ANSWER, choose_sampled_law, require_law
-from accelerated_evaluation.answer.exposure import exposure_table
-from accelerated_evaluation.answer.posterior import Posterior
-from accelerated_evaluation.answer.reweighting import LEVEL, SampledPosterior
-from accelerated_evaluation.answer.study import event_name
+from accelerated_evaluation.answer.answer import Answer, Way, answer
+from accelerated_evaluation.answer.by_few_runs import SHARE, FewRuns, Shown
+from accelerated_evaluation.answer.by_map import Map
+from accelerated_evaluation.answer.by_simulations import Simulations
+from accelerated_evaluation.answer.choice import ANSWER, choose_draws
+from accelerated_evaluation.answer.comparison import compare, compare_estimates
+from accelerated_evaluation.answer.estimate_tables import estimate_tables
+from accelerated_evaluation.answer.fitted_records import FittedRecords, read_records
+from accelerated_evaluation.answer.posterior import LEVEL
+from accelerated_evaluation.answer.words import answer_in_words, budget_in_words
 from accelerated_evaluation.base.errors import InputError
+from accelerated_evaluation.base.files import write_csv
 from accelerated_evaluation.base.randomness import child_generator
-from accelerated_evaluation.laws import Law
+from accelerated_evaluation.crash_map.mapping import map_crashes
+from accelerated_evaluation.crash_map.maps import Grid
+from accelerated_evaluation.laws.draws import Draws
+from accelerated_evaluation.laws.files import write_law
 from accelerated_evaluation.laws.smooth.family import DistinctRecords
-from accelerated_evaluation.laws.smooth.mean import MeanLaw
-from accelerated_evaluation.laws.smooth.support import Support
-from accelerated_evaluation.methods import METHODS, Estimate
-from accelerated_evaluation.methods.study import ALL, study_method
 from accelerated_evaluation.methods.surrogate import Surrogate, read_predecessor
+from accelerated_evaluation.methods.surrogate_words import chance_in_words, unseen_in_words
 from accelerated_evaluation.problem import Problem
-from accelerated_evaluation.records.filters import Account
-from accelerated_evaluation.records.ingest import ingest
-from accelerated_evaluation.records.segments import require_rows
-from accelerated_evaluation.records.sources import read_source
 from accelerated_evaluation.records.verdict import Verdict, verdict_on
-from accelerated_evaluation.scenarios import SCENARIOS
-from accelerated_evaluation.scenarios.protocol import Event
-from accelerated_evaluation.vehicles.events import CRASH, events_from
+from accelerated_evaluation.scenarios import SCENARIOS, Scenario
+from accelerated_evaluation.vehicles.events import event_named, events_of
 from accelerated_evaluation.vehicles.external.alone import difference_when_alone
-from accelerated_evaluation.vehicles.external.slow import SlowVehicle, loaded_for
-
-METHOD = "surrogate"
-OF_THE_ANSWER = {"answer", "budget", "draws", "crashes"}
-RATE_DRAWS = 1000  # number of equally likely values of a probability from which rates are computed
+from accelerated_evaluation.vehicles.external.slow import SlowVehicle, is_slow, loaded_for
 
 
 @dataclass(frozen=True)
-class Alone:
-    """The results of the command ``estimate``: an estimate for one vehicle, without the rest of the study.
+class Request:
+    """What is asked of an estimate, in addition to its configuration; see the command ``estimate``."""
 
-    Attributes
-    ----------
-    tables
-        ``estimate``, one row for each replicate, with the ``law``; ``runs``, one row for each simulation;
-        ``account`` of the records. Under the paper's law, the first two are equal to the tables of the
-        complete study for this method and all segments. If the law is a mean law, there are also ``answer``,
-        one row for each replicate and event; ``budget``, ``draws`` and ``crashes`` of the sampled event; and
-        ``exposure``. See `averaged.Course.tables` and `exposure.exposure_table`.
-    name
-        Name of the law.
-    law
-        The law that was sampled.
-    vehicle
-        The slow vehicle, which counts its simulations; None if the vehicle is not slow.
-    verdict
-        Results of the checks of the records.
-    encounters
-        The encounter table.
-    warning
-        Text that says how a newly started copy of the vehicle differed when it repeated the runs; None if it
-        did not differ. If there is a text, no estimate counts as converged.
-    event
-        The event for which the simulations were chosen.
-    """
+    law: str = ANSWER
+    replicates: int = 1
+    sampling_share: float = SHARE
+    predecessor: str | os.PathLike | None = None
+    event: str | None = None
+    compare: Sequence[Path] = ()
+    reference: Sequence[str] = ()
 
-    tables: Mapping[str, pd.DataFrame]
-    name: str
-    law: Law
-    vehicle: SlowVehicle | None
+
+@dataclass(frozen=True)
+class Estimated:
+    """The replicates of an answer from few runs, with everything that is written and printed."""
+
+    answers: Sequence[Answer]
+    records: FittedRecords
     verdict: Verdict
-    encounters: pd.DataFrame
-    warning: str | None = None
-    event: Event = CRASH
-
-
-def estimate_alone(
-    config: Mapping[str, Any],
-    replicates: int = 1,
-    law: str = ANSWER,
-    predecessor: str | os.PathLike | None = None,
-    share: float = SHARE,
-    event: Event = CRASH,
-    for_draws: Sequence[str] = (),
-) -> Alone:
-    """Fit laws to the records, and estimate the probability of the event from few simulations.
-
-    Parameters
-    ----------
-    config
-        A complete, valid configuration.
-    replicates
-        Number of independent replicates; under the paper's law they are the first replicates of the complete
-        study.
-    law
-        ``answer`` for the mean of draws from the posterior of all laws, the name of a single law, or the path
-        of a law file.
-    predecessor
-        Path of the table of simulations (``runs.csv``) of a similar vehicle under the same law.
-    share
-        Allowed relative increase of the width of the 80 % interval of the answer by the sampling; 0 for the
-        paper's stopping rule.
-    event
-        The event for which the simulations are chosen, by default a crash.
-    for_draws
-        Options of the command that were given and need a law with draws.
-
-    Returns
-    -------
-    Alone
-        The tables of the estimate, the law, the verdict on the records, and a warning if there is one.
-
-    Raises
-    ------
-    InputError
-        If the records, the law, the predecessor or the vehicle cannot be used, or if the law has no draws and
-        ``for_draws`` is not empty. Simulations that were completed before the error are kept in the store.
-    """
-    require_law(law)
-    with loaded_for(config["vehicle"], config["simulations"]) as vehicle:  # first, because it fails fastest
-        raw = read_source(config["data"], child_generator(config["seed"], "sample"))
-        verdict = verdict_on(raw, config)
-        encounters, account = _ingested(raw, config)
-        name, chosen = choose_sampled_law(law, encounters, config)
-        if for_draws and not isinstance(chosen, MeanLaw):
-            raise InputError(
-                for_draws[0],
-                seen=f"the law {name}, which has no draws",
-                expected="a law with draws, see --help",
-                change="Leave the option out, or choose another law.",
-            )
-        problem = Problem(SCENARIOS["cut_in"], chosen, vehicle, event)
-        known = None if predecessor is None else read_predecessor(predecessor, problem)
-        exposure = encounters.attrs["exposure"]
-        cut_ins = DistinctRecords.of(encounters, Support.configured(config)).size
-        found = simulate_answer(config, problem, Traffic(cut_ins, exposure), replicates, known, share)
-    tables = found.tables | {"account": account.table()}
-    tables["estimate"] = tables["estimate"].assign(law=name)
-    for table in {"estimate", "answer"} & tables.keys():
-        tables[table] = verdict.added_to(tables[table])
-    slow = vehicle if isinstance(vehicle, SlowVehicle) else None
-    return Alone(tables, name, chosen, slow, verdict, encounters, found.warning, event)
-
-
-@dataclass(frozen=True)
-class Traffic:
-    """The frequency of cut-ins.
-
-    Attributes
-    ----------
-    cut_ins
-        Number of distinct closing cut-ins within the limits.
-    exposure
-        ``kilometres`` and ``hours`` in which they were recorded; None if unknown.
-    """
-
-    cut_ins: int
-    exposure: Mapping[str, float | None]
-
-    @property
-    def per_km(self) -> float | None:
-        """Cut-ins per kilometre [1/km]; None if the distance is unknown."""
-        kilometres = self.exposure["kilometres"]
-        return None if kilometres is None else self.cut_ins / kilometres
-
-
-@dataclass(frozen=True)
-class Simulated:
-    """The tables of `Alone` that are computed from the simulations, and the ``warning`` of `Alone`."""
-
-    tables: dict[str, pd.DataFrame]
+    vehicle: SlowVehicle | None  # with its stored outcomes; None for a fast vehicle
+    references: Mapping[str, Answer]
+    request: Request
     warning: str | None
 
+    def write(self, folder: Path) -> None:
+        """Write all tables and the law to a folder."""
+        tables = estimate_tables(self.answers, self.records)
+        if self.records.account is not None:
+            tables["account"] = self.records.account
+        for name, table in tables.items():
+            judged = name in ("answer", "estimate")
+            write_csv(folder / f"{name}.csv", self.verdict.added_to(table) if judged else table)
+        write_law(folder / "law.json", self.answers[0].draws.proposal, self.records.table)
+        self.records.write(folder / "encounters.parquet")
+        if len(compared := self.compared(folder)):
+            write_csv(folder / "compared.csv", compared)
 
-def simulate_answer(
-    config: Mapping[str, Any],
-    problem: Problem,
-    traffic: Traffic,
-    replicates: int = 1,
-    predecessor: Predecessor | None = None,
-    share: float = SHARE,
-) -> Simulated:
-    """Estimate the probability of an event from few simulations under a law.
+    def compared(self, folder: Path) -> pd.DataFrame:
+        """Return the ratios to other estimates and to references, one row each."""
+        own = self.answers[0].posterior
+        rows = [
+            {"other": name} | compare(own, other.posterior) for name, other in self.references.items()
+        ]
+        others = compare_estimates(folder, list(self.request.compare)) if self.request.compare else None
+        return pd.concat([others, pd.DataFrame(rows)], ignore_index=True)
 
-    Parameters
-    ----------
-    config
-        Configuration; only ``study``, ``seed``, ``vehicle``, ``importance_sampling``, ``surrogate`` and
-        ``answer`` are read.
-    problem
-        The law, the vehicle and the event.
-    traffic
-        Frequency of cut-ins.
-    replicates, predecessor, share
-        Number of independent replicates; runs of a similar vehicle that guide the sampler; and the allowed
-        relative increase of the width of the 80 % interval by the sampling.
+    def lines(self) -> list[str]:
+        """Return the answer in words."""
+        return [
+            *([] if self.warning is None else [f"warning: {self.warning}"]),
+            *self.verdict.lines(),
+            *(line for number, each in enumerate(self.answers) for line in self._lines_of(number, each)),
+            *self._simulated(),
+        ]
 
-    Returns
-    -------
-    Simulated
-        The tables ``estimate``, ``runs`` and, for a mean law, those of the answer; and the warning.
-    """
-    law = problem.law
-    with tqdm(desc="simulations", unit="", disable=None) as bar:
-        method = _method(config, law, traffic.per_km, share, bar)
-        tables = study_method(
-            replace(method, predecessor=predecessor),
-            problem,
-            method.stopping(config),
-            [child_generator(config["seed"], *method.stream(ALL, k)) for k in range(replicates)],
-            {"study": config["study"], "scope": ALL, "method": METHOD},
+    def _lines_of(self, number: int, answer: Answer) -> Iterator[str]:
+        scenario, estimate = answer.problem.scenario, answer.notes["estimate"]
+        if len(self.answers) > 1:
+            yield f"replicate {number}:"
+        if not answer.converged:
+            yield _not_settled(estimate.diagnostics.get("unseen_lapses", math.nan))
+        for row in answer.table(self.records.per_km).to_dict("records"):
+            yield from answer_in_words(row, scenario.noun)
+        yield from budget_in_words(answer.budget())
+        yield f"law of {scenario.noun}s: {answer.draws.proposal.description}"
+        verdict = "converged" if answer.converged else "not converged"
+        known = "not known yet" if math.isnan(estimate.probability) else f"{estimate.probability:.3g}"
+        yield (
+            f"{scenario.event_in_words(answer.problem.event)} under this law: probability {known}, "
+            f"{1 - estimate.alpha:.0%} interval of the sampling alone {estimate.low:.2g} to "
+            f"{estimate.high:.2g}; {verdict} after {estimate.simulations:,} encounters, "
+            f"{estimate.events:,} of them with the event"
         )
-    warning = _reproduced(config["vehicle"], problem, tables["runs"])
-    estimate = tables.pop("estimates")
-    if warning is not None:
-        estimate["converged"] = False
-    for name in OF_THE_ANSWER & tables.keys():  # these tables do not belong to a method or scope
-        tables[name] = tables[name].drop(columns=["scope", "method"], errors="ignore")
-    if "draws" in tables:
-        tables["exposure"] = _exposure(tables["draws"], traffic, event_name(problem.event))
-    return Simulated(tables | {"estimate": estimate}, warning)
+        yield unseen_in_words(estimate.diagnostics)
+        yield chance_in_words(estimate.diagnostics)
+        if answer.notes["not_ended"]:
+            yield f"warning: {answer.notes['not_ended']:,} runs did not end, and count as without the event"
+
+    def _simulated(self) -> list[str]:
+        if (vehicle := self.vehicle) is None:
+            return []
+        return [
+            f"simulated: {vehicle.simulated:,}; taken from the store: {vehicle.found:,}; "
+            f"kept: {len(vehicle.store):,} in {vehicle.store.path}"
+        ]
 
 
-def _reproduced(section: Mapping[str, Any], problem: Problem, runs: pd.DataFrame) -> str | None:
-    """Describe how a new copy of the vehicle differs from the last replicate; None if it agrees."""
+def estimate(config: Mapping[str, Any], request: Request) -> Estimated:
+    """Estimate the probability of an event for the vehicle and the records of a complete configuration."""
+    scenario = SCENARIOS[config["scenario"]["name"]]
+    event = event_named(request.event or config["scenario"]["event"], scenario)
+    verdicts: list[Verdict] = []
+    with loaded_for(config["vehicle"], config["simulations"], scenario) as vehicle, _progress() as show:
+        records = read_records(config, lambda raw: verdicts.append(_verdict(scenario, raw, config)))
+        draws = choose_draws(request.law, records, config)
+        problem = Problem(scenario, draws.proposal, vehicle, event)
+        way = FewRuns(
+            Surrogate.stopping(config),
+            config["surrogate"]["batch_size"],
+            request.sampling_share,
+            None if request.predecessor is None else read_predecessor(request.predecessor, problem),
+            show,
+        )
+        stream = partial(child_generator, config["seed"])
+        further = events_of(scenario, config["answer"]["events"])
+        answers = [
+            answer(problem, draws, way, further, generator=stream(*Surrogate.stream("all", replicate)))
+            for replicate in range(request.replicates)
+        ]
+        warning = _reproduced(config["vehicle"], problem, answers[-1])
+        if warning is not None:
+            answers = [replace(each, converged=False) for each in answers]
+    references = {
+        name: reference_answer(name, replace(problem, vehicle=None), draws, records, config)
+        for name in request.reference
+    }
+    slow = vehicle if isinstance(vehicle, SlowVehicle) else None
+    return Estimated(answers, records, verdicts[0], slow, references, request, warning)
+
+
+def _verdict(scenario: Scenario, raw: pd.DataFrame, config: Mapping[str, Any]) -> Verdict:
+    return verdict_on(raw, config) if scenario.has_sources else Verdict({}, (), frozenset(), {})
+
+
+def reference_answer(
+    name: str, problem: Problem, draws: Draws, records: FittedRecords, config: Mapping[str, Any]
+) -> Answer:
+    """Return the answer of a fast vehicle, by its name, under the same draws of the law."""
+    named = {"name": name, "parameters": {}, "files": [], "deterministic": None}
+    section = named | config["compared_vehicles"].get(name, {})
+    if is_slow(section["name"], config["simulations"], problem.scenario):
+        change = "Estimate this vehicle under the same law, and compare the two estimates by --compare."
+        raise InputError(
+            "--reference", seen=name, expected="a vehicle that is fast to simulate", change=change
+        )
+    generator = child_generator(config["seed"], "laws", "references", name)
+    with loaded_for(section, config["simulations"], problem.scenario) as vehicle:
+        way: Way = Simulations(config["scenario"]["simulations"])
+        if isinstance(records.data, DistinctRecords):
+            limits = {key: config["filters"][key] for key in ("lead_speed_min", "lead_speed_max", "range_max")}
+            grid = Grid(**limits, **config["answer"]["grid"])
+            way = Map(map_crashes(vehicle, grid, [problem.event], generator), records.data)
+        return answer(replace(problem, vehicle=vehicle), draws, way, generator=generator)
+
+
+def _reproduced(section: Mapping[str, Any], problem: Problem, found: Answer) -> str | None:
+    """Return a warning if the last runs end differently in another process; None if they do not."""
     if getattr(problem.vehicle, "deterministic", None) is False:
         return None
-    own = runs[(runs["phase"] != "repeat") & (runs["replicate"] == runs["replicate"].max())]
+    runs = found.tables["runs"]
+    own = runs[runs["phase"] != "repeat"]
     encounters = own[list(problem.scenario.names)].to_numpy().T
     happened = own["event"].to_numpy(dtype=bool)
     return difference_when_alone(section, encounters, happened, event=problem.event)
 
 
-def _method(
-    config: Mapping[str, Any],
-    law: Law,
-    cut_ins_per_km: float | None,
-    share: float,
-    bar: tqdm,
-) -> Surrogate:
-    """Return the method: `AveragedSurrogate` for a mean law, and `Surrogate` for any other law."""
-    if not isinstance(law, MeanLaw):
-        method = METHODS[METHOD].configured(config)
-        return replace(method, on_batch=lambda estimate: _show(bar, estimate))
-    return replace(
-        AveragedSurrogate.configured(config),
-        events=tuple(events_from(config["answer"]["events"])[1:]),
-        cut_ins_per_km=cut_ins_per_km,
-        share=share,
-        on_answer=lambda estimate, posterior: _show(bar, estimate, posterior),
-    )
+@contextmanager
+def _progress() -> Iterator[Shown]:
+    """Yield a function that shows the progress of the simulations."""
+    with tqdm(desc="simulations", unit="", disable=None) as bar:
+
+        def show(estimate: Any, posterior: Any) -> None:  # noqa: ANN401
+            bar.n = estimate.simulations
+            text = f"{estimate.events} events, sampling alone {estimate.low:.2g} to {estimate.high:.2g}"
+            if posterior is not None:
+                low, high = posterior.whole.interval(LEVEL)
+                text = f"{low:.2g} to {high:.2g} with laws and data, {text}"
+            bar.set_postfix_str(text)
+
+        yield show
 
 
-def _exposure(draws: pd.DataFrame, traffic: Traffic, event: str) -> pd.DataFrame:
-    """Return the table of rates of the event, by replicate; see `exposure.exposure_table`."""
-    parts = []
-    for replicate, of_replicate in draws.groupby("replicate"):
-        values = posterior_of(of_replicate).whole.probabilities
-        levels = (np.arange(RATE_DRAWS) + 0.5) / RATE_DRAWS
-        crash = Posterior(np.quantile(values, levels), np.zeros(RATE_DRAWS, int))
-        table = exposure_table({event: crash}, traffic.cut_ins, traffic.exposure)
-        parts.append(table.assign(replicate=replicate))
-    return pd.concat(parts or [exposure_table({}, traffic.cut_ins, traffic.exposure)], ignore_index=True)
-
-
-def read_records(config: Mapping[str, Any]) -> tuple[pd.DataFrame, Account]:
-    """Read and filter the records of a configuration.
-
-    Parameters
-    ----------
-    config
-        A complete, valid configuration, which names the source of the records and the filters.
-
-    Returns
-    -------
-    encounters : pandas.DataFrame
-        The encounter table, with one row for each record that passes the filters. Its ``attrs["exposure"]``
-        contains the kilometres and hours in which the records were made; None if they are not known.
-    account : Account
-        How many rows each filter has removed.
-    """
-    return _ingested(read_source(config["data"], child_generator(config["seed"], "sample")), config)
-
-
-def _ingested(raw: pd.DataFrame, config: Mapping[str, Any]) -> tuple[pd.DataFrame, Account]:
-    account = Account.of(raw)
-    encounters = ingest(raw, config, account)
-    encounters.attrs["exposure"] = raw.attrs["exposure"]
-    require_rows(encounters)
-    return encounters, account
-
-
-def _show(bar: tqdm, estimate: Estimate, posterior: SampledPosterior | None = None) -> None:
-    """Show the progress of an estimate: the interval of the answer, and that of the sampling alone."""
-    bar.n = estimate.simulations
-    text = f"{estimate.events} events, sampling alone {estimate.low:.2g} to {estimate.high:.2g}"
-    if posterior is not None:
-        low, high = posterior.whole.interval(LEVEL)
-        text = f"{low:.2g} to {high:.2g} with laws and data, {text}"
-    bar.set_postfix_str(text)
+def _not_settled(unseen_lapses: float) -> str:
+    reason = "more simulations may change it, or may find further parts of the event"
+    if not math.isnan(unseen_lapses):
+        reason = (
+            f"lapses that no run has shown can add up to {unseen_lapses:.1g}, which the upper ends contain"
+        )
+    return f"NOT CONVERGED: {reason}; see the last lines"

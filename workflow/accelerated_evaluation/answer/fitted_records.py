@@ -1,5 +1,6 @@
 """The records of a scenario in the form in which laws are fitted to them."""
 
+import os
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from typing import Any, Self
@@ -10,10 +11,12 @@ import pandas as pd
 from accelerated_evaluation.answer.joint_family import ClusteredRecords
 from accelerated_evaluation.base.arrays import Array
 from accelerated_evaluation.base.errors import InputError
+from accelerated_evaluation.base.files import atomic_path
 from accelerated_evaluation.base.randomness import child_generator
 from accelerated_evaluation.laws import Box
 from accelerated_evaluation.laws.smooth.family import DistinctRecords
 from accelerated_evaluation.laws.smooth.support import Support
+from accelerated_evaluation.records.encounter_table import write_encounters
 from accelerated_evaluation.records.filters import Account
 from accelerated_evaluation.records.ingest import ingest
 from accelerated_evaluation.records.segments import require_rows
@@ -62,6 +65,14 @@ class FittedRecords:
     def size(self) -> int:
         """Number of records."""
         return len(self.x)
+
+    def write(self, path: str | os.PathLike) -> None:
+        """Write the encounter table as a Parquet file."""
+        if self.scenario.has_sources:
+            write_encounters(path, self.table, self.table.attrs.get("description", "not described"))
+            return
+        with atomic_path(path) as temporary:
+            self.table.to_parquet(temporary, index=False)
 
     @property
     def per_km(self) -> float | None:

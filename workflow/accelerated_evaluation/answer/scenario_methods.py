@@ -12,7 +12,8 @@ from accelerated_evaluation.base.randomness import child_generator
 from accelerated_evaluation.laws import Law
 from accelerated_evaluation.methods import METHODS
 from accelerated_evaluation.methods.study import study_method
-from accelerated_evaluation.methods.surrogate import read_predecessor, rules_of_joint_laws
+from accelerated_evaluation.methods.surrogate import read_predecessor
+from accelerated_evaluation.problem import Problem
 from accelerated_evaluation.scenarios.protocol import ENDED, Scenario
 from accelerated_evaluation.vehicles.events import event_named
 from accelerated_evaluation.vehicles.protocol import Vehicle
@@ -56,8 +57,6 @@ def compare_methods(
         problem = Problem(scenario, law, vehicle, event)
         for name in methods:
             method = METHODS[name].configured(config)
-            if name == "surrogate":
-                method = replace(method, **rules_of_joint_laws(event.filled))
             if predecessor is not None:
                 method = replace(method, predecessor=read_predecessor(predecessor, problem))
             count = method.replicates(config) or 1

@@ -62,9 +62,14 @@ class Draws(ABC):
         """Return log f_k / f for each draw f_k and the proposal f at points x, shape (n, d), as (K, n)."""
         return self.log_densities(x) - self.proposal.log_density(x)
 
+    def log_ratios_to_mean(self, x: Array) -> Array:
+        """Return log f_k / f_mean for each draw f_k and the mean of all at points x, shape (n, d), as (K, n)."""
+        densities = self.log_densities(x)
+        return densities - (logsumexp(densities, axis=0) - math.log(self.size))
+
     @abstractmethod
-    def mixture(self, n: int, generator: np.random.Generator) -> tuple[Array, Array]:
-        """Draw at least n points x, (m, d), from the mean of the draws, with log f_k / f_mean, (K, m)."""
+    def draw_from_mean(self, n: int, generator: np.random.Generator) -> Array:
+        """Draw n points or a few more from the mean of the draws."""
 
     @abstractmethod
     def subset(self, chosen: NDArray[np.intp]) -> Self:
@@ -118,11 +123,9 @@ class DrawnLaws(Draws, Law):
         """Return the log density of each draw at points x, shape (n, d), as an array of shape (K, n)."""
         return np.array([law.log_density(x) for law in self.laws])
 
-    def mixture(self, n: int, generator: np.random.Generator) -> tuple[Array, Array]:
-        """Draw the same number of points from each draw, with log f_k / f_mean, shape (K, m)."""
-        x = _from_each(self.laws, n, generator)
-        densities = self.log_densities(x)
-        return x, densities - (logsumexp(densities, axis=0) - math.log(self.size))
+    def draw_from_mean(self, n: int, generator: np.random.Generator) -> Array:
+        """Draw the same number of points from each draw, n or a few more together."""
+        return _from_each(self.laws, n, generator)
 
     def subset(self, chosen: NDArray[np.intp]) -> Self:
         """Return the draws with the given indices, shape (k,), under the same proposal."""
@@ -202,10 +205,11 @@ class MixedDraws(Draws, Law):
         """Return the log density of each draw at points x, shape (n, d), as an array of shape (K, n)."""
         return np.vstack([part.log_densities(x) for part in self.parts])
 
-    def mixture(self, n: int, generator: np.random.Generator) -> tuple[Array, Array]:
-        """Draw n points from the mixture, which is the mean of the draws if this holds for the parts."""
-        x = self.draw(n, generator)
-        return x, self.log_ratios(x)
+    def draw_from_mean(self, n: int, generator: np.random.Generator) -> Array:
+        """Draw from the mean of each part in proportion to its size, n points or a few more together."""
+        return np.concatenate(
+            [part.draw_from_mean(-(-n * part.size // self.size), generator) for part in self.parts]
+        )
 
     def subset(self, chosen: NDArray[np.intp]) -> Self:
         """Return the draws with the given indices, shape (k,), in the order of the parts."""
@@ -242,9 +246,9 @@ class OneLaw(Draws):
         """Return zeros, shape (1, n), because the law is its own proposal."""
         return np.zeros((1, len(x)))
 
-    def mixture(self, n: int, generator: np.random.Generator) -> tuple[Array, Array]:
-        """Draw n points from the law, with zeros."""
-        return self.proposal.draw(n, generator), np.zeros((1, n))
+    def draw_from_mean(self, n: int, generator: np.random.Generator) -> Array:
+        """Draw n points from the law."""
+        return self.proposal.draw(n, generator)
 
     def subset(self, chosen: NDArray[np.intp]) -> Self:
         """Return the law itself."""

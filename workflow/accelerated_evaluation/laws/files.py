@@ -38,7 +38,7 @@ def write_law(path: str | os.PathLike, law: Law, records: pd.DataFrame | None = 
     """
     header = {"format": FORMAT, "version": VERSION, "kind": law.kind, "description": law.description}
     header |= {"variables": law.box.content()}
-    if records is not None or law.needs_records:
+    if getattr(law, "proposal", law).needs_records:  # draws need the table if their proposal does
         header |= {"records": _described(records)}
     write_json(path, header | law.content())
 

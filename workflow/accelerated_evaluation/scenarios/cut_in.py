@@ -125,9 +125,11 @@ CUT_IN = SCENARIOS.add("cut_in")(
         outcome_type=Outcomes,
         events=(
             Event("crash", scored_by="min_ttc"),
-            Event("impact_speed", scored_by="min_ttc", threshold=5.0, is_above=True),
-            Event("min_range", scored_by="min_range", threshold=1.0),
-            Event("min_ttc", scored_by="min_ttc", threshold=1.0),
+            Event(
+                "impact_speed", 5.0, scored_by="min_ttc", is_above=True, words="impact above {:g} m/s"
+            ),
+            Event("min_range", 1.0, scored_by="min_range", words="range at most {:g} m"),
+            Event("min_ttc", 1.0, scored_by="min_ttc", words="TTC at most {:g} s"),
         ),
         vehicles=Registry("vehicle", "accelerated_evaluation.vehicles", [str(ROOM)]),
         default_vehicle="acc_aeb",

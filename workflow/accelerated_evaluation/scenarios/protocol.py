@@ -143,6 +143,8 @@ class Event:
         Smallest share of the encounters in a separate part of the event in which the event happens. It is
         small if rounding errors decide in a part of the encounters. The surrogate-guided sampler then makes
         more simulations before it excludes parts that it has not met. It is not used for cut-ins.
+    words
+        The event in words, with the threshold in place of ``{:g}``; by default it follows from the outcome.
     """
 
     quantity: str
@@ -150,6 +152,7 @@ class Event:
     scored_by: str = field(kw_only=True, repr=False)
     is_above: bool = field(default=False, kw_only=True, repr=False)
     filled: float = field(default=FILLED, kw_only=True, repr=False)
+    words: str | None = field(default=None, kw_only=True, repr=False, compare=False)
 
     def happens(self, outcomes: Any) -> NDArray[np.bool_]:  # noqa: ANN401
         """Return whether the event happened in each of n simulated encounters, shape (n,).
@@ -346,6 +349,8 @@ class Scenario:
 
     def event_in_words(self, event: Event) -> str:
         """Return an event as text with its unit, such as ``impact speed above 5 m/s``."""
+        if event.words is not None:
+            return event.words.format(event.threshold)
         (outcome,) = (each for each in self.outcomes if each.name == event.quantity)
         name = outcome.name.replace("_", " ")
         if outcome.is_flag:

@@ -157,7 +157,7 @@ class Campaign:
             deterministic=deterministic,
             **rules_for(scenario, event),
         )
-        return cls(law, encounters, description, event, goal, sampler, limits, beyond, scenario=scenario)
+        return cls(law, encounters, read.description, event, goal, sampler, limits, beyond, scenario=scenario)
 
     # ---- runs
 

@@ -41,6 +41,20 @@ def event_named(text: str, scenario: Scenario = CUT_IN, where: str = "--event") 
     raise InputError(where, seen=repr(text), expected=f"crash{others}", change="Correct the event.")
 
 
+def events_of(scenario: Scenario, thresholds: Mapping[str, list[float]]) -> list[Event]:
+    """Return the events of a scenario in addition to the crash, with thresholds by the name of the outcome.
+
+    Outcomes that the scenario does not have are left out.
+    """
+    names = [each.quantity for each in scenario.events[1:]]
+    return [
+        scenario.event(name, float(value))
+        for name, values in thresholds.items()
+        if name in names
+        for value in values
+    ]
+
+
 def events_from(thresholds: Mapping[str, list[float]]) -> list[Event]:
     """Return the crash, followed by the events with given thresholds.
 

@@ -241,10 +241,9 @@ class MeanLaw(SmoothLaw, Draws):
         """Name of the member of the family of each draw."""
         return self.draws.names
 
-    def mixture(self, n: int, generator: np.random.Generator) -> tuple[Array, Array]:
-        """Draw n cut-ins from the mean law, shape (n, 3), with log f_k / f_mean, shape (K, n)."""
-        x = self.draw(n, generator)
-        return x, self.log_ratios(x)
+    def draw_from_mean(self, n: int, generator: np.random.Generator) -> Array:
+        """Draw n cut-ins from the mean law, shape (n, 3)."""
+        return self.draw(n, generator)
 
     def subset(self, chosen: NDArray[np.intp]) -> Self:
         """Return the mean law of the k draws with the given indices, shape (k,)."""

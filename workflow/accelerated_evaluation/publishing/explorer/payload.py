@@ -127,7 +127,7 @@ def add_laws(payload: Payload, study: LawStudy, drawn: DrawnLaws, logs: Array) -
         "members": [member.name for member in members],
         "weights": study.mean_weights.tolist(),
         "thresholds": [
-            {"level": level, "weights": study.only(at_level(level)).mean_weights.tolist()}
+            {"level": level, "weights": study.only(study.smooth.at_level(level)).mean_weights.tolist()}
             for level in thresholds
         ],
         "coarse": [*COARSE, len(LEVELS)],

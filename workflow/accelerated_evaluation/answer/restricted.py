@@ -1,0 +1,54 @@
+"""Draws of the law that are restricted to a part of the encounters, such as those above a least speed."""
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Self
+
+import numpy as np
+from numpy.typing import NDArray
+
+from accelerated_evaluation.base.arrays import Array
+from accelerated_evaluation.laws import Box, Law
+from accelerated_evaluation.laws.draws import DrawnLaws
+
+POINTS = 20_000  # number of points with which the probability of a part of the encounters is estimated
+
+Holds = Callable[[Array], NDArray[np.bool_]]
+"""Returns whether each of n encounters, shape (n, d), belongs to the part, shape (n,)."""
+
+
+@dataclass(frozen=True)
+class Restricted:
+    """A law given that a condition holds, for crude Monte Carlo; it has no map from normal scores."""
+
+    law: Law
+    holds: Holds
+    share: float  # estimated probability of the condition
+
+    @classmethod
+    def of(cls, law: Law, holds: Holds, generator: np.random.Generator) -> Self:
+        """Return the restricted law, with an estimate of the probability of the condition."""
+        return cls(law, holds, float(holds(law.draw(POINTS, generator)).mean()))
+
+    @property
+    def box(self) -> Box:
+        """The limits of the law."""
+        return self.law.box
+
+    def log_density(self, x: Array) -> Array:
+        """Return the log density at points x, shape (n, d); it is -inf where the condition does not hold."""
+        return np.where(self.holds(x), self.law.log_density(x) - np.log(self.share), -np.inf)
+
+    def draw(self, n: int, generator: np.random.Generator) -> Array:
+        """Draw n points by rejection, shape (n, d)."""
+        kept = np.empty((0, self.law.dimension))
+        while len(kept) < n:
+            x = self.law.draw(n, generator)
+            kept = np.concatenate([kept, x[self.holds(x)]])
+        return kept[:n]
+
+
+def restricted(draws: DrawnLaws, holds: Holds, generator: np.random.Generator) -> DrawnLaws:
+    """Return draws of joint laws given that a condition holds."""
+    laws = [Restricted.of(law, holds, generator) for law in draws.laws]
+    return DrawnLaws(laws, draws.names, draws.proposal, draws.description)
