@@ -4,9 +4,8 @@ import numpy as np
 import pandas as pd
 import pytest
 from accelerated_evaluation.answer.averaged import AveragedSurrogate
-from accelerated_evaluation.answer.emphasis import Emphasis
 from accelerated_evaluation.answer.references import Reference
-from accelerated_evaluation.answer.reweighting import SampledPosterior
+from accelerated_evaluation.answer.reweighting import draws_of
 from accelerated_evaluation.answer.scored_family import score_family
 from accelerated_evaluation.crash_map.mapping import map_crashes
 from accelerated_evaluation.crash_map.maps import Grid
@@ -22,6 +21,7 @@ from accelerated_evaluation.problem import Problem
 from accelerated_evaluation.scenarios.cut_in import CUT_IN
 from accelerated_evaluation.vehicles import Outcomes
 from accelerated_evaluation.vehicles.events import CRASH
+from fewruns import LawEstimates
 from scipy.special import log_ndtr
 from scipy.stats import norm
 
@@ -219,12 +219,12 @@ def cut_ins_of(cut_ins):
 
 def test_the_emphasis_is_large_where_draws_of_small_probability_have_their_events(law):
     probabilities = np.geomspace(1e-7, 1e-5, DRAWS)
-    posterior = SampledPosterior(probabilities, np.full(DRAWS, 0.1), np.zeros(DRAWS, int), 20)
-    emphasis = Emphasis.of(law, posterior)
+    emphasis = draws_of(law).emphasis(LawEstimates(probabilities, np.full(DRAWS, 0.1), 20))
     z = np.random.default_rng(9).normal(size=(60, 3)) * [1, 1.2, 1.2]
-    cut_ins = emphasis.few.from_normal_scores(z)
-    ratios = np.exp(emphasis.few.log_ratios(cut_ins))
-    chosen = probabilities[3 * np.arange(20) + 1] / probabilities.mean()
+    chosen = 3 * np.arange(20) + 1  # at equal steps of the rank
+    few = law.only_draws(chosen)
+    ratios, chosen = np.exp(few.log_ratios(few.from_normal_scores(z))), probabilities[chosen]
+    chosen = chosen / probabilities.mean()
     assert emphasis(z) == pytest.approx(np.sqrt(np.mean((ratios / chosen[:, None]) ** 2, axis=0)))
     many = np.repeat(z, 10, axis=0)
     assert emphasis(many) == pytest.approx(np.repeat(emphasis(z), 10))  # by the nearest, which are the same

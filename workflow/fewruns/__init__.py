@@ -3,17 +3,22 @@
 from importlib import import_module
 from typing import Any
 
-# The module of each public name. It is imported when the name is first used, because compiling takes time.
+# The module of each public name. It is imported when the name is first used, because the compiler (numba) and
+# the optimiser take half a second.
 _HOME = {
     "Certificate": "certificate",
     "Estimate": "estimates",
     "InputError": "errors",
-    "Predecessor": "gaussian_process",
+    "LawEstimates": "several_laws",
+    "Predecessor": "predecessor",
     "Sampler": "sampler",
     "ScoreProblem": "problems",
+    "SeveralLaws": "several_laws",
     "Stopping": "estimates",
     "SystemProblem": "problems",
+    "estimate": "running",
     "read_state": "state",
+    "run_batches": "running",
     "write_state": "state",
 }
 __all__ = sorted(_HOME)

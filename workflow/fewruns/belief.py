@@ -1,16 +1,15 @@
 """The predicted probability of the event at a point that was not simulated: a mixture of two surrogates.
 
-The first surrogate learns from the flags of the runs, and makes no assumption about scores. The second one
-learns from the scores, which contain more information if the system is smooth, and mislead if it has jumps.
-If a similar vehicle is known, the first surrogate also learns from its runs, which mislead where the vehicles
-differ, and the second one learns only from the flags of the vehicle under test. The weights of the two
-surrogates in the mixture follow from the quality of their earlier predictions.
+The first surrogate learns from the flags of the runs. The second one learns from the scores, which contain
+more information if the system is smooth, and mislead if it has jumps. If there is a predecessor, the first
+surrogate also learns from its runs, and the second one only from the flags of the system under test.
 """
 
 from collections.abc import Callable
 from functools import partial
 
 import numpy as np
+
 from fewruns.arrays import Array
 from fewruns.calibration import Calibration
 from fewruns.constants import (
@@ -20,9 +19,10 @@ from fewruns.constants import (
     NOISY_LOG_ODDS,
     RELEARN,
 )
-from fewruns.gaussian_process import EventSurrogate, Predecessor
+from fewruns.gaussian_process import EventSurrogate
 from fewruns.graded import GradedSurrogate, end_of_events, graded
 from fewruns.kernel import principal_axes
+from fewruns.predecessor import Predecessor
 from fewruns.progress import Progress
 from fewruns.subspace import Space, Subspace
 
@@ -30,25 +30,9 @@ from fewruns.subspace import Space, Subspace
 class Belief:
     """Predicted probability of the event at any point, given all runs so far.
 
-    Parameters
-    ----------
-    space
-        The coordinates in which the surrogates are fitted.
-    predecessor
-        Runs of a similar vehicle; None if there is none. The scores of these runs are unknown, so the scores
-        are not used if a predecessor is given.
-    noisy
-        Whether most outcomes are random instead of being the same in every repetition of a run. The prior of
-        the amplitude of the surrogate of the flags is then smaller, and the predictions by the scores include
-        the noise of the regression. They also include it in a subspace, because points with the same
-        coordinates may have different outcomes.
-
-    Attributes
-    ----------
-    space
-        The coordinates in which the surrogates are fitted.
-    flags, scores
-        The surrogate of all flags, and the regression of the scores along the same axes.
+    If most outcomes are random (``noisy``), the predictions by the scores include the noise of the
+    regression; in a subspace they always do, because points with the same coordinates may have different
+    outcomes.
     """
 
     def __init__(self, space: Space, predecessor: Predecessor | None, *, noisy: bool = False) -> None:
@@ -56,20 +40,15 @@ class Belief:
         self.space = space
         self.flags = EventSurrogate(space.dimension, predecessor, amplitude)
         self.scores = GradedSurrogate(space.dimension)
-        self._has_predecessor, self._noisy = predecessor is not None, noisy
+        self._predecessor, self._noisy = predecessor, noisy
         self._scores_are_noisy = noisy or isinstance(space, Subspace)
         self._second: Callable[[Array], Array] | None = None
         self._calibration = Calibration()
 
     def fit(self, progress: Progress) -> None:
-        """Fit both surrogates to all runs of ``progress``, and learn their parameters again if necessary.
+        """Fit both surrogates to all runs, and learn their parameters again if there are enough new runs.
 
-        The parameters are axes, lengths and amplitudes. They are learnt again when the number of runs has
-        grown by the factor `RELEARN`, and always before the first batch of the second phase is known.
-
-        Three sets of axes are compared: the original coordinates, the principal axes of the events, and the
-        principal axes of the most important points of the last pool. If the event is a thin set that is
-        oblique to the normal scores, the surrogate learns its boundary from fewer runs along its principal
+        The boundary of a thin set that is oblique to the scores is learnt from fewer runs along its principal
         axes.
         """
         z, happened, runs = self.space.coordinates(progress.z), progress.happened, len(progress.z)
@@ -81,33 +60,37 @@ class Belief:
             turned = [axes for points in (*mattered, z[happened]) for axes in principal_axes(points)]
         self.flags.fit(z, happened, learn=learn, turned=turned)
         self._second = None
-        if self._has_predecessor and runs:
+        if self._predecessor is not None and runs:
             # It keeps the prior's lengths, so that none of its parameters has to be saved in a state.
             own_flags = EventSurrogate(z.shape[1], amplitude=NOISY_AMPLITUDE if self._noisy else AMPLITUDE)
             own_flags.fit(z, happened, learn=False)
             self._second = own_flags.probability
-        elif not self._has_predecessor and happened.any() and not happened.all():
+        elif self._predecessor is None and happened.any() and not happened.all():
             outcome = graded(happened, progress.score)
             self.scores.fit(z @ self.flags.axes, outcome, learn=learn)
             self._second = partial(self._by_scores, below=end_of_events(outcome, happened))
         predicted = len(progress.foreseen)
-        least = 1 - MOST_TRUST if self._has_predecessor else 0.0
+        least = 0.0 if self._predecessor is None else 1 - MOST_TRUST
         # If most outcomes are random, the regression with noise is the better model of the flags.
         log_odds = NOISY_LOG_ODDS if self._noisy else 0.0
         self._calibration = Calibration.learn(
             progress.foreseen, happened[runs - predicted :], least, log_odds
         )
 
+    def refitted(self, progress: Progress) -> "Belief":
+        """Return surrogates with unchanged axes and lengths that are fitted to other runs."""
+        other = Belief(self.space, self._predecessor, noisy=self._noisy)
+        other.flags.axes, other.flags.theta = self.flags.axes, self.flags.theta
+        other.scores.theta = self.scores.theta
+        other.fit(progress)
+        return other
+
     def probability(self, z: Array) -> Array:
         """Return the calibrated predicted probability of the event, shape (m,), at points z, shape (m, d)."""
         return self._calibration(self.foresee(z, both=self._calibration.trust > 0))
 
     def foresee(self, z: Array, *, both: bool = True) -> Array:
-        """Return the uncalibrated predicted probabilities of both surrogates at z, shape (m, d), as (m, 2).
-
-        If the second surrogate has too few runs or no event, or if ``both`` is False, its column repeats the
-        prediction of the first.
-        """
+        """Return the uncalibrated predictions of both surrogates at z, shape (m, d), as (m, 2)."""
         z = self.space.coordinates(z)
         by_flags = self.flags.probability(z)
         by_second = self._second(z) if both and self._second is not None else by_flags

@@ -1,40 +1,21 @@
-"""Draws of the law itself, which show whether the event also happens where no run of the sampler was.
-
-The runs of the sampler are near the event that it knows. If a vehicle also crashes in thin stripes everywhere
-else, hardly any of these runs meets a stripe, and repeats of runs end in the same way. Draws of the law can
-show such events: if none of n draws is an event, the probability of all events together is below
-log(1 / alpha) / n with confidence 1 - alpha, whatever their shape.
-"""
+"""Draws of the law itself, which show events far from all runs, such as thin stripes."""
 
 from dataclasses import dataclass
+from typing import Annotated
 
 import numpy as np
-from fewruns.arrays import Array, Flags
-from fewruns.constants import AGREEMENT, CONTRADICTION
 from scipy.special import bdtrc
 
-
-@dataclass(frozen=True)
-class LawBatch:
-    """A batch drawn from the law itself; ``z`` has shape (n, d)."""
-
-    z: Array
+from fewruns.arrays import Array, Flags
+from fewruns.constants import AGREEMENT, CONTRADICTION
 
 
 @dataclass(frozen=True)
 class LawDraws:
-    """Outcomes of the draws of the law so far.
+    """Outcomes of the draws of the law so far."""
 
-    Attributes
-    ----------
-    z
-        Normal scores, shape (n, d).
-    happened
-        Whether the event happened, shape (n,).
-    """
-
-    z: Array
-    happened: Flags
+    z: Annotated[Array, "draws", "dimension"]
+    happened: Annotated[Flags, "draws"]
 
     @classmethod
     def none(cls, dimension: int) -> "LawDraws":
@@ -50,20 +31,11 @@ class LawDraws:
         """Number of draws that ended in the event."""
         return int(np.count_nonzero(self.happened))
 
-    def extended(self, batch: LawBatch, happened: Flags) -> "LawDraws":
-        """Return these draws, followed by the draws of a batch and their flags ``happened``, shape (n,)."""
-        return LawDraws(np.vstack([self.z, batch.z]), np.append(self.happened, happened))
+    def extended(self, z: Array, happened: Flags) -> "LawDraws":
+        """Return these draws, followed by further ones, shape (n, d), and their flags, shape (n,)."""
+        return LawDraws(np.vstack([self.z, z]), np.append(self.happened, happened))
 
     def contradict(self, probability: float) -> bool:
-        """Return whether the number of draws that ended in the event contradicts an estimated probability.
-
-        The estimate may be too low by the factor `AGREEMENT`. It is contradicted if, even then, the
-        probability of at least the observed number of events is below `CONTRADICTION`.
-
-        Parameters
-        ----------
-        probability
-            Estimated probability of the event.
-        """
+        """Return whether the events are improbable even if the estimate is too low by `AGREEMENT`."""
         events, allowed = self.events, min(AGREEMENT * probability, 1.0)
         return events > 0 and bool(bdtrc(events - 1, len(self), allowed) < CONTRADICTION)

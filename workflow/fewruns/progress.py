@@ -1,96 +1,63 @@
 """The progress of a sampler: its runs so far, the requested batch, and what was derived from the runs."""
 
 from dataclasses import dataclass, field
-from typing import Self
+from typing import Annotated, Self
 
 import numpy as np
+
 from fewruns.arrays import Array, Flags
 from fewruns.combining import BatchEstimate
 from fewruns.constants import REACH
-from fewruns.law_draws import LawBatch, LawDraws
+from fewruns.law_draws import LawDraws
 from fewruns.repeats import RepeatBatch, Repeats
 from fewruns.two_phase import TwoPhaseBatch
 
 
 @dataclass(frozen=True)
-class WideBatch:
-    """A batch of n runs drawn from the wide distribution; ``z`` are their normal scores, shape (n, d)."""
+class PlainBatch:
+    """A batch of n runs without an estimate: wide draws, a part of the search, or draws of the law itself."""
 
-    z: Array
-
-
-@dataclass(frozen=True)
-class ApproachBatch:
-    """A batch of n runs of the search for the event; ``z`` are their normal scores, shape (n, d)."""
-
-    z: Array
+    z: Annotated[Array, "batch", "dimension"]  # normal scores
+    phase: str  # WIDE, SEARCH or LAW
 
 
-Batch = WideBatch | ApproachBatch | TwoPhaseBatch | RepeatBatch | LawBatch
+WIDE, SEARCH, LAW = "wide", "search", "law"
+Batch = PlainBatch | RepeatBatch | TwoPhaseBatch
 
 
 @dataclass
 class Progress:
-    """The runs of a sampler so far, and the quantities derived from them.
+    """The runs of a sampler so far, and the quantities derived from them."""
 
-    Attributes
-    ----------
-    z, happened, score
-        Normal scores of all runs, shape (n, d), whether the event happened, and their scores, shape (n,).
-    law_draws
-        Draws of the law itself, which are not counted among the runs.
-    wide_draws
-        Draws from the wide distribution to which the runs are equivalent, in k groups: number of draws,
-        smallest and largest rarity, shape (k, 3).
-    estimates
-        The estimates of all batches of the second phase.
-    batches
-        The batches of the second phase whose outcomes are known. They are kept so that their estimates can
-        be reweighted for another law. The last batch belongs to the last of the ``estimates``; there may be
-        fewer batches than estimates, because earlier versions of the sampler did not keep them.
-    foreseen
-        Uncalibrated predictions of the two surrogates for the last m runs, which are all runs of the second
-        phase, before they were made, shape (m, 2).
-    repeats
-        Repetitions of runs, which are not counted among the runs.
-    chance, chance_since
-        Whether an outcome may be random; and how many estimates there were when the verdict whether most
-        outcomes are random last changed. These first estimates are no longer used.
-    pending
-        The batch that was requested and whose outcomes have not been received.
-    centres
-        Centres of the next pool, shape (k, d); None before the first pool.
-    searched
-        Number of runs of the search per unit of rarity, up to the rarity ``rarest`` + `BEYOND`.
-    rarest
-        Rarity of the event with the smallest rarity that the search has found.
-    directions
-        Directions on which the event depends, divided by their lengths, shape (d, k), if there are many
-        normal scores.
-    learnt_at
-        Number of runs when the parameters of the surrogates were last learnt.
-    """
-
-    z: Array
-    happened: Flags
-    score: Array
+    # Normal scores of all runs, whether the event happened, and their scores. Repetitions of runs and draws
+    # of the law itself are not among them.
+    z: Annotated[Array, "runs", "dimension"]
+    happened: Annotated[Flags, "runs"]
+    score: Annotated[Array, "runs"]
     law_draws: LawDraws
-    wide_draws: Array = field(default_factory=lambda: np.empty((0, 3)))
+    # Draws from the wide distribution to which the runs are equivalent: number, smallest and largest rarity.
+    wide_draws: Annotated[Array, "groups", 3] = field(default_factory=lambda: np.empty((0, 3)))
+    # The batches of the second phase, and their estimates. The last batch belongs to the last estimate. There
+    # are fewer batches than estimates if the sampler was rebuilt after an upgrade.
     estimates: list[BatchEstimate] = field(default_factory=list)
     batches: list[TwoPhaseBatch] = field(default_factory=list)
-    foreseen: Array = field(default_factory=lambda: np.empty((0, 2)))
+    # Uncalibrated predictions of the two surrogates for the runs of the second phase before they were made,
+    # which are the last runs.
+    foreseen: Annotated[Array, "foreseen", 2] = field(default_factory=lambda: np.empty((0, 2)))
     repeats: Repeats = field(default_factory=Repeats.none)
-    chance: bool = False
+    chance: bool = False  # whether an outcome may be random
+    # Number of estimates when the verdict whether most outcomes are random last changed; they are not used.
     chance_since: int = 0
-    pending: Batch | None = None
-    centres: Array | None = None
-    searched: float = 0.0
-    rarest: float = REACH
-    directions: Array | None = None
-    learnt_at: int = 0
+    pending: Batch | None = None  # the batch that was requested and whose outcomes have not been received
+    centres: Annotated[Array, "centres", "dimension"] | None = None  # of the next pool
+    searched: float = 0.0  # runs of the search per unit of rarity, up to the rarity ``rarest`` + `BEYOND`
+    rarest: float = REACH  # smallest rarity of an event that the search has found
+    # Directions on which the event depends, divided by their lengths, if there are many normal scores.
+    directions: Annotated[Array, "dimension", "directions"] | None = None
+    learnt_at: int = 0  # number of runs when the parameters of the surrogates were last learnt
 
     @classmethod
     def start(cls, dimension: int) -> Self:
-        """Return the progress of a sampler without any run, in ``dimension`` normal scores."""
+        """Return the progress of a sampler without any run."""
         nothing = np.empty((0, dimension)), np.empty(0, bool), np.empty(0)
         return cls(*nothing, LawDraws.none(dimension))

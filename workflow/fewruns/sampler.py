@@ -1,27 +1,23 @@
 """Surrogate-guided sampling: the probability of a rare event from a few hundred simulations.
 
-The event is a set in the space of normal scores, z ~ N(0, I). Every batch takes the same three steps.
+The event is a set in the space of normal scores, z ~ N(0, I). In every batch, surrogates predict the
+probability p(z) of the event from all runs so far (`belief`). A pool of points z_j, which need no simulation,
+is drawn from a density h, with weights w_j = phi(z_j) / h(z_j) (`pools`). From the pool, n runs are chosen,
+most of them where w_j times the expected error of the surrogate is large. With p as control variate, they
+give an unbiased estimate (`two_phase`).
 
-1. Surrogates. The flags and the scores of all runs so far give p(z), the predicted probability of the event
-   at z, which is calibrated by the outcomes of earlier predictions; see `belief`.
-2. First phase, without simulations. A pool of points z_j is drawn from a density h, a mixture of kernels
-   around the important points of the previous pool, and of the wide distribution. The points have the weights
-   w_j = phi(z_j) / h(z_j).
-3. Second phase. From the pool, n runs are chosen. Most of them are points where w_j times the expected error
-   of the surrogate is large; a defensive share is spread over the whole pool. With p as control variate, the
-   runs give an estimate Y whose mean, given all earlier batches, is P(event); see `two_phase`.
-
-The estimate is a weighted mean of Y over the last batches with consistent predictions. The weights follow
-from variances that were predicted before each batch was drawn; see `combining`. The probability of parts that
-were missed is bounded; see `certificate`. Before these batches, a search finds the event and its most
-probable part; see `search`. Notebook 10 derives the method, and docs/sampler.md explains its use.
+The result is a weighted mean over the last batches with consistent predictions (`combining`). The probability
+of parts that were missed is bounded (`certificate`). Before these batches, a search finds the event
+(`search`). Notebook 10 derives the method, and docs/sampler.md explains its use.
 """
 
 from collections.abc import Callable
 from dataclasses import replace
-from typing import Self
 
 import numpy as np
+from numpy.typing import ArrayLike
+from threadpoolctl import ThreadpoolController
+
 from fewruns import results
 from fewruns.arrays import Array, Flags
 from fewruns.belief import Belief
@@ -35,28 +31,28 @@ from fewruns.constants import (
     ENOUGH_UNEXPECTED,
     FEW,
     FIRST_REPEATS,
+    FREQUENT_REACH,
+    FREQUENT_START,
     LARGEST_SCORE,
     PATIENCE,
     POOL,
     REACH,
     RELEARN,
+    START,
     STEP,
 )
 from fewruns.directions import learn_directions
+from fewruns.errors import InputError
 from fewruns.estimates import Estimate, Stopping
-from fewruns.gaussian_process import Predecessor
-from fewruns.law_draws import LawBatch
 from fewruns.pools import Defence
-from fewruns.progress import ApproachBatch, Batch, Progress, WideBatch
+from fewruns.predecessor import Predecessor
+from fewruns.progress import LAW, SEARCH, WIDE, Batch, PlainBatch, Progress
 from fewruns.repeats import RepeatBatch, choose_repeats, end_differently
 from fewruns.search import draw_approach
 from fewruns.second_phase import SecondPhase
-from fewruns.state import State, generator_in
 from fewruns.subspace import WholeSpace, space_along
 from fewruns.two_phase import TwoPhaseBatch
-from fewruns.wide_laws import RARE, Begin, rarity
-from numpy.typing import ArrayLike
-from threadpoolctl import ThreadpoolController
+from fewruns.wide_laws import draw_wide, rarity
 
 # Linear algebra uses one thread. The matrices are small, and the results must not depend on the number of
 # cores.
@@ -64,36 +60,57 @@ BLAS = ThreadpoolController()
 
 
 class Sampler:
-    """The sampler as an object that requests batches of runs and receives their outcomes.
+    """The sampler as an object that requests batches of runs (`ask`) and receives their outcomes (`tell`).
 
-    It is used directly for vehicles that are run elsewhere.
+    Use it for systems that are run elsewhere; otherwise `run_batches` and `estimate` are simpler.
 
     Parameters
     ----------
     dimension
-        Number d of normal scores.
+        Number d of inputs. The event is defined in their normal scores, which are independent and standard
+        normal.
     generator
         Source of all randomness.
     batch_size
-        Number n of simulations in a batch, at most a quarter of the pool.
+        Number n of runs in a batch, from 1 to 500. The attribute may be changed between two batches.
     fingerprint
         Text that identifies the problem, so that a saved state is not resumed for another one.
     certificate
         Bound on unobserved parts of the event that is required for convergence.
     predecessor
-        Runs of another vehicle that is similar to the one under test, with events among them. The sampler
-        then begins near these events, without a search.
+        Runs of a similar system, near whose events the sampler begins.
     deterministic
-        Whether the vehicle always has the same outcome for the same normal scores. If this is not known
-        (None), some runs are repeated to find out.
-    enough_repeats
-        If ``deterministic`` is None: number of repetitions without a difference that are required for
-        convergence, because the vehicle is then treated as deterministic.
-    enough_draws
-        If ``deterministic`` is None: number of draws of the law itself that are required for convergence, and
-        have to agree with the estimate; see `law_draws`.
-    begin
-        Number and distribution of the first runs.
+        Whether the system always has the same outcome for the same inputs; None if this is not known.
+    enough_repeats, enough_draws
+        If ``deterministic`` is None: numbers of repetitions of runs, and of draws of the inputs by their own
+        law, that are required for convergence. Repetitions show random outcomes, and draws show events far
+        from all other runs, such as thin stripes.
+    frequent
+        Whether the event may be frequent, and may have several separate parts. The sampler then begins with
+        40 runs up to a tail probability of 5e-5, instead of 20 runs at all tail probabilities.
+
+    Attributes
+    ----------
+    progress
+        The runs so far: normal scores ``z``, shape (runs, d), ``happened`` and ``score``, shape (runs,).
+    emphasis
+        Factor of the inclusion probabilities as a function of z; see `SeveralLaws.emphasis`.
+
+    Examples
+    --------
+    The event is that the sum of two standard normal inputs exceeds 6.
+
+    >>> import numpy as np
+    >>> from fewruns import Sampler, Stopping
+    >>> goal = Stopping()
+    >>> sampler = Sampler(2, np.random.default_rng(1))
+    >>> while not sampler.has_converged(goal):
+    ...     z = sampler.ask(certify=sampler.is_narrow(goal))
+    ...     margin = 6 - z.sum(axis=1)
+    ...     sampler.tell(margin < 0, margin)
+    >>> found = sampler.estimate(goal)
+    >>> found.simulations < 200, found.low < 1.1e-5 < found.high
+    (True, True)
     """
 
     def __init__(
@@ -102,90 +119,80 @@ class Sampler:
         generator: np.random.Generator,
         batch_size: int = 5,
         *,
-        fingerprint: str,
+        fingerprint: str = "",
         certificate: Certificate = BY_DEFAULT,
         predecessor: Predecessor | None = None,
         deterministic: bool | None = True,
         enough_repeats: int = ENOUGH_REPEATS,
         enough_draws: int = 0,
-        begin: Begin = RARE,
+        frequent: bool = False,
     ) -> None:
         if predecessor is not None:
             predecessor.check(dimension)
         if not 1 <= batch_size <= POOL // 4:
-            raise ValueError(f"batch_size must be from 1 to {POOL // 4}, got {batch_size}")
+            expected, change = f"1 to {POOL // 4}", "Choose another size."
+            raise InputError("batch_size", seen=str(batch_size), expected=expected, change=change)
         self.dimension, self.batch_size, self.fingerprint = dimension, batch_size, fingerprint
-        self.certificate, self.begin = certificate, begin
+        self.certificate, self.frequent, self.predecessor = certificate, frequent, predecessor
         self.deterministic = deterministic
         self.enough_repeats, self.enough_draws = enough_repeats, enough_draws
         self.progress = Progress.start(dimension)
         self.progress.chance = deterministic is False
-        self._generator = generator
-        self.predecessor = predecessor
+        self.generator = generator
         self.emphasis: Callable[[Array], Array] | None = None
-        self._belief = Belief(WholeSpace(dimension), predecessor)
+        self.belief = Belief(WholeSpace(dimension), predecessor)
+        # Number of the first runs, and their largest rarity.
+        self._first = (FREQUENT_START, FREQUENT_REACH) if frequent else (START, REACH)
 
     # ---- simulations
 
     def ask(self, *, certify: bool = False) -> Array:
-        """Return the normal scores to simulate next, shape (n, d).
+        """Return the normal scores to simulate next, shape (n, d), until `tell` has received their outcomes.
 
-        Further calls return the same points until `tell` has received their outcomes.
-
-        Parameters
-        ----------
-        certify
-            Whether to place most of the runs where they exclude unobserved parts of the event. It is meant
-            for the time when the interval is narrow, but the certificate is not yet met.
+        With ``certify``, most runs exclude unobserved parts of the event, as needed when the interval is
+        narrow.
         """
         return self._pending_batch(certify=certify).z
 
     def tell(self, happened: ArrayLike, score: ArrayLike | None = None) -> None:
-        """Receive the outcomes of the batch that `ask` returned last.
+        """Receive the outcomes of the batch that `ask` returned last: flags and scores, shape (n,).
 
-        Parameters
-        ----------
-        happened
-            Whether the event happened, shape (n,).
-        score
-            A number for each run that is smaller the closer the run came to the event, shape (n,); None if
-            there are no scores.
-
-        Raises
-        ------
-        ValueError
-            If a shape is wrong, or a score is not a number. The outcomes are then ignored.
+        A score is smaller the closer a run came to the event. InputError is raised if a shape or score is
+        wrong.
         """
         batch, progress = self._pending_batch(), self.progress
-        happened = np.asarray(happened, dtype=bool)
-        score = np.zeros(len(batch.z)) if score is None else np.asarray(score, dtype=float)
-        if happened.shape != (len(batch.z),) or score.shape != (len(batch.z),):
-            raise ValueError(
-                f"asked for {len(batch.z)} simulations, received {happened.shape} and {score.shape}"
-            )
-        if np.isnan(score).any():
-            raise ValueError("a score is not a number")
+        n, happened = len(batch.z), np.asarray(happened, dtype=bool)
+        score = np.zeros(n) if score is None else np.asarray(score, dtype=float)
+        if happened.shape != (n,) or score.shape != (n,) or np.isnan(score).any():
+            seen = f"{happened.shape} flags and {score.shape} scores, {np.isnan(score).sum()} of them NaN"
+            change = "Report the outcomes of all runs of the batch, in their order."
+            raise InputError("the outcomes", seen=seen, expected=f"{n} of each, and numbers", change=change)
         score = np.clip(score, -LARGEST_SCORE, LARGEST_SCORE)
+        progress.pending = None
         if isinstance(batch, RepeatBatch):
             self._take_repeats(batch, happened, score)
-            return
-        if isinstance(batch, LawBatch):
-            self._take_draws(batch, happened)
-            return
-        progress.z = np.vstack([progress.z, batch.z])
-        progress.happened = np.append(progress.happened, happened)
-        progress.score = np.append(progress.score, score)
-        progress.pending = None
+        elif isinstance(batch, PlainBatch) and batch.phase == LAW:
+            progress.law_draws = progress.law_draws.extended(batch.z, happened)
+            progress.chance |= results.is_contradicted(progress)  # the system may then lapse
+        else:
+            progress.z = np.vstack([progress.z, batch.z])
+            progress.happened = np.append(progress.happened, happened)
+            progress.score = np.append(progress.score, score)
+            self._take_runs(batch, happened)
+
+    def _take_runs(self, batch: PlainBatch | TwoPhaseBatch, happened: Flags) -> None:
+        """Update what is derived from the runs of a batch."""
+        progress = self.progress
         if isinstance(batch, TwoPhaseBatch):
             progress.wide_draws = np.vstack([progress.wide_draws, batch.wide_draws])
             progress.estimates.append(estimate_batch(batch, happened))
             progress.batches.append(batch)
             progress.foreseen = np.vstack([progress.foreseen, batch.foreseen])
             return
-        events = self._belief.space.coordinates(batch.z[happened])
+        events = self.belief.space.coordinates(batch.z[happened])
         rarest = min(rarity(events).min(initial=REACH), progress.rarest)
-        if isinstance(batch, WideBatch):
-            progress.wide_draws = np.vstack([progress.wide_draws, [len(batch.z), 0.0, self.begin.reach]])
+        if batch.phase == WIDE:
+            progress.wide_draws = np.vstack([progress.wide_draws, [len(batch.z), 0.0, self._first[1]]])
         else:
             progress.searched += len(batch.z) / self._search_reach
         progress.rarest = rarest
@@ -196,20 +203,12 @@ class Sampler:
         differed = end_differently(progress.happened[first], progress.score[first], happened, score)
         was_noisy = progress.repeats.vary_often
         progress.repeats = progress.repeats.extended(batch, happened, differed)
-        progress.pending = None
         progress.chance |= bool(differed.any())
         if (is_noisy := progress.repeats.vary_often) != was_noisy:
             # Earlier predictions and estimates assumed another kind of outcome, so they are not used.
             progress.chance_since = len(progress.estimates)
             progress.foreseen, progress.learnt_at = np.empty((0, 2)), 0
-            self._belief = Belief(self._belief.space, self.predecessor, noisy=is_noisy)
-
-    def _take_draws(self, batch: LawBatch, happened: Flags) -> None:
-        """Compare draws of the law with the estimate. If they contradict it, the vehicle may lapse."""
-        progress = self.progress
-        progress.law_draws = progress.law_draws.extended(batch, happened)
-        progress.pending = None
-        progress.chance |= results.is_contradicted(progress)
+            self.belief = Belief(self.belief.space, self.predecessor, noisy=is_noisy)
 
     @property
     def simulations(self) -> int:
@@ -223,60 +222,48 @@ class Sampler:
 
     @property
     def draws_next(self) -> bool:
-        """Whether the requested batch consists of draws of the law itself."""
-        return isinstance(self.progress.pending, LawBatch)
+        """Whether the requested batch consists of draws of the law itself, which are no runs."""
+        return getattr(self.progress.pending, "phase", None) == LAW
+
+    # ---- convergence
 
     def has_converged(self, stopping: Stopping) -> bool:
-        """Return whether the estimate has converged.
-
-        The interval has to be narrow, with enough observed events. The certificate also has to be met,
-        all required repetitions have to be made, and the vehicle must not lapse.
-        """
+        """Return whether the interval is narrow and no more runs are needed for other reasons."""
         return self.is_narrow(stopping) and self.is_settled()
 
-    def is_settled(self) -> bool:
-        """Return whether no more runs are needed except to narrow the interval.
+    def is_narrow(self, stopping: Stopping) -> bool:
+        """Return whether the interval is as narrow as the rule requires, with enough events."""
+        return results.is_narrow(self.progress, stopping)
 
-        This is the case if the certificate is met, all required repetitions and draws of the law are made,
-        and the vehicle does not lapse.
-        """
+    def is_settled(self) -> bool:
+        """Return whether no more runs are needed except to narrow the interval."""
         return self._has_excluded_all_else() and not self.may_lapse
 
     def has_ended(self, *, is_narrow: bool) -> bool:
-        """Return whether the runs should end, because more runs would not improve the result.
+        """Return whether more runs would not improve the result.
 
-        This is the case if the estimate has converged, or if it has not converged only because the vehicle
-        may lapse: no practicable number of runs excludes rare lapses (see `lapses`). The runs also end if the
-        vehicle may lapse and `ENOUGH_UNEXPECTED` events were unexpected, because the interval will then not
-        become narrow.
-
-        Parameters
-        ----------
-        is_narrow
-            Whether the interval is as narrow as required.
+        That is so if the estimate has converged, or would have if the system did not lapse, because no
+        practicable number of runs excludes rare lapses; and after `ENOUGH_UNEXPECTED` events of a system that
+        may lapse.
         """
         unexpected = sum(batch.surprising for batch in self.progress.estimates)
         if self.may_lapse and unexpected >= ENOUGH_UNEXPECTED:
             return True
         return is_narrow and self._has_excluded_all_else()
 
-    def _has_excluded_all_else(self) -> bool:
-        """Return whether the certificate is met and all checks are made; only lapses may then remain."""
-        certified = results.is_certified(self.progress, self.certificate)
-        return certified and not self.repeats_wanted(certify=True) and not self._draws_wanted()
+    @property
+    def may_lapse(self) -> bool:
+        """Whether the system may fail at random in a few of its runs, which the runs may have missed."""
+        return self.progress.chance and not self.progress.repeats.vary_often
+
+    def unseen_lapses(self, probability: float, share: float) -> float:
+        """Return a bound on the probability that lapses add to an estimate; 0 without lapses."""
+        return (
+            results.lapse_bounds(self.progress, probability, share).like_hardness if self.may_lapse else 0.0
+        )
 
     def repeats_wanted(self, *, certify: bool) -> int:
-        """Return how many repetitions of runs are still required.
-
-        It is 0 if the vehicle is stated to be deterministic, or if a repetition has already shown that it is
-        not. Otherwise at least `FIRST_REPEATS` repetitions are required, to notice noise. For convergence
-        ``enough_repeats`` are required, unless the vehicle is stated to be random.
-
-        Parameters
-        ----------
-        certify
-            Whether the repetitions for convergence are included.
-        """
+        """Return how many repetitions are still required; ``certify`` adds those for convergence."""
         if self.deterministic is True or (self.progress.chance and self.deterministic is None):
             return 0
         wanted = self.enough_repeats if certify and not self.progress.chance else FIRST_REPEATS
@@ -288,93 +275,20 @@ class Sampler:
             return 0
         return max(self.enough_draws - len(self.progress.law_draws), 0)
 
-    def is_narrow(self, stopping: Stopping) -> bool:
-        """Return whether the interval is as narrow as the rule requires, with enough observed events."""
-        return results.is_narrow(self.progress, stopping)
+    def _has_excluded_all_else(self) -> bool:
+        """Return whether the certificate is met and all checks are made; only lapses may then remain."""
+        certified = results.is_certified(self.progress, self.certificate)
+        return certified and not self.repeats_wanted(certify=True) and not self._draws_wanted()
 
     def estimate(self, stopping: Stopping) -> Estimate:
-        """Return the estimate of the probability of the event from the runs so far.
+        """Return the estimate from the runs so far; ``tables["runs"]`` has a row for each run.
 
-        Parameters
-        ----------
-        stopping
-            The stopping rule, which determines the level of the interval and whether the estimate has
-            converged.
-
-        Returns
-        -------
-        Estimate
-            The estimate; `results.estimate` describes its diagnostics and tables.
+        The diagnostics ``unseen_mode`` and ``unseen_any`` bound the probability of unobserved parts
+        (`Certificate`).
         """
         found = results.estimate(self.progress, self.batch_size, stopping, self.certificate)
         found = replace(found, converged=self.has_converged(stopping))
         return results.with_lapses(found, self.progress, stopping) if self.may_lapse else found
-
-    @property
-    def may_lapse(self) -> bool:
-        """Whether the vehicle may fail at random in a few of its runs, which the runs may have missed.
-
-        If the outcomes of most runs are random, the runs show this, and the estimate includes it.
-        """
-        return self.progress.chance and not self.progress.repeats.vary_often
-
-    # ---- saved state
-
-    def state(self) -> State:
-        """Return everything that `resume` needs to continue with this sampler.
-
-        Outcomes that are received later do not change the returned state.
-        """
-        return State(
-            fingerprint=self.fingerprint,
-            dimension=self.dimension,
-            batch_size=self.batch_size,
-            progress=replace(
-                self.progress,
-                estimates=[*self.progress.estimates],
-                batches=[*self.progress.batches],
-            ),
-            axes=self._belief.flags.axes,
-            theta=self._belief.flags.theta,
-            sites=self._belief.flags.sites,
-            graded_theta=self._belief.scores.theta,
-            generator=self._generator.bit_generator.state,
-            predecessor=self.predecessor,
-            deterministic=self.deterministic,
-            enough_repeats=self.enough_repeats,
-            enough_draws=self.enough_draws,
-        )
-
-    @classmethod
-    def resume(cls, state: State, certificate: Certificate = BY_DEFAULT, begin: Begin = RARE) -> Self:
-        """Return the sampler of a saved state, which continues as if it had not been interrupted.
-
-        Parameters
-        ----------
-        state
-            State that the method `state` returned.
-        certificate, begin
-            As for a new sampler; they are not saved in the state.
-        """
-        sampler = cls(
-            state.dimension,
-            generator_in(state.generator),
-            state.batch_size,
-            fingerprint=state.fingerprint,
-            certificate=certificate,
-            begin=begin,
-            predecessor=state.predecessor,
-            deterministic=state.deterministic,
-            enough_repeats=state.enough_repeats,
-            enough_draws=state.enough_draws,
-        )
-        sampler.progress = state.progress
-        space = space_along(state.progress.directions, state.dimension)
-        sampler._belief = Belief(space, state.predecessor, noisy=state.progress.repeats.vary_often)
-        flags = sampler._belief.flags
-        flags.axes, flags.theta, flags.sites = state.axes, state.theta, state.sites
-        sampler._belief.scores.theta = state.graded_theta
-        return sampler
 
     # ---- design of a batch
 
@@ -395,33 +309,33 @@ class Sampler:
         if self._is_searching() or (certify and not results.is_certified(progress, self.certificate)):
             return None
         known = progress.z, progress.happened, progress.score, progress.repeats
-        return choose_repeats(*known, count, self._generator)
+        return choose_repeats(*known, count, self.generator)
 
-    def _draws(self, *, certify: bool) -> LawBatch | None:
+    def _draws(self, *, certify: bool) -> PlainBatch | None:
         """Draw from the law itself, as the last check before convergence; None while it is not due."""
         count = min(self._draws_wanted(), self.batch_size)
         if not (count and certify and results.is_certified(self.progress, self.certificate)):
             return None
-        return LawBatch(self._generator.standard_normal((count, self.dimension)))
+        return PlainBatch(self.generator.standard_normal((count, self.dimension)), LAW)
 
     def _design(self, defence: Defence) -> Batch:
         """Choose the next batch: wide draws at first, then the search, then the second phase."""
-        progress = self.progress
+        progress, generator = self.progress, self.generator
         if self.predecessor is None:
             happened, score = progress.happened, progress.score
-            start = self.begin.runs
+            start, reach = self._first
             few = self.simulations < (start if self.dimension <= FEW else max(start, self.dimension))
             if few or happened.all() or not (happened.any() or np.ptp(score) > 0):  # all outcomes are equal
-                return WideBatch(self.begin.draw(self.batch_size, self.dimension, self._generator))
+                return PlainBatch(draw_wide(self.batch_size, self.dimension, generator, reach), WIDE)
             self._learn_directions()
             if self._is_searching():
-                space = self._belief.space
+                space = self.belief.space
                 known, reach = (space.coordinates(progress.z), happened, score), self._search_reach
                 in_vain = not happened.any() and progress.searched >= PATIENCE
-                z = draw_approach(self.batch_size, reach, *known, self._generator, in_vain=in_vain)
-                return ApproachBatch(space.draw(z, self._generator))
-        self._belief.fit(progress)
-        phase = SecondPhase(self._belief, progress, self.batch_size, defence, self.emphasis, self._generator)
+                z = draw_approach(self.batch_size, reach, *known, generator, in_vain=in_vain)
+                return PlainBatch(space.draw(z, generator), SEARCH)
+        self.belief.fit(progress)
+        phase = SecondPhase(self.belief, progress, self.batch_size, defence, self.emphasis, generator)
         return phase.batch()
 
     def _learn_directions(self) -> None:
@@ -432,10 +346,10 @@ class Sampler:
             return
         progress.directions = learn_directions(progress.z, progress.happened, progress.score, known)
         space = space_along(progress.directions, self.dimension)
-        self._belief = Belief(space, None, noisy=progress.repeats.vary_often)
+        self.belief = Belief(space, None, noisy=progress.repeats.vary_often)
         progress.learnt_at = runs if self._is_searching() else 0  # with 0, the surrogates learn again
         events = progress.z[progress.happened]
-        progress.rarest = rarity(self._belief.space.coordinates(events)).min(initial=REACH)
+        progress.rarest = rarity(self.belief.space.coordinates(events)).min(initial=REACH)
 
     def _is_searching(self) -> bool:
         """Return whether the search continues: it needs an event and one run in every `STEP` of rarity."""

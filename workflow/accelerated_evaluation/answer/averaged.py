@@ -8,18 +8,22 @@ from a crash map does. More runs reduce only the last of the three.
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
+from functools import partial
 from typing import Any, ClassVar
 
 import numpy as np
 import pandas as pd
-from fewruns.results import lapse_bounds
+from fewruns.crossfit import Control, cross_fitted
+from fewruns.emphasis import Emphasis
+from fewruns.problems import Response
+from fewruns.running import run_batches
 from fewruns.sampler import Sampler
+from fewruns.several_laws import LawEstimates, SeveralLaws
+from numpy.typing import NDArray
 
-from accelerated_evaluation.answer.crossfit import Control, cross_fitted
-from accelerated_evaluation.answer.emphasis import Emphasis
 from accelerated_evaluation.answer.impacts import impact_share
 from accelerated_evaluation.answer.posterior import LEVELS, budget
-from accelerated_evaluation.answer.reweighting import Reweighting, SampledPosterior
+from accelerated_evaluation.answer.reweighting import SampledPosterior, draws_of
 from accelerated_evaluation.answer.study import event_name
 from accelerated_evaluation.answer.summary import SUMMARY, summarise
 from accelerated_evaluation.base.arrays import Array
@@ -91,21 +95,17 @@ class AveragedSurrogate(Surrogate):
             The probability under the mean law, with the interval of the sampling alone. Its tables contain
             the answer, which includes the uncertainty in the law.
         """
-        sampler = self._sampler(problem, generator)
-        course = Course.of(problem.law, sampler)
-        while sampler.simulations + self.batch_size <= stopping.maximum_simulations:
-            has_enough = self.has_enough(course, stopping)
-            if sampler.has_ended(is_narrow=has_enough):
-                break
-            course.run(problem, sampler.ask(certify=has_enough))
-            if (posterior := course.posterior()) is not None:
-                sampler.emphasis = Emphasis.of(problem.law, posterior)
+        course = Course.of(problem, self.sampler(problem, generator))
+        sampler = course.sampler
+        for _ in run_batches(sampler, course, stopping, partial(self.has_enough, course, stopping)):
+            sampler.emphasis = course.emphasis()
             if self.on_answer is not None:
                 self.on_answer(sampler.estimate(stopping), course.posterior())
+        found = sampler.estimate(stopping)
         return replace(
-            sampler.estimate(stopping),
+            found,
             converged=self.has_enough(course, stopping) and sampler.is_settled(),
-            tables={"runs": sampler.estimate(stopping).tables["runs"]}
+            tables={"runs": found.tables["runs"]}
             | course.tables(problem.event, self.events, self.cut_ins_per_km),
         )
 
@@ -133,75 +133,52 @@ class AveragedSurrogate(Surrogate):
 class Course:
     """The course of an estimate under a mean law: its runs, their outcomes and their density ratios.
 
-    Attributes
-    ----------
-    law
-        The mean law.
-    sampler
-        The sampler that chooses the runs.
-    reweighting
-        The density ratios of the batches of the sampler, for every draw of the law.
-    outcomes
-        The outcomes of all batches, in their order, without repetitions and draws of the law.
+    It is also the problem whose batches are run, because it keeps their outcomes.
     """
 
     law: MeanLaw
     sampler: Sampler
-    reweighting: Reweighting
+    draws: SeveralLaws  # the draws of the law
+    problem: Problem | None = None  # None if the runs were made elsewhere
+    # The outcomes of all batches, in their order, without repetitions and draws of the law.
     outcomes: list[Outcomes] = field(default_factory=list)
 
     @classmethod
-    def of(cls, law: MeanLaw, sampler: Sampler) -> "Course":
-        """Return the course of an estimate that has no runs yet.
+    def of(cls, problem: Problem, sampler: Sampler) -> "Course":
+        """Return the course of an estimate that has no runs yet, under the mean law of the problem."""
+        return cls(problem.law, sampler, draws_of(problem.law), problem)
 
-        Parameters
-        ----------
-        law
-            The mean law, from which the runs are drawn.
-        sampler
-            The sampler that chooses the runs.
-        """
-        member = np.unique(law.draws.names, return_inverse=True)[1]
-        return cls(law, sampler, Reweighting(law.log_ratios, law.from_normal_scores, member))
+    @property
+    def member(self) -> NDArray[np.int_]:
+        """Index of the law of each draw among the members of the family, shape (K,)."""
+        return np.unique(self.law.draws.names, return_inverse=True)[1]
 
-    def run(self, problem: Problem, z: Array) -> None:
-        """Simulate the batch that the sampler has requested, and pass the outcomes to the sampler.
-
-        Parameters
-        ----------
-        problem
-            The law, the vehicle and the event.
-        z
-            Normal scores of the requested runs (coordinates in which the mean law is standard normal), shape
-            (n, d).
-        """
-        if self.sampler.repeats_next:
-            self.sampler.tell(*problem.repeat(z))
-            return
-        outcomes = problem.simulate(problem.law.from_normal_scores(z))
+    def evaluate(self, z: Array) -> Response:
+        """Simulate the batch that the sampler has requested, shape (n, d), and keep the outcomes."""
+        outcomes = self.problem.simulate(self.problem.law.from_normal_scores(z))
         if not self.sampler.draws_next:
             self.outcomes.append(outcomes)
-        self.sampler.tell(problem.event.happens(outcomes), problem.event.score(outcomes))
+        return self.problem.event.happens(outcomes), self.problem.event.score(outcomes)
+
+    def repeat(self, z: Array) -> Response:
+        """Simulate runs again, although their outcomes may be stored; the outcomes are not kept."""
+        return self.problem.repeat(z)
 
     def posterior(self) -> SampledPosterior | None:
-        """Return the estimated probability of the sampled event under each of the K draws of the law.
-
-        The result is None if there is no estimate yet.
-        """
-        progress = self.sampler.progress
-        return self.reweighting.estimate(progress) if progress.happened.any() else None
+        """Return the probability of the sampled event under each draw; None if there is no estimate yet."""
+        return self._sampled(self.draws.estimate(self.sampler))
 
     def refined(self) -> SampledPosterior | None:
-        """Return the posterior of the sampled event with cross-fitted control variates.
+        """Return the more precise posterior of `SeveralLaws.refined`; None if there is no estimate yet."""
+        return self._sampled(self.draws.refined(self.sampler))
 
-        The control variate of a batch is then predicted by a surrogate that was fitted without this batch.
-        The estimates are more precise than those of `posterior`, but take longer. The result is None if there
-        is no estimate yet.
-        """
-        controls = self._controls()
-        if controls is None or not self.sampler.progress.happened.any():
-            return None
-        return self.reweighting.estimate(self.sampler.progress, controls=controls)
+    def emphasis(self) -> Emphasis | None:
+        """Return the factor with which the estimates of all draws become equally precise, if it is known."""
+        found = self.draws.estimate(self.sampler)
+        return self.sampler.emphasis if found is None else self.draws.emphasis(found)
+
+    def _sampled(self, found: LawEstimates | None) -> SampledPosterior | None:
+        return None if found is None else SampledPosterior.of(found, self.member)
 
     def tables(
         self, sampled: Event, events: Sequence[Event], cut_ins_per_km: float | None
@@ -278,7 +255,7 @@ class Course:
             The event for which the runs were chosen.
         """
         progress, outcomes = self.sampler.progress, joined(self.outcomes)
-        counted = self.reweighting.counted(progress)
+        counted = self.draws.counted(progress)
         weights = [
             estimate.importance * batch.weight / batch.inclusion
             for estimate, batch in zip(counted, progress.batches[-len(counted) :], strict=True)
@@ -295,7 +272,7 @@ class Course:
 
     def _controls(self) -> list[Control] | None:
         """Return the cross-fitted control variates of the batches of the estimate; None if there are < 2."""
-        counted = len(self.reweighting.counted(self.sampler.progress))
+        counted = len(self.draws.counted(self.sampler.progress))
         return cross_fitted(self.sampler, counted) if counted >= 2 else None
 
     def _of(self, event: Event, sampled: Event, controls: list[Control] | None) -> SampledPosterior | None:
@@ -316,9 +293,7 @@ class Course:
                 Control(control.runs * share(batch.z), control.kept * share(batch.kept))
                 for control, batch in zip(controls, batches, strict=True)
             ]
-        if not happened.any():
-            return None
-        return self.reweighting.estimate(progress, happened.astype(float), controls)
+        return self._sampled(self.draws.estimate(self.sampler, happened.astype(float), controls))
 
 
 def is_part(event: Event, sampled: Event) -> bool:
@@ -356,9 +331,9 @@ def unseen_lapses(sampler: Sampler, posterior: SampledPosterior | None) -> float
     float
         The bound; 0 if the vehicle does not lapse, or if there is no posterior.
     """
-    if posterior is None or not sampler.may_lapse:
+    if posterior is None:
         return 0.0
-    return lapse_bounds(sampler.progress, float(posterior.probabilities.mean()), SHARE).like_hardness
+    return sampler.unseen_lapses(float(posterior.probabilities.mean()), SHARE)
 
 
 def answer_row(posterior: SampledPosterior | None, unseen_lapses: float = 0.0) -> dict[str, float]:

@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 import pandas as pd
-from fewruns.gaussian_process import Predecessor
+from fewruns.predecessor import Predecessor
 from tqdm import tqdm
 
 from accelerated_evaluation.answer.averaged import SHARE, AveragedSurrogate, posterior_of

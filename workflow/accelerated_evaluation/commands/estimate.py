@@ -270,10 +270,8 @@ def _compared(
 
 def _in_words(found: "Alone", level: float) -> str:
     """Return the estimates, their numbers of simulations, and bounds on missed events as lines of text."""
-    from fewruns.certificate import unseen_in_words
-    from fewruns.lapses import chance_in_words
-
     from accelerated_evaluation.answer.study import event_name
+    from accelerated_evaluation.methods.surrogate_words import chance_in_words, unseen_in_words
 
     lines = [*found.verdict.lines(), *_answers(found), f"law of cut-ins: {found.name}"]
     if found.warning is not None:

@@ -1,27 +1,25 @@
-"""The surrogate-guided sampler, for vehicles that are expensive to simulate."""
+"""The sampler of `fewruns` as a method of the study, for vehicles that are expensive to simulate."""
 
 import os
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import dataclass, replace
-from pathlib import Path
 from typing import Any, ClassVar, Self
 
 import numpy as np
 from fewruns.certificate import BY_DEFAULT, Certificate
-from fewruns.constants import ENOUGH_DRAWS, ENOUGH_REPEATS, FIRST_REPEATS
 from fewruns.errors import InputError as SamplerInputError
-from fewruns.gaussian_process import Predecessor
-from fewruns.problems import ScoreProblem, SystemProblem
+from fewruns.estimates import Estimate, Stopping
+from fewruns.predecessor import Predecessor
+from fewruns.problems import ScoreProblem
+from fewruns.running import estimate_problem, sampler_for
 from fewruns.sampler import Sampler
-from fewruns.state import read_state, write_state
-from fewruns.wide_laws import FREQUENT, RARE, Begin
 
 from accelerated_evaluation.base.errors import InputError
 from accelerated_evaluation.base.sections import Schema, choice, integer, section
 from accelerated_evaluation.base.tables import read_csv, require_file
 from accelerated_evaluation.methods import METHODS
-from accelerated_evaluation.methods.estimate import Estimate, Method, Stopping, configured_stopping
+from accelerated_evaluation.methods.estimate import Method, configured_stopping
 from accelerated_evaluation.problem import Problem, ScenarioProblem
 
 ROUNDING = 1e-6  # relative tolerance; laws that were fitted on two kinds of processor differ by less
@@ -64,25 +62,15 @@ def study_errors() -> Iterator[None]:
 
 
 def rules_of_joint_laws(filled: float) -> dict[str, Any]:
-    """Return arguments of the sampler for an event in a scenario with joint laws.
+    """Return arguments of `Sampler` and `Surrogate` for an event in a scenario with joint laws.
 
     Such an event may be frequent, and may consist of several separate parts. The returned certificate is
     therefore strict: the estimate converges only when a part that no run has observed has at most three times
-    the estimated probability, even if the event happens in only a given share of the encounters in this part.
-    The default certificate is for rare events, and allows unobserved parts of a thousand times the estimate.
-
-    Parameters
-    ----------
-    filled
-        Smallest share of the encounters in a part of the event in which the event happens. It is below 1 if
-        rounding errors decide in this part.
-
-    Returns
-    -------
-    dict
-        The arguments ``certificate`` and ``begin`` of `Sampler` and `Surrogate`.
+    the estimated probability. ``filled`` is the smallest share of the encounters in a part of the event in
+    which the event happens; it is below 1 if rounding errors decide in this part. The default certificate is
+    for rare events, and allows unobserved parts of a thousand times the estimate.
     """
-    return {"certificate": Certificate(share=3.0, curvature=0.0, filled=filled), "begin": FREQUENT}
+    return {"certificate": Certificate(share=3.0, curvature=0.0, filled=filled), "frequent": True}
 
 
 @METHODS.add("surrogate")
@@ -92,22 +80,13 @@ class Surrogate(Method):
 
     Attributes
     ----------
-    batch_size
-        Simulations per batch. Small batches need fewer simulations in total, large ones keep more workers
-        busy.
     state_file
         File in which the state is saved after every batch. If the file exists, its runs are reused and the
         work is resumed. Each problem needs its own file. By default nothing is saved.
     on_batch
         Function that is called with the estimate after every batch, for example to show progress.
-    certificate
-        The bound on unobserved parts of the event that is required for convergence. Once the interval is
-        narrow, the sampler continues to search for such parts until the certificate is met.
-    predecessor
-        Runs of another vehicle that is similar to the one under test, with events among them. The sampler
-        then begins near these events.
-    begin
-        Number and distribution of the first runs.
+    batch_size, certificate, predecessor, frequent
+        Arguments of `Sampler`.
     """
 
     name: ClassVar[str] = "surrogate"
@@ -121,7 +100,7 @@ class Surrogate(Method):
     on_batch: Callable[[Estimate], None] | None = None
     certificate: Certificate = BY_DEFAULT
     predecessor: Predecessor | None = None
-    begin: Begin = RARE
+    frequent: bool = False
 
     @classmethod
     def configured(cls, config: Mapping[str, Any]) -> Self:
@@ -145,80 +124,32 @@ class Surrogate(Method):
         anytime = own["interval"] == "anytime"
         return replace(rule, minimum_events=1, maximum_simulations=own["maximum_calls"], anytime=anytime)
 
+    @study_errors()
     def estimate(self, problem: ScoreProblem, stopping: Stopping, generator: np.random.Generator) -> Estimate:
         """Return the estimated probability of the event, from as few simulations as possible.
 
-        The runs end when the estimate has converged. They also end, without convergence, if the vehicle may
-        fail in a few of its runs, because no practicable number of runs excludes such lapses.
-
-        Parameters
-        ----------
-        problem
-            The law, the vehicle and the event.
-        stopping
-            The stopping rule. A few dozen events are enough for this method, so ``minimum_events`` should be
-            1.
-        generator
-            Source of all randomness. If a saved state is resumed, its own generator is used instead.
-
-        Raises
-        ------
-        InputError
-            If the state file is damaged, is not the state of a sampler, or belongs to another problem or
-            batch size.
+        A few dozen events are enough for this method, so ``minimum_events`` of the stopping rule should be 1.
+        The runs also end, without convergence, if the vehicle may fail in a few of its runs. If a saved state
+        is resumed, its own generator is used; InputError is raised if it belongs to another problem.
         """
-        sampler = self._sampler(problem, generator)
-        while sampler.simulations + self.batch_size <= stopping.maximum_simulations:
-            is_narrow = sampler.is_narrow(stopping)
-            if sampler.has_ended(is_narrow=is_narrow):
-                break
-            z = sampler.ask(certify=is_narrow)
-            again = getattr(problem, "repeat", problem.evaluate)
-            sampler.tell(*(again(z) if sampler.repeats_next else problem.evaluate(z)))
-            if self.state_file is not None:
-                write_state(self.state_file, sampler.state())
-            if self.on_batch is not None:
-                self.on_batch(sampler.estimate(stopping))
-        return sampler.estimate(stopping)
+        return estimate_problem(problem, generator, stopping, on_batch=self.on_batch, **self._arguments)
 
     @study_errors()
-    def _sampler(self, problem: ScoreProblem, generator: np.random.Generator) -> Sampler:
+    def sampler(self, problem: ScoreProblem, generator: np.random.Generator) -> Sampler:
         """Return the sampler that is saved in the state file, or a new one if there is no such file."""
-        own = {"dimension": problem.dimension, "fingerprint": problem.fingerprint}
-        is_formula = isinstance(problem, SystemProblem)
-        if self.state_file is None or not Path(self.state_file).exists():
-            return Sampler(
-                **own,
-                generator=generator,
-                batch_size=self.batch_size,
-                certificate=self.certificate,
-                begin=self.begin,
-                predecessor=self.predecessor,
-                deterministic=getattr(problem, "deterministic", None),
-                enough_repeats=FIRST_REPEATS if is_formula else ENOUGH_REPEATS,
-                enough_draws=0 if is_formula else ENOUGH_DRAWS,
-            )
-        state = read_state(self.state_file)
-        state.check(**own, batch_size=self.batch_size, where=str(self.state_file))
-        return Sampler.resume(state, self.certificate, self.begin)
+        return sampler_for(problem, generator, **self._arguments)
+
+    @property
+    def _arguments(self) -> dict[str, Any]:
+        names = "state_file", "batch_size", "certificate", "predecessor", "frequent"
+        return {name: getattr(self, name) for name in names}
 
 
 def read_predecessor(path: str | os.PathLike, problem: Problem | ScenarioProblem) -> Predecessor:
     """Return the runs of a similar vehicle from the table ``runs.csv`` of the command ``estimate``.
 
-    Parameters
-    ----------
-    path
-        The table.
-    problem
-        The problem of the new estimate. Its law must map the normal scores of the table to the same
-        encounters.
-
-    Raises
-    ------
-    InputError
-        If the table is missing or is not a table of simulations, belongs to another law, or contains no
-        event.
+    The law of the problem must map the normal scores of the table to the same encounters. InputError is
+    raised if it does not, if the file is no table of simulations, or if the table contains no event.
     """
     change = "Name the runs.csv that `estimate` wrote for a similar vehicle, with the same law and records."
     require_file(path, change)

@@ -10,10 +10,10 @@ need not be driven, because it is certainly not an event within the limits.
 """
 
 from collections.abc import Mapping
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 from typing import Any, Self
 
-from fewruns.gaussian_process import Predecessor
+from fewruns.predecessor import Predecessor
 from fewruns.sampler import Sampler
 
 from accelerated_evaluation.base.errors import InputError
@@ -186,8 +186,7 @@ class Campaign:
         if batch_size is not None:
             check_batch_size(batch_size)
             # Batches may have different sizes, if each size is chosen before the batch is drawn.
-            state = replace(self.sampler.state(), batch_size=batch_size)
-            self.sampler = Sampler.resume(state, **sampler_rules(self.scenario, self.event))
+            self.sampler.batch_size = batch_size
         for _ in range(MOST_EMPTY):
             if self.outstanding:
                 return self.outstanding

@@ -1,6 +1,6 @@
 """The reported outcomes of runs on a proving ground."""
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable
 from dataclasses import dataclass, field
 from typing import Any
 
@@ -25,7 +25,7 @@ class DrivenOutcome:
     """
 
     crash: bool
-    measured: Mapping[str, float] = field(default_factory=dict)
+    measured: dict[str, float] = field(default_factory=dict)
     note: str = ""
 
 

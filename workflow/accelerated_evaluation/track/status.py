@@ -5,11 +5,10 @@ from dataclasses import dataclass
 
 import numpy as np
 from fewruns.anytime import boundary
-from fewruns.certificate import unseen_in_words
-from fewruns.lapses import chance_in_words
 from scipy.special import stdtrit
 
 from accelerated_evaluation.methods.estimate import Estimate, Stopping, normal_reach
+from accelerated_evaluation.methods.surrogate_words import chance_in_words, unseen_in_words
 from accelerated_evaluation.track.campaign import Campaign
 from accelerated_evaluation.track.driven import BEYOND
 

@@ -3,10 +3,11 @@
 from pathlib import Path
 
 import numpy as np
+from fewruns.several_laws import SeveralLaws
 
 from accelerated_evaluation.answer.averaged import Course, answer_in_words, answer_row, budget_in_words
 from accelerated_evaluation.answer.posterior import budget
-from accelerated_evaluation.answer.reweighting import LEVEL, Reweighting
+from accelerated_evaluation.answer.reweighting import LEVEL, draws_of
 from accelerated_evaluation.answer.study import event_name
 from accelerated_evaluation.base.arrays import Array
 from accelerated_evaluation.base.errors import InputError
@@ -70,7 +71,8 @@ def whole_in_words(campaign: Campaign, law: Law | JointLaw, draws: MeanLaw | Non
         return [JOINT]
     if draws is None and not isinstance(law, MeanLaw):
         return [ALONE]
-    course = Course.of(law, campaign.sampler) if draws is None else read_under(campaign, law, draws)
+    sampler = campaign.sampler
+    course = Course(law, sampler, draws_of(law)) if draws is None else read_under(campaign, law, draws)
     posterior = course.refined()
     if posterior is None:
         return ["laws        there is no estimate under the draws of the law yet"]
@@ -83,7 +85,7 @@ def whole_in_words(campaign: Campaign, law: Law | JointLaw, draws: MeanLaw | Non
         *budget_in_words(budget(posterior.alone, posterior.deviation)),
         f"more runs would make the {LEVEL:.0%} interval at most {gain:.0%} narrower; the rest is "
         "the uncertainty of the records, which only more records reduce",
-        *([] if draws is None else _reach(course.reweighting.effective_events(campaign.sampler.progress))),
+        *([] if draws is None else _reach(course.draws.effective_events(sampler.progress))),
     ]
 
 
@@ -112,8 +114,7 @@ def read_under(campaign: Campaign, law: Law, draws: MeanLaw) -> Course:
     def log_ratios(z: Array) -> Array:
         return draws.log_densities(law.from_normal_scores(z)) - log_density(law, z)
 
-    member = np.unique(draws.draws.names, return_inverse=True)[1]
-    return Course(draws, campaign.sampler, Reweighting(log_ratios, lambda z: z, member))
+    return Course(draws, campaign.sampler, SeveralLaws(log_ratios))
 
 
 def log_density(law: Law, z: Array) -> Array:

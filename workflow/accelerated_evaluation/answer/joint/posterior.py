@@ -5,20 +5,25 @@ weights from the Bayesian bootstrap over clusters. The vehicle is not simulated 
 are made under one law, and are reweighted for every draw.
 """
 
+import sys
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
 import pandas as pd
 from fewruns.constants import ENOUGH_DRAWS
+from fewruns.estimates import Stopping
+from fewruns.problems import Response
+from fewruns.running import run_batches
 from fewruns.sampler import Sampler
+from fewruns.several_laws import SMALLEST, SeveralLaws
 from numpy.typing import NDArray
 from tqdm import tqdm
 
 from accelerated_evaluation.answer.averaged import SHARE, answer_row, unseen_lapses
 from accelerated_evaluation.answer.joint.scores import Respond, ScoredLaws
 from accelerated_evaluation.answer.posterior import budget
-from accelerated_evaluation.answer.reweighting import SMALLEST, Reweighting, SampledPosterior
+from accelerated_evaluation.answer.reweighting import SampledPosterior
 from accelerated_evaluation.base.arrays import Array
 from accelerated_evaluation.base.errors import InputError
 from accelerated_evaluation.laws.joint import JointLaw
@@ -31,6 +36,7 @@ SIMULATIONS = 200_000  # number of simulations of crude Monte Carlo
 ENOUGH_EVENTS = 100  # simulations are repeated with other encounters until there are so many events,
 ROUNDS = 25  # or so many repetitions
 FEW = 400  # largest number of simulations of the surrogate-guided sampler
+UNLIMITED = Stopping(maximum_simulations=sys.maxsize)  # repeats and draws of the law count here as well
 MEAN_COMPONENTS = 8  # number of components of the mixture that approximates the mean of the draws
 MEAN_POINTS = 8_000  # number of points to which this mixture is fitted
 
@@ -182,6 +188,23 @@ def mean_law(drawn: DrawnLaws, generator: np.random.Generator) -> TruncatedNorma
     return TruncatedNormalMixture.fit(x, drawn.laws[0].box, generator, components=MEAN_COMPONENTS)
 
 
+@dataclass(frozen=True)
+class SampledLaw:
+    """The encounters of a law as a problem of normal scores, for the sampler."""
+
+    law: TruncatedNormalMixture
+    respond: Respond
+    respond_again: Respond  # simulates the vehicle again, even if outcomes are stored
+
+    def evaluate(self, z: Array) -> Response:
+        """Simulate the encounters with normal scores z, shape (n, d)."""
+        return self.respond(self.law.from_normal_scores(z))
+
+    def repeat(self, z: Array) -> Response:
+        """Simulate the encounters again."""
+        return self.respond_again(self.law.from_normal_scores(z))
+
+
 def surrogate_posterior(
     drawn: DrawnLaws,
     respond: Respond,
@@ -229,9 +252,9 @@ def surrogate_posterior(
     sampler : Sampler
         The sampler, with its runs and its estimate under the law that was sampled.
     converged : bool
-        Whether the runs ended before the limit and the vehicle does not lapse. Otherwise the runs may have
-        missed a part of the event; the diagnostic ``unseen_mode`` of the sampler's estimate bounds its
-        probability.
+        Whether the estimate is precise enough, the certificate is met and the vehicle does not lapse.
+        Otherwise the runs may have missed a part of the event; the diagnostic ``unseen_mode`` of the
+        sampler's estimate bounds its probability.
     """
     law = mean_law(drawn, generator)
     sampler = Sampler(
@@ -242,21 +265,20 @@ def surrogate_posterior(
         enough_draws=ENOUGH_DRAWS,
         **rules_of_joint_laws(filled),
     )
-    reweighting = Reweighting(
-        lambda x: drawn.log_densities(x) - law.log_density(x), law.from_normal_scores, drawn.member
-    )
-    posterior, has_ended, repeat = None, False, repeat or respond
-    while len(sampler.progress.z) + sampler.batch_size <= simulations:
-        is_enough = posterior is not None and posterior.share_of_sampling <= share
-        if has_ended := sampler.has_ended(is_narrow=is_enough):
+    laws = SeveralLaws(lambda x: drawn.log_densities(x) - law.log_density(x), law.from_normal_scores)
+    problem, posterior = SampledLaw(law, respond, repeat or respond), None
+
+    def is_enough() -> bool:
+        return posterior is not None and posterior.share_of_sampling <= share
+
+    for _ in run_batches(sampler, problem, UNLIMITED, is_enough):
+        found = laws.estimate(sampler)
+        posterior = None if found is None else SampledPosterior.of(found, drawn.member)
+        if len(sampler.progress.z) + sampler.batch_size > simulations:
             break
-        x = law.from_normal_scores(sampler.ask(certify=is_enough))
-        sampler.tell(*(repeat(x) if sampler.repeats_next else respond(x)))
-        if sampler.progress.happened.any():
-            posterior = reweighting.estimate(sampler.progress)
     if posterior is not None:
         posterior = replace(posterior, unseen_lapses=unseen_lapses(sampler, posterior))
-    return posterior, sampler, has_ended and not sampler.may_lapse
+    return posterior, sampler, is_enough() and sampler.is_settled()
 
 
 def answer_tables(posterior: SampledPosterior, drawn: DrawnLaws) -> dict[str, pd.DataFrame]:

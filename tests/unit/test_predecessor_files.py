@@ -1,4 +1,4 @@
-"""A vehicle that is like another one: half of the simulations, the same truth, and what is refused."""
+"""Runs of a similar vehicle from an earlier campaign, or from the table of an earlier estimate."""
 
 import json
 from pathlib import Path
@@ -10,96 +10,14 @@ from accelerated_evaluation import cli
 from accelerated_evaluation.base.errors import InputError
 from accelerated_evaluation.base.files import write_csv
 from accelerated_evaluation.methods.study import with_encounters
-from accelerated_evaluation.methods.surrogate import Surrogate, read_predecessor
+from accelerated_evaluation.methods.surrogate import read_predecessor
 from accelerated_evaluation.problem import Problem
 from accelerated_evaluation.track.campaign_file import read_campaign
 from accelerated_evaluation.track.status import status_of
 from accelerated_evaluation.vehicles import load_vehicle
-from fewruns.gaussian_process import Predecessor
-from fewruns.sampler import Sampler
-from fewruns.state import State
 from law_folder import LAW, begin_campaign
-from sampler_checks import HALF_PLANE, STOPPING, drive, half_plane, numbers, standard_normal_event
-from scipy.stats import ttest_1samp
 
-SEEDS = 8
 PROBLEM = Problem(LAW, load_vehicle("acc_aeb"))
-
-
-def runs_of(event, seed=100):
-    """Return the runs of another vehicle, as the sampler chose them."""
-    progress = drive(Sampler(2, np.random.default_rng(seed), 5, fingerprint="other"), event).sampler.progress
-    return Predecessor(progress.z, progress.happened)
-
-
-def successors(predecessor, event=None, seeds=SEEDS):
-    surrogate = Surrogate(predecessor=predecessor)
-    event = half_plane() if event is None else event
-    return [surrogate.estimate(event, STOPPING, np.random.default_rng(seed)) for seed in range(seeds)]
-
-
-def ratios(results):
-    return np.array([result.probability for result in results]) / HALF_PLANE
-
-
-@pytest.fixture(scope="module")
-def like():
-    """Estimates of the half plane at 4, from the runs of one at 4.2."""
-    return successors(runs_of(half_plane(4.2)))
-
-
-def test_the_runs_of_a_like_vehicle_save_half_and_do_not_mislead(like):
-    alone = successors(None)
-    assert all(result.converged for result in like)
-    assert ttest_1samp(ratios(like), 1).pvalue > 0.01
-    assert np.sqrt(np.mean((ratios(like) - 1) ** 2)) < 0.25
-    # The predecessor's own probability, which is .41 of the truth, would be a wrong answer.
-    assert ttest_1samp(ratios(like) - 0.41, 0).pvalue < 1e-6
-    spent = [np.mean([result.simulations for result in results]) for results in (like, alone)]
-    assert spent[0] < 0.7 * spent[1]
-
-
-def test_a_predecessor_that_is_not_alike_costs_runs_and_not_the_truth(like):
-    other = standard_normal_event(lambda z: 4 - z @ [0.0, 1.0])
-    results = successors(runs_of(other))
-    assert (np.abs(np.log(ratios(results))) < np.log(2)).all()
-    mean = [np.mean([result.simulations for result in part]) for part in (results, like)]
-    assert mean[0] > mean[1]
-
-
-def test_a_vehicle_that_never_fails_after_one_that_did_has_a_bound():
-    never = standard_normal_event(lambda z: np.ones(len(z)))
-    stopping = STOPPING.__class__(alpha=0.2, beta=0.2, minimum_events=1, maximum_simulations=60)
-    result = Surrogate(predecessor=runs_of(half_plane())).estimate(never, stopping, np.random.default_rng(1))
-    assert (result.probability, result.events, result.converged) == (0, 0, False)
-    assert 0 < result.high < 1
-
-
-def test_the_state_keeps_the_predecessor():
-    event, predecessor = half_plane(), runs_of(half_plane(4.2))
-    whole = Sampler(2, np.random.default_rng(3), 5, fingerprint="x", predecessor=predecessor)
-    whole.tell(*event.evaluate(whole.ask()))
-    content = json.loads(json.dumps(whole.state().to_json(), allow_nan=False))
-    resumed = Sampler.resume(State.from_json(content, "a test"))
-    ends = [drive(sampler, event) for sampler in (whole, resumed)]
-    assert numbers(ends[0].result) == numbers(ends[1].result)
-    np.testing.assert_array_equal(ends[0].sampler.progress.z, ends[1].sampler.progress.z)
-
-
-@pytest.mark.parametrize(
-    ("z", "happened", "message"),
-    [
-        (np.zeros((3, 2)), np.zeros(3, bool), "no event"),
-        (np.zeros((3, 3)), np.ones(3, bool), r"shape \(3, 3\) for 3 flags"),
-        (np.zeros((3, 2)), np.ones(2, bool), r"shape \(3, 2\) for 2 flags"),
-    ],
-)
-def test_runs_that_do_not_fit_are_refused(z, happened, message):
-    with pytest.raises(ValueError, match=message):
-        Sampler(2, np.random.default_rng(0), fingerprint="x", predecessor=Predecessor(z, happened))
-
-
-# ---- on the proving ground
 
 
 def driven(step, name, batches):

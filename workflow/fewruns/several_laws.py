@@ -1,0 +1,246 @@
+"""The probability of an event under each of K laws, from runs that were sampled under one law.
+
+The terms of a batch (`two_phase`) are multiplied by f_k / f_sampled. The weights of the batches are not
+changed, because they were determined before the batches were drawn.
+"""
+
+import math
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+
+from fewruns.arrays import Array, Indices
+from fewruns.combining import BatchEstimate, counted_batches
+from fewruns.crossfit import Control, cross_fitted
+from fewruns.emphasis import Emphasis
+from fewruns.progress import Progress
+from fewruns.sampler import Sampler
+from fewruns.two_phase import TwoPhaseBatch
+
+INNER = (0.1, 0.9)  # quantile levels between which laws are used for the shared error
+SMALLEST = 1e-3  # lower bound of the estimate of a law, as a share of the mean; estimates may be negative
+
+
+@dataclass(frozen=True)
+class LawEstimates:
+    """Estimates of the probability of an event under each of K laws.
+
+    Attributes
+    ----------
+    probabilities, errors
+        The estimates and their relative standard errors, shape (K,). An error of 1 means that the runs
+        contain no information about a law, because the event is elsewhere under it.
+    batches
+        Number of batches, one more than the degrees of freedom of the errors.
+    shared, own
+        The parts of the errors that all estimates have in common, and of each alone, shape (K,); NaN and None
+        if they are not known. `SeveralLaws` has an example.
+    """
+
+    probabilities: Array
+    errors: Array
+    batches: int
+    shared: float = math.nan
+    own: Array | None = None
+
+
+@dataclass(frozen=True)
+class Ratios:
+    """Density ratios f_k / f_sampled of K laws at the points of a batch."""
+
+    runs: Array  # at the n runs of the batch, shape (K, n)
+    kept: Array  # at the m points of the pool that the batch keeps to integrate its control variate, (K, m)
+
+
+class SeveralLaws:
+    """K laws, under each of which the probability of the event is estimated from the same runs.
+
+    Use them if the law of the inputs is uncertain, and is represented by K draws. The runs are sampled under
+    one law, for example the mean of the draws, and are reweighted for every draw.
+
+    Parameters
+    ----------
+    log_ratios
+        Function that returns log(f_k / f_sampled) at n points for all K laws, shape (K, n).
+    to_points
+        Function that maps normal scores, shape (n, d), to points, by the law that is sampled; by default the
+        points are the normal scores.
+    only
+        Function that returns the `SeveralLaws` with given indices, if this is faster than ``log_ratios``.
+
+    Examples
+    --------
+    The mean of a normal input is uncertain. The runs are sampled under the mean 0.
+
+    >>> import numpy as np
+    >>> import fewruns
+    >>> from scipy.stats import norm
+    >>> means = np.array([-0.3, 0.0, 0.3])
+    >>> laws = fewruns.SeveralLaws(lambda z: np.outer(means, z[:, 0]) - means[:, None] ** 2 / 2)
+    >>> problem = fewruns.SystemProblem(lambda z: (z[:, 0] > 4, 4 - z[:, 0]), 2)
+    >>> sampler = fewruns.Sampler(2, np.random.default_rng(1))
+    >>> goal = fewruns.Stopping(maximum_simulations=1000)
+    >>> for _ in fewruns.run_batches(sampler, problem, goal):
+    ...     pass
+    >>> found = laws.refined(sampler)
+    >>> bool(np.all(abs(np.log(found.probabilities / norm.sf(4 - means))) < 4 * found.errors))
+    True
+    >>> bool(found.own[1] < found.shared)  # the three estimates are wrong by nearly the same factor
+    True
+    """
+
+    def __init__(
+        self,
+        log_ratios: Callable[[Any], Array],
+        to_points: Callable[[Array], Any] = lambda z: z,
+        only: Callable[[Indices], "SeveralLaws"] | None = None,
+    ) -> None:
+        self._log_ratios, self._to_points, self._only = log_ratios, to_points, only
+        self._known: dict[int, Ratios] = {}
+        self._estimates: dict[int, tuple[Array, Array]] = {}
+
+    def ratios(self, z: Array) -> Array:
+        """Return the density ratios f_k / f_sampled at normal scores z, shape (n, d), as an array (K, n)."""
+        return np.exp(self._log_ratios(self._to_points(z)))
+
+    def only(self, chosen: Indices) -> "SeveralLaws":
+        """Return the laws with the given indices, shape (k,)."""
+        if self._only is not None:
+            return self._only(chosen)
+        return SeveralLaws(lambda x: self._log_ratios(x)[chosen], self._to_points)
+
+    def estimate(
+        self,
+        sampler: Sampler,
+        happened: Array | None = None,
+        controls: Sequence[Control] | None = None,
+    ) -> LawEstimates | None:
+        """Return the estimates of the probability of an event under each law; None if there are none yet.
+
+        The density ratios of a batch are kept, so that the laws must not be used with another sampler.
+
+        Parameters
+        ----------
+        sampler
+            The sampler with its runs.
+        happened
+            Whether the event happened in each run, shape (runs,); by default the event that was sampled.
+        controls
+            Predicted probabilities of the event at the batches of `counted`, by default those with which they
+            were drawn. If they are given, the errors are divided into a common part and a part of each law.
+        """
+        progress = sampler.progress
+        counted, known = self.counted(progress), progress.happened if happened is None else happened
+        if len(counted) < 2 or not known.any():
+            return None
+        first = len(progress.batches) - len(counted)
+        batches = progress.batches[first:]
+        importance = np.array([estimate.importance for estimate in counted])
+        importance /= importance.sum()
+        last = np.cumsum([len(batch.z) for batch in batches])
+        flags = np.split(known[len(known) - last[-1] :], last[:-1])
+        estimates, variances = 0.0, 0.0
+        parts = []
+        for place, (weight, batch) in enumerate(zip(importance, batches, strict=True)):
+            number = first + place
+            if happened is None and controls is None:
+                estimate, variance = self._sampled(number, batch, flags[place])
+            else:
+                control = Control.own(batch) if controls is None else controls[place]
+                parts.append((weight, batch, self._ratios_of(number, batch), flags[place], control))
+                estimate, variance = reweight(*parts[-1][1:])
+            estimates = estimates + weight * estimate
+            variances = variances + weight**2 * variance
+        if not estimates.mean() > 0:
+            return None
+        found = _with_errors(estimates, variances, importance, counted)
+        return found if controls is None else divided(found, parts)
+
+    def refined(self, sampler: Sampler) -> LawEstimates | None:
+        """Return more precise estimates of the sampled event, with divided errors.
+
+        A surrogate that was fitted without a batch predicts its control variate, which takes some seconds.
+        """
+        counted = len(self.counted(sampler.progress))
+        return None if counted < 2 else self.estimate(sampler, controls=cross_fitted(sampler, counted))
+
+    def emphasis(self, found: LawEstimates) -> Emphasis:
+        """Return the value for `Sampler.emphasis` with which the estimates become equally precise."""
+        return Emphasis.of(self, found.probabilities)
+
+    def effective_events(self, progress: Progress) -> Array:
+        """Return the effective number of events (sum w)^2 / sum w^2 under each law (Kish 1965)."""
+        first, weights = len(progress.batches) - len(self.counted(progress)), []
+        sizes = [len(batch.z) for batch in progress.batches]
+        ends = len(progress.happened) - sum(sizes) + np.cumsum([0, *sizes])
+        for number in range(first, len(progress.batches)):
+            batch, estimate = progress.batches[number], progress.estimates[number - len(progress.batches)]
+            happened = progress.happened[ends[number] : ends[number + 1]]
+            shares = estimate.importance * happened * batch.weight / batch.inclusion
+            weights.append(self._ratios_of(number, batch).runs * shares)
+        of_events = np.hstack(weights)
+        return of_events.sum(axis=1) ** 2 / np.maximum((of_events**2).sum(axis=1), np.finfo(float).tiny)
+
+    @staticmethod
+    def counted(progress: Progress) -> Sequence[BatchEstimate]:
+        """Return those batches of the estimate of the sampler (`counted_batches`) whose runs are stored."""
+        return counted_batches(progress.estimates)[-len(progress.batches) :] if progress.batches else []
+
+    def _sampled(self, number: int, batch: TwoPhaseBatch, happened: Array) -> tuple[Array, Array]:
+        """Return the estimate of a batch for the sampled event, and its variance; both are computed once."""
+        if number not in self._estimates:
+            ratios = self._ratios_of(number, batch)
+            self._estimates[number] = reweight(batch, ratios, happened, Control.own(batch))
+        return self._estimates[number]
+
+    def _ratios_of(self, number: int, batch: TwoPhaseBatch) -> Ratios:
+        if number not in self._known:
+            ratios = self.ratios(np.vstack([batch.z, batch.kept]))
+            self._known[number] = Ratios(ratios[:, : len(batch.z)], ratios[:, len(batch.z) :])
+        return self._known[number]
+
+
+def reweight(batch: TwoPhaseBatch, ratios: Ratios, happened: Array, control: Control) -> tuple[Array, Array]:
+    """Return the estimates of one batch under K laws and their observed variances, shapes (K,)."""
+    n, points = len(happened), max(len(batch.kept), 1)
+    terms = ratios.runs * (batch.weight * (happened - control.runs) / batch.inclusion)
+    controlled = ratios.kept * (batch.controlled / points * control.kept)
+    squares = controlled * ratios.kept @ batch.kept_weight + terms * ratios.runs @ batch.weight
+    second_phase = (terms**2 * (1 - batch.inclusion)).sum(axis=1) * n / max(n - 1, 1)
+    return controlled.sum(axis=1) + terms.sum(axis=1), np.maximum(squares, 0.0) + second_phase
+
+
+def _with_errors(
+    estimates: Array, variances: Array, importance: Array, counted: Sequence[BatchEstimate]
+) -> LawEstimates:
+    """Return estimates with relative errors: at least the predicted one, and at most 1 if that one is."""
+    variations = np.array([batch.prediction.variation / batch.runs for batch in counted])
+    predicted = np.sqrt(importance**2 @ variations)
+    known = np.maximum(estimates, SMALLEST * estimates.mean())
+    errors = np.clip(np.sqrt(variances) / known, predicted, max(predicted, 1.0))
+    return LawEstimates(known, errors, len(counted))
+
+
+Part = tuple[float, TwoPhaseBatch, Ratios, Array, Control]  # a batch with its weight and outcomes
+
+
+def divided(found: LawEstimates, parts: Sequence[Part]) -> LawEstimates:
+    """Divide the errors of the estimates into a part that all laws share and a part of each law alone.
+
+    Let Y_k be the estimate under law k, and P_k its probability, for which Y_k is used. The shared part is
+    the standard error of the mean of Y_k / P_k over the laws, without the extreme ones (`INNER`). The part of
+    a law alone is the standard error of the difference of Y_k / P_k from this mean.
+    """
+    scale = found.probabilities[:, None]
+    low, high = np.quantile(scale, INNER)
+    inner = ((scale >= low) & (scale <= high))[:, 0]
+    shared, own = 0.0, np.zeros(scale.size)
+    for weight, batch, ratios, happened, control in parts:
+        relative = Ratios(ratios.runs / scale, ratios.kept / scale)
+        mean = Ratios(*(each[inner].mean(axis=0, keepdims=True) for each in (relative.runs, relative.kept)))
+        rest = Ratios(relative.runs - mean.runs, relative.kept - mean.kept)
+        shared += weight**2 * float(reweight(batch, mean, happened, control)[1][0])
+        own += weight**2 * reweight(batch, rest, happened, control)[1]
+    return replace(found, shared=math.sqrt(shared), own=np.sqrt(own))
