@@ -20,7 +20,7 @@ from accelerated_evaluation.problem import Problem
 from accelerated_evaluation.scenarios.cut_in import CUT_IN
 from accelerated_evaluation.study.configuration import load
 from accelerated_evaluation.vehicles import load_vehicle
-from fewruns.gaussian_process import Predecessor
+from fewruns import Predecessor
 from tqdm import tqdm
 
 sys.path.insert(0, str(Path(__file__).resolve().parents[1] / "samplers"))

@@ -19,8 +19,8 @@ from accelerated_evaluation.base.files import write_csv
 from accelerated_evaluation.base.randomness import child_generator
 from accelerated_evaluation.methods.surrogate import Surrogate
 from accelerated_evaluation.publishing.tables.formats import reproducible
-from fewruns.certificate import BY_DEFAULT, Certificate
-from fewruns.problems import ScoreProblem, SystemProblem
+from fewruns import Certificate, ScoreProblem, SystemProblem
+from fewruns.certificate import BY_DEFAULT
 from methods import Target
 from problems import problems
 from reference import reference

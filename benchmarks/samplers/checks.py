@@ -16,7 +16,7 @@ from accelerated_evaluation.base.randomness import child_generator
 from accelerated_evaluation.methods.estimate import Estimate
 from chance import PROBLEMS as CHANCE
 from chance import Chance, reference
-from fewruns.sampler import Sampler
+from fewruns import Sampler
 from methods import Target
 from problems import problems
 from run import ROOT

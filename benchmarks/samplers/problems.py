@@ -28,7 +28,7 @@ from accelerated_evaluation.laws.paper.independent import IndependentLaw
 from accelerated_evaluation.scenarios.cut_in import CUT_IN
 from accelerated_evaluation.scenarios.protocol import Event
 from accelerated_evaluation.vehicles import AccAeb, Outcomes, Vehicle, load_vehicle
-from fewruns.problems import ScoreProblem, SystemProblem
+from fewruns import ScoreProblem, SystemProblem
 from scipy.special import ndtr
 from scipy.stats import chi2
 from tabulated import tabulated

@@ -22,7 +22,7 @@ from functools import partial
 
 import numpy as np
 from accelerated_evaluation.base.arrays import Array
-from fewruns.problems import ScoreProblem, SystemProblem
+from fewruns import ScoreProblem, SystemProblem
 from problems import problems
 from reference import reference
 from scipy.integrate import quad

@@ -13,7 +13,7 @@ import numpy as np
 from accelerated_evaluation.base.arrays import Array
 from accelerated_evaluation.base.files import write_json
 from accelerated_evaluation.base.randomness import child_generator
-from fewruns.problems import ScoreProblem
+from fewruns import ScoreProblem
 from problems import problems
 from scipy.spatial.distance import cdist
 from scipy.stats import chi2

@@ -16,9 +16,7 @@ from accelerated_evaluation.base.files import write_csv
 from accelerated_evaluation.base.randomness import child_generator
 from accelerated_evaluation.publishing.tables.formats import reproducible
 from accelerated_evaluation.vehicles.builtin.acc_aeb import AccAeb
-from fewruns.gaussian_process import Predecessor
-from fewruns.problems import ScoreProblem
-from fewruns.sampler import Sampler
+from fewruns import Predecessor, Sampler, ScoreProblem
 from methods import Target
 from problems import BENCHMARK, WEAK_AEB, crash, segment_problem
 from reference import reference

@@ -77,7 +77,7 @@ def test_a_new_version_of_the_sampler_goes_on_with_a_batch_that_is_out(begun, mo
         begun("tell", "done.csv")
     begun("ask", "next", "--no-scenarios")
     before = read_campaign("c.json")
-    monkeypatch.setattr(sampler_state, "VERSION", sampler_state.VERSION + 1)
+    monkeypatch.setattr(sampler_state, "VERSION", sampler_state.VERSION + 1)  # of the program
     after = read_campaign("c.json")
     assert len(after.outstanding) == 10
     assert after.estimate().simulations == before.estimate().simulations
@@ -223,7 +223,7 @@ def test_files_that_are_not_what_they_were_are_refused(begun, capsys):
     for text, message in (
         (whole.replace('"batch": 1', '"batch": 2', 1), "a checksum that does not agree"),
         (whole[:500], "seen no campaign"),
-        (whole.replace('"version": 2', '"version": 9', 1), "seen version 9"),
+        (whole.replace('"version": 1', '"version": 9', 1), "seen version 9"),
         ("[]", "seen no campaign"),
     ):
         Path("c.json").write_text(text)

@@ -1,6 +1,5 @@
 """A campaign within what a proving ground can drive: exact within, and what lies beyond is told."""
 
-import json
 from pathlib import Path
 
 import numpy as np
@@ -151,15 +150,3 @@ def test_limits_within_which_nothing_is_found_end_in_a_message(campaign, monkeyp
     with pytest.raises(Exception, match="no run within range at least 1e"):
         begun.ask(read_law("law.json", read_encounters("encounters.parquet")))
     assert isinstance(begun, Campaign)
-
-
-def test_a_campaign_from_before_there_were_limits_is_read(campaign):
-    from accelerated_evaluation.track import campaign_file
-
-    content = json.loads(Path("c.json").read_text())
-    for name in ("checksum", "limits"):
-        del content[name]
-    head = {name: content.pop(name) for name in ("format", "version")} | {"version": 1}
-    checksum = campaign_file._checksum(content)
-    Path("c.json").write_text(json.dumps(head | {"checksum": checksum} | content))
-    assert read_campaign("c.json").limits == UNLIMITED

@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 from accelerated_evaluation import cli
 from accelerated_evaluation.answer.averaged import Course
+from accelerated_evaluation.answer.reweighting import draws_of
 from accelerated_evaluation.base.errors import InputError
 from accelerated_evaluation.laws.files import write_law
 from accelerated_evaluation.records.encounter_table import write_encounters
@@ -90,7 +91,9 @@ def test_a_campaign_under_one_law_is_read_under_all(campaign, law, encounters, f
 def test_a_law_with_draws_read_under_itself_is_unchanged(campaign):
     few = law_of(campaign)
     itself = read_under(campaign, few, few).refined().probabilities
-    np.testing.assert_allclose(itself, Course.of(few, campaign.sampler).refined().probabilities, rtol=1e-6)
+    np.testing.assert_allclose(
+        itself, Course(few, campaign.sampler, draws_of(few)).refined().probabilities, rtol=1e-6
+    )
 
 
 def test_runs_at_the_cap_count_for_all_speeds_from_the_cap_on(campaign, law):

@@ -65,6 +65,22 @@ def test_modules_that_a_script_imports(house, code, modules):
     assert imported(house, code) == modules
 
 
+def test_packages_in_the_same_folder_count_as_well(house):
+    neighbour = house.parent / "neighbour"
+    neighbour.mkdir()
+    (neighbour / "__init__.py").write_text("")
+    (neighbour / "part.py").write_text("from house.alone import f\n")
+    script = house.parent / "script.py"
+    script.write_text("from neighbour.part import g\n")
+    found = imported_modules([script], house)
+    assert {path.relative_to(house.parent).as_posix() for path in found} == {
+        "house/__init__.py",
+        "house/alone.py",
+        "neighbour/__init__.py",
+        "neighbour/part.py",
+    }
+
+
 @pytest.mark.parametrize(
     ("named", "members"),
     [

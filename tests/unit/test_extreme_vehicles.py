@@ -23,7 +23,7 @@ from accelerated_evaluation.vehicles import Outcomes
 from accelerated_evaluation.vehicles.events import events_from
 from toy_segment import CONFIG, PAPERS, SETTINGS, F, before
 
-RULE = Stopping(maximum_simulations=3000)
+RULE = Stopping(minimum_events=100, maximum_simulations=3000)
 
 
 @dataclasses.dataclass(frozen=True)
@@ -134,7 +134,13 @@ def test_the_bound_without_an_event_is_that_of_the_most_probable_set():
 @pytest.mark.parametrize("probability", [0.0, 5e-324, 1e-300, 1e-25, 1e-12, 0.5, 1.0, 1 + 1e-12])
 def test_crude_monte_carlo_of_any_probability(probability):
     rows = coverage_replicates(
-        "crude", None, [], probability, lambda *_: np.random.default_rng(1), Stopping(), {"replicates": 20}
+        "crude",
+        None,
+        [],
+        probability,
+        lambda *_: np.random.default_rng(1),
+        Stopping(minimum_events=100),
+        {"replicates": 20},
     )
     assert (rows["simulations"] > 0).all()
     table = coverage_table(rows, probability).set_index("stopping")

@@ -6,9 +6,8 @@ import numpy as np
 import pandas as pd
 import pytest
 from accelerated_evaluation.answer.averaged import AveragedSurrogate
-from accelerated_evaluation.answer.emphasis import Emphasis
+from accelerated_evaluation.answer.by_few_runs import laws_of
 from accelerated_evaluation.answer.references import Reference
-from accelerated_evaluation.answer.reweighting import SampledPosterior
 from accelerated_evaluation.crash_map.mapping import map_crashes
 from accelerated_evaluation.crash_map.maps import Grid
 from accelerated_evaluation.laws.files import read_law, write_law
@@ -19,6 +18,7 @@ from accelerated_evaluation.problem import Problem
 from accelerated_evaluation.scenarios.cut_in import CUT_IN
 from accelerated_evaluation.vehicles import Outcomes
 from accelerated_evaluation.vehicles.events import CRASH
+from fewruns import LawEstimates
 from mean_law import DRAWS, SUPPORT, encounters_, law_, one_draw  # noqa: F401
 from scipy.special import log_ndtr
 from scipy.stats import norm
@@ -237,11 +237,14 @@ def test_the_map_of_a_reference_gives_the_mean_of_the_draws_and_each_of_them(law
 
 def test_the_emphasis_is_large_where_draws_of_small_probability_have_their_events(law):
     probabilities = np.geomspace(1e-7, 1e-5, DRAWS)
-    posterior = SampledPosterior(probabilities, np.full(DRAWS, 0.1), np.zeros(DRAWS, int), 20)
-    emphasis = Emphasis.of(law, posterior)
+    emphasis = laws_of(law, law.from_normal_scores).emphasis(
+        LawEstimates(probabilities, np.full(DRAWS, 0.1), 20)
+    )
     z = np.random.default_rng(9).normal(size=(60, 3)) * [1, 1.2, 1.2]
-    ratios = np.exp(emphasis.few.log_ratios(emphasis.few.from_normal_scores(z)))
-    chosen = probabilities[3 * np.arange(20) + 1] / probabilities.mean()
+    chosen = 3 * np.arange(20) + 1  # at equal steps of the rank
+    few = law.subset(chosen)
+    ratios, chosen = np.exp(few.log_ratios(few.from_normal_scores(z))), probabilities[chosen]
+    chosen = chosen / probabilities.mean()
     assert emphasis(z) == pytest.approx(np.sqrt(np.mean((ratios / chosen[:, None]) ** 2, axis=0)))
     many = np.repeat(z, 10, axis=0)
     assert emphasis(many) == pytest.approx(np.repeat(emphasis(z), 10))  # by the nearest, which are the same

@@ -11,12 +11,13 @@ from accelerated_evaluation.distributions import BoundedExponential, Empirical, 
 from accelerated_evaluation.laws.paper.independent import IndependentLaw
 from accelerated_evaluation.methods import METHODS, Estimate, Method, Stopping
 from accelerated_evaluation.methods.cross_entropy.method import CrossEntropyMethod
+from accelerated_evaluation.methods.estimate import configured_stopping
 from accelerated_evaluation.methods.importance_sampling import draw_weights, estimate_from_weights
 from accelerated_evaluation.problem import Problem
 from accelerated_evaluation.scenarios.cut_in import CUT_IN
 from accelerated_evaluation.study.configuration import load
 from accelerated_evaluation.vehicles import Outcomes
-from fewruns.problems import SystemProblem
+from fewruns import SystemProblem
 from scipy.stats import binom
 
 CONFIG = load()
@@ -226,8 +227,8 @@ def test_an_estimate_as_a_row():
 
 def test_the_stopping_rule_of_the_configuration():
     section = CONFIG["importance_sampling"]
-    stopping = Stopping.configured(section)
+    stopping = configured_stopping(section)
     for name, value in vars(stopping).items():
         assert value == ({"anytime": False} | section)[name]
     with pytest.raises(KeyError):
-        Stopping.configured({"alpha": 0.2})
+        configured_stopping({"alpha": 0.2})

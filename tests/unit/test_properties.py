@@ -26,7 +26,9 @@ from accelerated_evaluation.study.configuration import ConfigurationError, load,
 from accelerated_evaluation.vehicles.external.checked import CheckedVehicle
 from accelerated_evaluation.vehicles.protocol import Outcomes
 from accelerated_evaluation.vehicles.registry import VEHICLES
-from fewruns.state import State, read_state
+from fewruns import InputError as SamplerInputError
+from fewruns import read_state
+from fewruns.state import sampler_of
 from hypothesis import HealthCheck, assume, given, settings
 from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
@@ -87,7 +89,7 @@ def test_any_table_is_read_or_refused(tmp_path, header, rows, policy):
 def test_any_bytes_are_refused_as_table_state_and_configuration(tmp_path, content):
     with pytest.raises(InputError):
         taken(table(tmp_path, content))
-    with pytest.raises(InputError):
+    with pytest.raises(SamplerInputError):
         read_state(tmp_path / "mine.csv")
     with suppress(InputError):
         read_yaml(tmp_path / "mine.csv")
@@ -241,5 +243,5 @@ def test_whatever_a_vehicle_gives_is_taken_or_refused(crash, min_range, min_ttc,
 @given(content=st.recursive(st.none() | st.integers() | st.text(max_size=9), st.lists, max_leaves=4))
 def test_no_json_but_a_state_is_taken_for_one(content):
     for odd in (content, {"format": content}, {"state": content, "checksum": content}):
-        with pytest.raises(InputError):
-            State.from_json(json.loads(json.dumps(odd)), "state.json")
+        with pytest.raises(SamplerInputError):
+            sampler_of(json.loads(json.dumps(odd)), "state.json")

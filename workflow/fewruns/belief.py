@@ -1,10 +1,8 @@
 """The predicted probability of the event at a point that was not simulated: a mixture of two surrogates.
 
-The first surrogate learns from the flags of the runs, and makes no assumption about scores. The second one
-learns from the scores, which contain more information if the system is smooth, and mislead if it has jumps.
-If a similar vehicle is known, the first surrogate also learns from its runs, which mislead where the vehicles
-differ, and the second one learns only from the flags of the vehicle under test. The weights of the two
-surrogates in the mixture follow from the quality of their earlier predictions.
+The first surrogate learns from the flags of the runs. The second one learns from the scores, which contain
+more information if the system is smooth, and mislead if it has jumps. If there is a predecessor, the first
+surrogate also learns from its runs, and the second one only from the flags of the system under test.
 """
 
 from collections.abc import Callable
@@ -32,25 +30,9 @@ from fewruns.subspace import Space, Subspace
 class Belief:
     """Predicted probability of the event at any point, given all runs so far.
 
-    Parameters
-    ----------
-    space
-        The coordinates in which the surrogates are fitted.
-    predecessor
-        Runs of a similar vehicle; None if there is none. The scores of these runs are unknown, so the scores
-        are not used if a predecessor is given.
-    noisy
-        Whether most outcomes are random instead of being the same in every repetition of a run. The prior of
-        the amplitude of the surrogate of the flags is then smaller, and the predictions by the scores include
-        the noise of the regression. They also include it in a subspace, because points with the same
-        coordinates may have different outcomes.
-
-    Attributes
-    ----------
-    space
-        The coordinates in which the surrogates are fitted.
-    flags, scores
-        The surrogate of all flags, and the regression of the scores along the same axes.
+    If most outcomes are random (``noisy``), the predictions by the scores include the noise of the
+    regression; in a subspace they always do, because points with the same coordinates may have different
+    outcomes.
     """
 
     def __init__(self, space: Space, predecessor: Predecessor | None, *, noisy: bool = False) -> None:
@@ -64,14 +46,9 @@ class Belief:
         self._calibration = Calibration()
 
     def fit(self, progress: Progress) -> None:
-        """Fit both surrogates to all runs of ``progress``, and learn their parameters again if necessary.
+        """Fit both surrogates to all runs, and learn their parameters again if there are enough new runs.
 
-        The parameters are axes, lengths and amplitudes. They are learnt again when the number of runs has
-        grown by the factor `RELEARN`, and always before the first batch of the second phase is known.
-
-        Three sets of axes are compared: the original coordinates, the principal axes of the events, and the
-        principal axes of the most important points of the last pool. If the event is a thin set that is
-        oblique to the normal scores, the surrogate learns its boundary from fewer runs along its principal
+        The boundary of a thin set that is oblique to the scores is learnt from fewer runs along its principal
         axes.
         """
         z, happened, runs = self.space.coordinates(progress.z), progress.happened, len(progress.z)
@@ -113,11 +90,7 @@ class Belief:
         return self._calibration(self.foresee(z, both=self._calibration.trust > 0))
 
     def foresee(self, z: Array, *, both: bool = True) -> Array:
-        """Return the uncalibrated predicted probabilities of both surrogates at z, shape (m, d), as (m, 2).
-
-        If the second surrogate has too few runs or no event, or if ``both`` is False, its column repeats the
-        prediction of the first.
-        """
+        """Return the uncalibrated predictions of both surrogates at z, shape (m, d), as (m, 2)."""
         z = self.space.coordinates(z)
         by_flags = self.flags.probability(z)
         by_second = self._second(z) if both and self._second is not None else by_flags

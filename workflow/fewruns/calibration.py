@@ -1,11 +1,4 @@
-"""Calibration of the probabilities that the two surrogates predict, by the outcomes of later runs.
-
-Before every run of the second phase both surrogates predict the probability of the event, and afterwards the
-flag is known. The runs therefore test the predictions one after the other (Dawid 1984). A prior cannot fit
-every event: near the smooth boundary of a half-space the surrogate of the flags is underconfident, and near a
-fine structure it is overconfident. If a surrogate was overconfident, its probabilities are corrected in full.
-If it was underconfident, they are corrected only by the amount that the runs support.
-"""
+"""Calibration of the surrogates' predictions by the outcomes of later runs (Dawid 1984)."""
 
 from dataclasses import dataclass
 from typing import Self
@@ -26,31 +19,18 @@ from fewruns.constants import (
 
 @dataclass(frozen=True)
 class Slopes:
-    """Calibration p -> Phi(b Phi^-1(p)), with one slope b for p below one half and one for p above.
+    """Calibration p -> Phi(b Phi^-1(p)); a slope b above 1 corrects an underconfident surrogate."""
 
-    Attributes
-    ----------
-    unlikely, likely
-        The slopes below and above one half. A slope above 1 corrects an underconfident surrogate, and a slope
-        below 1 an overconfident one.
-    """
-
-    unlikely: float = 1.0
-    likely: float = 1.0
+    unlikely: float = 1.0  # the slope below one half  # the slope for p below one half
+    likely: float = 1.0  # the slope above one half  # the slope for p above one half
 
     @classmethod
     def learn(cls, foreseen: Array, happened: Flags) -> Self:
-        """Return the slopes that are supported by the outcomes of the runs.
+        """Return the slopes that follow from predictions made before n runs and their outcomes, shapes (n,).
 
-        The prior of log b is normal about 0. A slope is the posterior mode of log b; if the mode is above 0,
-        it is reduced by one posterior standard deviation (Laplace's approximation), but not below 0.
-
-        Parameters
-        ----------
-        foreseen
-            Probabilities that the surrogate predicted for runs before they were made, shape (n,).
-        happened
-            Whether the event happened, shape (n,).
+        Overconfidence is corrected in full, underconfidence only by the amount that the runs support: the
+        posterior mode of log b, if it is above 0, is reduced by one posterior standard deviation, but not
+        below 0.
         """
         below = foreseen < 0.5
         return cls(*(_slope(foreseen[side], happened[side]) for side in (below, ~below)))
@@ -63,39 +43,19 @@ class Slopes:
 
 @dataclass(frozen=True)
 class Calibration:
-    """The mixture of the predictions of two surrogates, each calibrated with its own slopes.
-
-    Attributes
-    ----------
-    first, second
-        Slopes of the two surrogates.
-    trust
-        Weight of the second surrogate in the mixture.
-    """
+    """The mixture of the predictions of two surrogates, each calibrated with its own slopes."""
 
     first: Slopes = Slopes()
     second: Slopes = Slopes()
-    trust: float = 0.0
+    trust: float = 0.0  # weight of the second surrogate
 
     @classmethod
     def learn(cls, foreseen: Array, happened: Flags, least: float = 0.0, log_odds: float = 0.0) -> Self:
-        """Return the slopes and the weight that are supported by the outcomes of the runs.
+        """Return the mixture that follows from predictions for n runs, shape (n, 2), and their outcomes.
 
-        The weight is `MOST_TRUST` times the posterior probability that the second surrogate predicts better,
-        by Bayes' rule. The first surrogate therefore always keeps some weight,
-        and the second one can lower a probability at most by a factor of 20. A weight below `LEAST_TRUST` is
-        set to 0.
-
-        Parameters
-        ----------
-        foreseen
-            Probabilities that the two surrogates predicted for runs before they were made, shape (n, 2).
-        happened
-            Whether the event happened, shape (n,).
-        least
-            Smallest weight of the second surrogate.
-        log_odds
-            Logarithm of the prior odds that the second surrogate predicts better.
+        The weight of the second surrogate is at least ``least``. Otherwise it is `MOST_TRUST` times the
+        posterior probability that it predicts better, so that it can lower a probability at most by a factor
+        of 20, or 0 if this is below `LEAST_TRUST`.
         """
         slopes = [Slopes.learn(predicted, happened) for predicted in foreseen.T]
         calibrated = [slope(predicted) for slope, predicted in zip(slopes, foreseen.T, strict=True)]

@@ -1,7 +1,6 @@
 """The estimate from several batches: the batches on which it is based, their weights, and its variance.
 
-Whether a batch is used, and its weight, depend only on what was known before the batch was drawn. The
-weighted errors of the batches are therefore a martingale. Notebook 10 derives the rules.
+Batches and weights depend only on what was known before a batch was drawn, so errors are a martingale.
 """
 
 import math
@@ -18,28 +17,13 @@ from fewruns.two_phase import Prediction, TwoPhaseBatch
 
 @dataclass(frozen=True)
 class BatchEstimate:
-    """The estimate of the probability of the event from one batch of the second phase.
+    """The estimate of the probability of the event from one batch of the second phase."""
 
-    Attributes
-    ----------
-    probability
-        The estimate Y.
-    observed_variance
-        Variance of Y that is estimated from the runs of the batch: the sum of the variance of the pool (first
-        phase) and of the choice of runs from the pool (second phase).
-    runs
-        Number of runs.
-    prediction
-        Predictions that were made before the batch was drawn.
-    surprising
-        Whether the batch contains an unexpected event: an event at a point that the surrogate had excluded,
-        whose weight exceeds the predicted probability.
-    """
-
-    probability: float
-    observed_variance: float
+    probability: float  # the estimate Y
+    observed_variance: float  # variance of Y, estimated from the runs
     runs: int
     prediction: Prediction
+    # Whether an unexpected event happened: at a point that the surrogate had excluded, with a large weight.
     surprising: bool
 
     @property
@@ -50,91 +34,42 @@ class BatchEstimate:
 
 @dataclass(frozen=True)
 class Combined:
-    """The estimate from several batches.
-
-    Attributes
-    ----------
-    probability
-        The weighted mean of the estimates of the batches.
-    observed_variance, predicted_variance
-        Variance of the weighted mean: estimated from the runs, and predicted before the runs were made.
-    batches
-        Number of batches.
-    """
+    """The estimate from several batches: a weighted mean."""
 
     probability: float
-    observed_variance: float
-    predicted_variance: float
+    observed_variance: float  # variance of the mean, estimated from the runs
+    predicted_variance: float  # variance of the mean, predicted before the runs were made
     batches: int
 
     def interval(self, alpha: float) -> tuple[float, float]:
-        """Return the 100 (1 - alpha) % interval by Student's t; its upper end may be infinite.
-
-        The larger of the two variances is used, because the observed variance does not include parts of the
-        event that were not met, and the predicted one does not include errors of the surrogate.
-        """
+        """Return the 100 (1 - alpha) % interval by Student's t; its upper end may be infinite."""
         return interval(self.probability, self.error, self.batches, alpha)
 
     @property
     def error(self) -> float:
-        """Coefficient of variation of the estimate, computed from the larger of its two variances."""
-        return math.sqrt(max(self.observed_variance, self.predicted_variance)) / self.probability
+        """Coefficient of variation of the estimate, from the larger of its two variances.
 
-    def half_width(self, alpha: float) -> float:
-        """Return half the width of the 100 (1 - alpha) % interval of the estimated probability."""
-        low, high = self.interval(alpha)
-        return (high - low) / 2
+        The observed variance does not include parts of the event that were not met, and the predicted one
+        does not include errors of the surrogate.
+        """
+        return math.sqrt(max(self.observed_variance, self.predicted_variance)) / self.probability
 
 
 def interval(probability: float, error: float, batches: int, alpha: float) -> tuple[float, float]:
-    """Return the interval of the probabilities P that agree with an estimate of a given relative error.
+    """Return all P with |Y - P| <= t c P for an estimate Y of the relative error c, from some batches.
 
-    The standard deviation of the estimate Y is c P, where c is its coefficient of variation. It is relative
-    to the true probability P and not to Y. The interval contains every P with |Y - P| <= t c P, where t is
-    the 1 - alpha / 2 quantile of Student's t. Its upper part is longer than its lower part. This is
-    appropriate, because an estimate that is too low also has an estimated error that is too small.
-
-    Parameters
-    ----------
-    probability
-        The estimate Y.
-    error
-        The coefficient of variation c of the estimate.
-    batches
-        Number of batches, one more than the degrees of freedom of Student's t.
-    alpha
-        The level of the interval is 100 (1 - alpha) %.
-
-    Returns
-    -------
-    tuple of float
-        Y / (1 + t c) and Y / (1 - t c); the second is infinite if t c is 1 or more.
+    The upper part is the longer one, because estimates that are too low also have too small an error.
     """
     return ends(probability, float(stdtrit(batches - 1, 1 - alpha / 2)) * error)
 
 
 def ends(probability: float, reach: float) -> tuple[float, float]:
-    """Return the ends of the interval of all probabilities P with |probability - P| <= reach P.
-
-    The upper end is infinite if ``reach`` is 1 or more.
-    """
+    """Return the ends of all P with |probability - P| <= reach P; the upper may be infinite."""
     return probability / (1 + reach), probability / (1 - reach) if reach < 1 else math.inf
 
 
 def estimate_batch(batch: TwoPhaseBatch, happened: Flags) -> BatchEstimate:
-    """Return the estimate of a batch by the difference estimator of `two_phase`, with its observed variance.
-
-    The variance of the second phase is estimated as if the runs were included independently of each other;
-    points with an inclusion probability close to 1 contribute almost nothing. The variance of the first phase
-    is also estimated by a difference estimator, which is replaced by 0 if it is negative.
-
-    Parameters
-    ----------
-    batch
-        A batch of n runs.
-    happened
-        Whether the event happened in each run, shape (n,).
-    """
+    """Return the estimate of a batch, from n flags, with the variance of independent inclusions."""
     n, terms = len(happened), batch.weight * (happened - batch.control) / batch.inclusion
     first_phase = max(batch.controlled_square + batch.weight @ terms, 0.0)
     second_phase = (terms**2 * (1 - batch.inclusion)).sum() * n / max(n - 1, 1)
@@ -149,28 +84,11 @@ def estimate_batch(batch: TwoPhaseBatch, happened: Flags) -> BatchEstimate:
 
 
 def counted_batches(batches: Sequence[BatchEstimate], usable: float = USABLE) -> Sequence[BatchEstimate]:
-    """Return the batches on which the estimate is based: the last ones with consistent predictions.
+    """Return the last batches, on which the estimate is based; none if it has not begun.
 
-    Before each batch, the surrogate predicts the probability of the event and the coefficient of variation of
-    a run. Two predictions of the probability agree if they differ by less than the factor `AGREEMENT`. The
-    estimate begins with the first batch whose predicted coefficient of variation is below ``usable`` and
-    whose predicted probability agrees with that of the batch before. It begins again with a later batch in
-    two cases: if the predicted probability no longer agrees with that of its first batch, or after an
-    unexpected event, which is an event at a point that the surrogate had excluded, with a large weight. In
-    both cases the earlier batches were designed with wrong predictions, and averaging over them would conceal
-    the parts of the event that they have missed.
-
-    Parameters
-    ----------
-    batches
-        All batches, in their order.
-    usable
-        Predicted coefficient of variation of a single run, below which a surrogate is usable.
-
-    Returns
-    -------
-    sequence of BatchEstimate
-        The last batches; empty if the estimate has not begun.
+    It begins with a batch whose predicted coefficient of variation of a run is below ``usable`` and whose
+    predicted probability agrees with that of the batch before. It begins again if the prediction changes or
+    after an unexpected event, because averaging over earlier batches would conceal parts that they missed.
     """
     first, reference = None, 0.0
     for i, batch in enumerate(batches):
@@ -188,11 +106,10 @@ def counted_batches(batches: Sequence[BatchEstimate], usable: float = USABLE) ->
 
 
 def combine(batches: Sequence[BatchEstimate]) -> Combined:
-    """Return the weighted mean of the estimates of the batches, with its observed and predicted variance.
+    """Return the weighted mean of the batches, with its observed and predicted variance.
 
-    The weights are proportional to the number of runs divided by the variance of a run that was predicted
-    before the batch was drawn. They must not depend on the estimates or on their observed variances, because
-    low estimates have small observed variances and would get too much weight.
+    The weights must not depend on estimates or observed variances, because low estimates have small
+    variances.
     """
     weight = np.array([batch.importance for batch in batches])
     weight /= weight.sum()

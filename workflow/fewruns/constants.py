@@ -184,10 +184,10 @@ WHOLE_SHARE = 0.15
 # Share of the default defensive runs that follow the wide distribution of the few coordinates.
 ALONG = 0.5
 
-# Prior median of the length along the coordinate of the vehicles, which is 0 for the vehicle under test and 1
-# for its predecessor. With the median amplitude, the boundaries of the events of the two vehicles then differ
+# Prior median of the length along the coordinate of the systems, which is 0 for the system under test and 1
+# for its predecessor. With the median amplitude, the boundaries of the events of the two systems then differ
 # by about half a normal score.
-VEHICLE_LENGTH = 10.0
+SYSTEM_LENGTH = 10.0
 
 # Bounds of the logarithms of the lengths and of the amplitude, and largest number of iterations of their
 # optimisation. Few iterations are enough, because the optimisation is repeated when there are more runs.
@@ -227,7 +227,7 @@ SETTLED, ROUGHLY_SETTLED = 1e-3, 0.03
 FIRST_PRECISION = 1e-3
 LEAST_PRECISION, LEAST_VARIANCE = 1e-10, 1e-13
 
-# ---- vehicles whose outcomes are random
+# ---- systems whose outcomes are random
 
 # Two scores are equal if their difference is at most this value, absolute or relative. They may differ by
 # rounding, which can depend on the batch.
@@ -236,23 +236,23 @@ SAME_SCORE = 1e-5
 # A score that is infinite is replaced by this value, because JSON cannot represent infinity.
 LARGEST_SCORE = float(np.finfo(float).max)
 
-# Number of runs that are repeated at the beginning of the second phase, unless the vehicle is stated to be
+# Number of runs that are repeated at the beginning of the second phase, unless the system is stated to be
 # deterministic. They show whether the outcomes of most runs are random, as with noise.
 FIRST_REPEATS = 5
 
-# If this number of repetitions has shown no difference, the vehicle is treated as deterministic. A vehicle
+# If this number of repetitions has shown no difference, the system is treated as deterministic. A system
 # that lapses in 1 % of its runs shows a difference with probability 1 - 0.99^510 = 99.4 %, because the
 # repetitions are of about 160 different runs.
 ENOUGH_REPEATS = 350
 
-# If this number of draws of the law itself agrees with the estimate, the vehicle is treated as one without
+# If this number of draws of the law itself agrees with the estimate, the system is treated as one without
 # events in thin stripes. Stripes of probability 1 % are met with probability 1 - 0.99^300 = 95 %.
 ENOUGH_DRAWS = 300
 
 # Events among these draws contradict the estimate if so many of them would have a probability below this.
 CONTRADICTION = 0.01
 
-# The runs of a vehicle that may lapse end after this number of unexpected events. From five events a rate is
+# The runs of a system that may lapse end after this number of unexpected events. From five events a rate is
 # known within a factor of about three, and the usual numbers of runs would not improve this much.
 ENOUGH_UNEXPECTED = 5
 

@@ -1,13 +1,9 @@
 """Cross-fitting: better control variates for completed batches, from surrogates fitted to all other batches.
 
-When a batch was drawn, its control variate was the prediction of the surrogate at that time, which was based
-on fewer runs than the surrogate at the end. The difference estimator of a batch keeps its mean for any
-control variate that does not depend on the outcomes of the batch. The batches are therefore divided into
-`FOLDS` groups, and each batch gets the predictions of a surrogate that was fitted without its group
-(cross-fitting, Chernozhukov and others 2018). A small dependence remains, because later batches were designed
-with the outcomes of earlier ones; the tests and the benchmark find no bias. A batch keeps some points of its
-pool, each of which represents an equal part of the sum of weights times control variate over the pool. At
-these kept points another control variate can be integrated.
+The estimate of a batch keeps its mean for any control variate that does not depend on the outcomes of the
+batch. Each batch gets the predictions of a surrogate that was fitted without its group of batches
+(Chernozhukov and others 2018). A small dependence remains, because later batches were designed with the
+outcomes of earlier ones; the tests and the benchmark find no bias.
 """
 
 from dataclasses import dataclass
@@ -42,11 +38,7 @@ class Control:
 
     @classmethod
     def by(cls, belief: Belief, batch: TwoPhaseBatch) -> "Control":
-        """Return the predictions of another surrogate at the points of a batch.
-
-        They are set to 0 wherever the control variate with which the batch was drawn is 0, because the kept
-        points do not represent these places.
-        """
+        """Return predictions of another surrogate; 0 where the kept points represent no control variate."""
         if not len(batch.kept):
             return cls.own(batch)
         runs = np.where(batch.control > 0, belief.probability(batch.z), 0.0)

@@ -1,15 +1,9 @@
 """The directions in a space of many normal scores on which the outcomes of the runs depend.
 
-The graded outcomes are regressed on z M and on the distance of z from the origin, with the covariance of
-`kernel` and noise. The matrix M has few columns. Their size is the inverse of the length in this direction
-(Vivarelli and Williams 1999; Tripathy, Bilionis and Gonzalez 2016). M and all other parameters maximise the
-posterior density. The columns are added one after the other. A small new column v changes the log evidence by
-v' L v, with a matrix L that `_Regression.posterior` computes. A new column therefore starts along the
-eigenvector of L with the largest eigenvalue; for the first column this is similar to partial least squares.
-
-Two kinds of M are compared. The columns of the first kind are arbitrary directions, with a prior under which
-all inputs may have small effects. Each column of the second kind is a single input. The kind with the higher
-density is chosen, after subtracting a cost for the number of parameters.
+The graded outcomes are regressed on z M and on the distance of z from the origin. The size of a column of M
+is the inverse of a length (Tripathy, Bilionis and Gonzalez 2016). A small new column v changes the log
+evidence by v' L v, so that it starts along the eigenvector of L with the largest eigenvalue. Arbitrary
+directions are compared with single inputs, with a cost for the number of parameters.
 """
 
 import math
@@ -54,12 +48,7 @@ SCALE = np.array([OUTWARD_SPREAD, AMPLITUDE_SPREAD, NOISE_SPREAD])
 def learn_directions(z: Array, happened: Flags, score: Array, before: Array | None) -> Array:
     """Return the directions on which the outcomes depend, divided by their lengths, as columns, shape (d, k).
 
-    Parameters
-    ----------
-    z, happened, score
-        Normal scores, shape (n, d), flags and scores, shape (n,), of all runs.
-    before
-        Earlier directions, which are used as a further starting point; None if there are none.
+    Earlier directions, ``before``, are a further starting point of the optimisation.
     """
     outcome = graded(happened, score)
     kept = thinned(np.argsort(outcome, kind="stable"), DIRECTION_RUNS)
@@ -77,21 +66,12 @@ def learn_directions(z: Array, happened: Flags, score: Array, before: Array | No
 
 @dataclass(frozen=True)
 class _Model:
-    """The parameters of the regression.
+    """The parameters of the regression."""
 
-    Attributes
-    ----------
-    directions
-        The matrix M, shape (d, k). An entry that is exactly 0 is fixed; all others are parameters.
-    others
-        Logarithms of the inverse length outward, of the amplitude and of the noise, shape (3,).
-    loss
-        Negative log posterior density plus the cost of the parameters.
-    """
-
+    # The matrix M, shape (d, k); an entry that is exactly 0 is fixed, and all others are parameters.
     directions: Array
-    others: Array
-    loss: float = math.inf
+    others: Array  # logarithms of the inverse length outward, of the amplitude and of the noise, shape (3,)
+    loss: float = math.inf  # negative log posterior density plus the cost of the parameters
 
     @property
     def free(self) -> NDArray[np.bool_]:
@@ -100,11 +80,7 @@ class _Model:
 
     @property
     def cost(self) -> float:
-        """The cost of the parameters, which is added to the loss when models are compared.
-
-        If all columns have the same free entries, a rotation of the columns changes nothing, so that the
-        parameters of the rotation cost nothing.
-        """
+        """The cost of the parameters, without those of a rotation of the columns that changes nothing."""
         (d, k), inputs = self.directions.shape, self.free.any(axis=1).sum()
         turned = k * (k - 1) / 2 if self.free.sum() == inputs * k else 0
         return COST * (self.free.sum() - turned) + (math.log(d) * inputs if inputs < d else 0.0)
@@ -134,13 +110,7 @@ class _Model:
 
 
 class _Regression:
-    """Gaussian process regression of outcomes on a few directions, with its posterior density.
-
-    Parameters
-    ----------
-    z, outcome
-        Normal scores, shape (n, d), and graded outcomes, shape (n,).
-    """
+    """Gaussian process regression of outcomes on a few directions, with its posterior density."""
 
     def __init__(self, z: Array, outcome: Array) -> None:
         self._z, self._outcome = z, outcome
@@ -161,17 +131,7 @@ class _Regression:
         return _Model(best.directions, best.others, float(found.fun) + model.cost)
 
     def grown(self, model: _Model, *, single: bool) -> _Model:
-        """Return a model with additional columns, as long as each of them reduces the loss.
-
-        The model has at least one column and at most `MOST_DIRECTIONS`.
-
-        Parameters
-        ----------
-        model
-            The model to which columns are added.
-        single
-            Whether each new column is a single input.
-        """
+        """Return a model with one to `MOST_DIRECTIONS` columns, as long as each reduces the loss."""
         d, k = model.directions.shape
         while k < min(MOST_DIRECTIONS, d - 1):
             _, _, growth = self.posterior(model, model.free)
@@ -189,10 +149,7 @@ class _Regression:
         return model
 
     def posterior(self, model: _Model, free: NDArray[np.bool_]) -> tuple[float, Array, Array]:
-        """Return the negative log posterior density of a model, its gradient, and the matrix L.
-
-        A column v that is added to M changes the log evidence by v' L v to second order.
-        """
+        """Return the negative log posterior density, its gradient, and the matrix L of the module."""
         along, others = model.directions, model.others
         scale, (variance, noise) = math.exp(others[0]), np.exp(2 * others[1:])
         points = np.column_stack([self._z @ along, self._outward * scale])

@@ -1,13 +1,8 @@
 """A factor of the inclusion probabilities, so that the estimates are equally precise under all laws.
 
-Without this factor, the runs are chosen such that the probability under the sampled law has the smallest
-error. If this law is the mean of the others, the laws with the largest probabilities dominate it. The laws
-with the smallest probabilities have their events at places with few runs. The variance of the difference
-estimator under law k is a sum of w^2 r_k^2 e^2 / pi over the pool, with r_k = f_k / f_sampled and the error e
-of the surrogate. Divided by P_k^2 and averaged over the laws, it is smallest for inclusion probabilities pi
-that are proportional to w e times
-
-    emphasis = sqrt(mean over k of (r_k / P_k)^2).
+Without it, few runs are where improbable laws have their events. The variance under law k is a sum of w^2
+r_k^2 e^2 / pi over the pool, with r_k = f_k / f_sampled and the error e of the surrogate. Divided by P_k^2
+and averaged over the laws, it is smallest for pi proportional to w e sqrt(mean over k of (r_k / P_k)^2).
 """
 
 from dataclasses import dataclass
@@ -47,11 +42,7 @@ class Emphasis:
         return cls(laws.only(chosen), probabilities[chosen] / probabilities.mean())
 
     def __call__(self, z: Array) -> Array:
-        """Return the emphasis at normal scores z, shape (n, d); shape (n,).
-
-        It is 1 at points without a density. If there are more than `POINTS` points, it is evaluated at
-        `POINTS` of them, and every other point gets the value of the nearest evaluated one.
-        """
+        """Return the emphasis at z, shape (n, d), or at the nearest of `POINTS` points; shape (n,)."""
         if len(z) > POINTS:
             few = z[np.linspace(0, len(z) - 1, POINTS).astype(int)]
             return self(few)[cKDTree(few).query(z)[1]]

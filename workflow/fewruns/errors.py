@@ -1,17 +1,15 @@
 """The error for an input that cannot be used."""
 
+from functools import partial
+
 
 class InputError(ValueError):
     """An input that cannot be used, such as a damaged file or a table of another problem.
 
     Parameters
     ----------
-    where
-        The input: the path of a file, or the name of an argument.
-    seen, expected
-        What was found there, and what was expected.
-    change
-        What the user can do about it.
+    where, seen, expected, change
+        Path of the file or name of the argument, what was found there, what was expected, and what to do.
 
     Examples
     --------
@@ -24,3 +22,7 @@ class InputError(ValueError):
     def __init__(self, where: str, *, seen: str, expected: str, change: str) -> None:
         self.where, self.seen, self.expected, self.change = where, seen, expected, change
         super().__init__(f"{where}: seen {seen}; expected {expected}. {change}")
+
+    def __reduce__(self) -> tuple:
+        """Pickle by keyword, so that the error survives a process boundary."""
+        return partial(type(self), seen=self.seen, expected=self.expected, change=self.change), (self.where,)

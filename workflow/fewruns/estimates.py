@@ -26,17 +26,20 @@ class Stopping:
     beta
         An estimate has converged when the half-width of its interval is at most ``beta`` times the estimate.
     minimum_events
-        Smallest number of events for convergence. It prevents that an estimate seems to have converged after
-        a few events. The sampler of this package needs only one event.
+        Smallest number of events for convergence; the sampler of this package needs only one.
     maximum_simulations
         Number of simulations after which the estimation ends without convergence.
     anytime
-        Whether the intervals keep their level although they are checked after every batch; see `anytime`.
+        Whether the intervals keep their level although they are checked after every batch.
+
+    Examples
+    --------
+    >>> rule = Stopping(alpha=0.05, beta=0.3, maximum_simulations=500)
     """
 
     alpha: float = 0.2
     beta: float = 0.2
-    minimum_events: int = 100
+    minimum_events: int = 1
     maximum_simulations: int = 100_000
     anytime: bool = False
 
@@ -52,18 +55,20 @@ class Estimate:
         ends at an upper limit, which is 1 in the worst case, and the estimate is 0 or NaN.
     alpha
         The level of the interval is 100 (1 - alpha) %.
-    learning
-        Number of simulations that were used for learning, and do not enter the estimate.
-    estimating
-        Number of simulations on which the estimate is based.
+    learning, estimating
+        Numbers of simulations that were used for learning, and on which the estimate is based.
     events
         Number of events among the simulations.
     converged
         Whether the stopping rule is satisfied.
-    diagnostics
-        Additional numbers by name.
-    tables
-        Additional tables by name.
+    diagnostics, tables
+        Additional numbers and tables by name.
+
+    Examples
+    --------
+    >>> found = Estimate(2e-6, 1.6e-6, 2.6e-6, 0.2, learning=60, estimating=90, events=40, converged=True)
+    >>> found.simulations, found.covers(1.9e-6)
+    (150, True)
     """
 
     probability: float

@@ -1,9 +1,6 @@
-"""The surrogate of an event: the predicted probability of the event at any point.
+"""The surrogate of an event: Gaussian process classification of the flags by expectation propagation.
 
-This is Gaussian process classification of the flags: the probability is Phi(latent), where the latent
-function is a Gaussian process. Its posterior is approximated by expectation propagation (Rasmussen and
-Williams 2006, section 3.6). The lengths and the amplitude are those with the largest posterior density. Of
-several sets of axes, the one with the largest such maximum is used.
+See Rasmussen and Williams (2006), section 3.6. The lengths have the largest posterior density.
 """
 
 import math
@@ -35,7 +32,7 @@ from fewruns.constants import (
     ROUGHLY_SETTLED,
     SETTLED,
     SWEEPS,
-    VEHICLE_LENGTH,
+    SYSTEM_LENGTH,
 )
 from fewruns.kernel import (
     covariance_between,
@@ -61,17 +58,7 @@ def _scale_both_sides(covariance: Array, root: Array, scaled: Array) -> None:
 def _log_evidence(
     factor: Array, sites: tuple[Array, Array], mean: Array, cavity: tuple[Array, Array], log_mass: Array
 ) -> float:
-    """Return the log evidence of the flags by expectation propagation (Rasmussen and Williams, eq. 3.65).
-
-    Parameters
-    ----------
-    factor
-        Cholesky factor of I + S^1/2 K S^1/2, shape (n, n).
-    sites, cavity
-        Precision and precision times mean of the sites; precision and mean of the cavities; shapes (n,).
-    mean, log_mass
-        Posterior mean of the latent function, and log probability of each flag under its cavity, shapes (n,).
-    """
+    """Return the log evidence by expectation propagation (Rasmussen and Williams, eq. 3.65)."""
     (precision, shift), (rest, centre) = sites, cavity
     both = precision + rest
     return (
@@ -83,21 +70,7 @@ def _log_evidence(
 
 
 def selected_runs(runs: Array, event: NDArray[np.bool_], most: int) -> NDArray[np.intp]:
-    """Return the indices of at most ``most`` runs to which a surrogate is fitted.
-
-    If there are more runs, one half of the selection are those nearest to the boundary of the event, which
-    are those with the smallest distance to a run of the opposite flag. The other half are runs at equal
-    intervals in the order in which they were made, so that they represent all other regions.
-
-    Parameters
-    ----------
-    runs
-        Points in units of the lengths, shape (n, d).
-    event
-        Whether the event happened in each run, shape (n,).
-    most
-        Largest number of runs to return.
-    """
+    """Return the indices of at most ``most`` runs, shape (n, d): half are nearest to the other flag."""
     n = len(event)
     if n <= most:
         return np.arange(n)
@@ -111,29 +84,9 @@ def selected_runs(runs: Array, event: NDArray[np.bool_], most: int) -> NDArray[n
 class EventSurrogate:
     """Predicted probability of the event at any point, given the flags of the simulated points.
 
-    The covariance of the latent function is that of `kernel`. If there is a predecessor, the points have one
-    additional coordinate, 0 for the vehicle under test and 1 for the predecessor. The length of this
-    coordinate is learnt like all others, and determines how much information the runs of one vehicle contain
-    about the other.
-
-    Parameters
-    ----------
-    dimension
-        Number d of normal scores.
-    predecessor
-        Runs of a similar vehicle; None if there is none.
-    amplitude
-        Prior median of the amplitude, in units of the probit.
-
-    Attributes
-    ----------
-    axes
-        Directions along which the lengths are measured, as columns, shape (d, d).
-    theta
-        Logarithms of the lengths and of the amplitude, shape (d + 1,), or (d + 2,) with a predecessor.
-    sites
-        Precision, and precision times mean, of the Gaussian factor that approximates the likelihood of each
-        flag, those of the predecessor first, shape (2, m + n).
+    If there is a predecessor, the points have one additional coordinate, 0 for the system under test and 1
+    for the predecessor. The length of this coordinate determines how much the runs of one system say about
+    the other.
     """
 
     def __init__(
@@ -141,26 +94,20 @@ class EventSurrogate:
     ) -> None:
         self._predecessor = predecessor
         lengths = [LENGTH * math.sqrt(dimension)] * dimension
-        lengths += [VEHICLE_LENGTH] if predecessor else []
-        self.axes = np.eye(dimension)
-        self.theta = np.log([*lengths, amplitude])
+        lengths += [SYSTEM_LENGTH] if predecessor else []
+        self.axes = np.eye(dimension)  # directions along which the lengths are measured, as columns
+        self.theta = np.log(
+            [*lengths, amplitude]
+        )  # of the lengths, that of the systems last, and the amplitude
+        # Precision, and precision times mean, of the Gaussian factor that approximates the likelihood of each
+        # flag, those of the predecessor first.
         self.sites = np.empty((2, 0))
         self._kept = np.arange(0)
         self._centre = self.theta.copy()
         self._scale = np.array([*[LENGTH_SPREAD] * len(lengths), AMPLITUDE_SPREAD])
 
     def fit(self, z: Array, event: NDArray[np.bool_], *, learn: bool, turned: Sequence[Array] = ()) -> None:
-        """Fit the surrogate to runs of the vehicle under test; its attributes are updated.
-
-        Parameters
-        ----------
-        z, event
-            Normal scores, shape (n, d), and flags, shape (n,); earlier runs first.
-        learn
-            Whether to learn axes, lengths and amplitude again.
-        turned
-            Axes that are compared with the original coordinates, each of shape (d, d).
-        """
+        """Fit the surrogate to runs, shape (n, d); ``learn`` lengths and amplitude along the best axes."""
         if self._predecessor is not None:
             event = np.append(self._predecessor.happened, event)
         sign = np.where(event, 1.0, -1.0)
@@ -204,18 +151,14 @@ class EventSurrogate:
         return ndtr(mean / np.sqrt(1 + variance))
 
     def _placed(self, z: Array) -> Array:
-        """Return points in coordinates along the axes, with the coordinate of the vehicle under test."""
+        """Return points in coordinates along the axes, with the coordinate of the system under test."""
         z = z @ self.axes
         return z if self._predecessor is None else np.column_stack([z, np.zeros(len(z))])
 
     def _propagate(
         self, covariance: Array, sign: Array, tolerance: float
     ) -> tuple[float, Array, Array, Array]:
-        """Run expectation propagation until a step changes the log evidence by less than ``tolerance``.
-
-        All sites are updated at once. The results are the log evidence, the Cholesky factor of
-        I + S^1/2 K S^1/2, the diagonal of S^1/2, and the weights K^-1 m of the posterior mean m.
-        """
+        """Return log evidence, Cholesky factor of I + S^1/2 K S^1/2, root of S, and weights K^-1 mean."""
         (precision, shift), previous = self.sites[:, self._kept], math.inf
         for _ in range(SWEEPS):
             root = np.sqrt(precision)

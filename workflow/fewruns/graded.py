@@ -1,8 +1,7 @@
-"""A surrogate of the graded outcome: its predicted mean and standard deviation at any point.
+"""A surrogate of the graded outcome: Gaussian process regression of its mean and standard deviation.
 
 All runs are ranked by how close they came to the event, with the events first. The graded outcome of a run is
-Phi^-1((rank - 1/2) / n). The surrogate is a Gaussian process regression (Rasmussen and Williams 2006, section
-2.2) whose lengths, amplitude and noise maximise the posterior density.
+Phi^-1((rank - 1/2) / n). Only the order of the scores is used, because their scale may be arbitrary.
 """
 
 import math
@@ -36,21 +35,7 @@ from fewruns.kernel import (
 
 
 def graded(happened: Flags, score: Array) -> Array:
-    """Return the graded outcome Phi^-1((rank - 1/2) / n) of each run.
-
-    Events have the first ranks, then the runs with the smallest scores; equal runs have their mean rank. Only
-    the order of the scores is used, because the scale of a score may be arbitrary.
-
-    Parameters
-    ----------
-    happened, score
-        Flags and scores of all runs, shape (n,). A smaller score means that the run came closer to the event.
-
-    Returns
-    -------
-    numpy.ndarray
-        Graded outcomes, shape (n,).
-    """
+    """Return the graded outcome of each run, shape (n,); equal runs have their mean rank."""
     columns = np.column_stack([~happened, score])
     _, place, alike = np.unique(columns, axis=0, return_inverse=True, return_counts=True)
     rank = np.cumsum(alike) - (alike - 1) / 2  # equal runs have their mean rank
@@ -58,48 +43,21 @@ def graded(happened: Flags, score: Array) -> Array:
 
 
 def end_of_events(outcome: Array, happened: Flags) -> float:
-    """Return the graded outcome midway between the events and all other runs.
-
-    A point is predicted to end in the event if its graded outcome is below this value.
-
-    Parameters
-    ----------
-    outcome, happened
-        Graded outcomes, and whether the event happened, shape (n,); some runs have to be events, but not all.
-    """
+    """Return the graded outcome midway between the events and the other runs."""
     return float(outcome[happened].max() + outcome[~happened].min()) / 2
 
 
 class GradedSurrogate:
-    """Gaussian process regression of the graded outcome, with the covariance of `kernel`.
-
-    Parameters
-    ----------
-    dimension
-        Number d of normal scores.
-
-    Attributes
-    ----------
-    theta
-        Logarithms of the lengths, of the amplitude and of the noise, shape (d + 2,).
-    """
+    """Gaussian process regression of the graded outcome, with the covariance of `kernel`."""
 
     def __init__(self, dimension: int) -> None:
         self._centre = np.log([*[LENGTH * math.sqrt(dimension)] * dimension, 1.0, NOISE])
         self._scale = np.array([*[LENGTH_SPREAD] * dimension, AMPLITUDE_SPREAD, NOISE_SPREAD])
         self._bounds = [LOG_LENGTH_BOUNDS] * dimension + [LOG_AMPLITUDE_BOUNDS, LOG_NOISE_BOUNDS]
-        self.theta = self._centre.copy()
+        self.theta = self._centre.copy()  # logarithms of the lengths, of the amplitude and of the noise
 
     def fit(self, z: Array, outcome: Array, *, learn: bool) -> None:
-        """Fit the regression to all runs, or to `GRADED_RUNS` of them if there are more.
-
-        Parameters
-        ----------
-        z, outcome
-            Normal scores, shape (n, d), and graded outcomes, shape (n,).
-        learn
-            Whether to learn lengths, amplitude and noise again, starting from the prior.
-        """
+        """Fit the regression to all runs or `GRADED_RUNS` of them; ``learn`` its parameters again."""
         kept = thinned(np.argsort(outcome, kind="stable"), GRADED_RUNS)  # the smallest outcomes first
         self._z, self._outcome = z[kept], outcome[kept]
         if learn:
@@ -114,10 +72,7 @@ class GradedSurrogate:
         self._factor, self._weights = self._solve(covariance, noise_variance)
 
     def expect(self, z: Array) -> tuple[Array, Array]:
-        """Return mean and standard deviation of the predicted graded outcome, each of shape (m,).
-
-        The points z have shape (m, d). The standard deviation does not include noise.
-        """
+        """Return mean and standard deviation, without noise, of the outcome at z, shape (m, d)."""
         covariance = covariance_between(z / np.exp(self.theta[:-2]), self._runs, self._variance)[0]
         mean = covariance @ self._weights
         # The transpose has the column order of LAPACK, so it is not copied.
@@ -126,18 +81,7 @@ class GradedSurrogate:
         return mean, np.sqrt(variance)
 
     def probability(self, z: Array, below: float | Array, *, noisy: bool = False) -> Array:
-        """Return the probability that the graded outcome is below given values, shape (m,).
-
-        Parameters
-        ----------
-        z
-            Points, shape (m, d).
-        below
-            One value for all points, or one for each point, shape (m,).
-        noisy
-            Whether the noise of the regression is part of the outcome, as for a vehicle whose outcomes are
-            random.
-        """
+        """Return the probability that the outcome at z, shape (m, d), is below one value or m values."""
         mean, deviation = self.expect(z)
         if noisy:
             deviation = np.hypot(deviation, math.exp(self.theta[-1]))

@@ -1,7 +1,7 @@
 """Covariance, its derivatives, and selection of runs, for the Gaussian processes of the sampler.
 
-The covariance of two points is amplitude^2 (1 + Matern 5/2), with one length for each dimension. The constant
-1 represents an unknown mean. All points are divided by the lengths before they are passed to this module.
+The covariance of two points is amplitude^2 (1 + Matern 5/2); the constant 1 represents an unknown mean. All
+points are divided by the lengths before they are passed to this module.
 """
 
 import numpy as np
@@ -17,19 +17,9 @@ BLOCK = 32_768
 def covariance_between(
     a: Array, b: Array, variance: float, *, with_slope: bool = False
 ) -> tuple[Array, Array]:
-    """Return the covariances between two sets of points, shape (n, m), and the slopes.
+    """Return the covariances between points of shapes (n, d) and (m, d), and slopes if wanted, shapes (n, m).
 
-    The slopes are -2 times the derivatives of the correlations with respect to the squared distance, from
-    which `evidence_gradient` computes the derivatives by the log lengths.
-
-    Parameters
-    ----------
-    a, b
-        Points, divided by the lengths of the kernel, shapes (n, d) and (m, d).
-    variance
-        Square of the amplitude.
-    with_slope
-        Whether to compute the slopes, shape (n, m). Otherwise the second result is empty.
+    The slopes are -2 times the derivatives of the correlations with respect to the squared distance.
     """
     value = np.empty((len(a), len(b)))
     slope = np.empty_like(value) if with_slope else np.empty((0, len(b)))
@@ -49,20 +39,7 @@ def covariance_between(
 
 
 def covariance_of_runs(runs: Array, variance: float, *, with_slope: bool = False) -> tuple[Array, Array]:
-    """Return the covariance matrix of runs, shape (n, n), and its slopes.
-
-    A small term is added to the diagonal, so that the matrix is positive definite.
-
-    Parameters
-    ----------
-    runs
-        Points, divided by the lengths of the kernel, shape (n, d).
-    variance
-        Square of the amplitude.
-    with_slope
-        Whether to compute the slopes, shape (n, n), which `covariance_between` defines. Otherwise the second
-        result is empty.
-    """
+    """Return the covariance of runs, shape (n, n), with a small term on its diagonal, and its slopes."""
     covariance, slope = covariance_between(runs, runs, 1.0, with_slope=with_slope)
     covariance.flat[:: len(runs) + 1] += JITTER
     covariance *= variance
@@ -70,19 +47,8 @@ def covariance_of_runs(runs: Array, variance: float, *, with_slope: bool = False
 
 
 def evidence_gradient(runs: Array, covariance: Array, slope: Array, outer: Array, variance: float) -> Array:
-    """Return the gradient of a log evidence with respect to log lengths and log amplitude, shape (d + 1,).
-
-    Parameters
-    ----------
-    runs
-        Points in units of the lengths, shape (n, d).
-    covariance, slope
-        Covariance and slopes of the runs from `covariance_of_runs`, shape (n, n).
-    outer
-        Derivative of the log evidence with respect to the covariance matrix, shape (n, n).
-    variance
-        Square of the amplitude.
-    """
+    """Return the gradient of a log evidence by log lengths and log amplitude, shape (d + 1,)."""
+    # The derivative of the log evidence by the covariance matrix is ``outer``.
     slope = slope * (variance * outer)
     by_length = [(slope * np.subtract.outer(x, x) ** 2).sum() for x in runs.T]
     return np.array([*by_length, 2 * (outer * covariance).sum()])
@@ -91,42 +57,19 @@ def evidence_gradient(runs: Array, covariance: Array, slope: Array, outer: Array
 def negative_log_posterior(
     evidence: float, gradient: Array, score: Array, scale: Array
 ) -> tuple[float, Array]:
-    """Return the negative log posterior density of the parameters under a normal prior, and its gradient.
-
-    Parameters
-    ----------
-    evidence, gradient
-        Log evidence, and its gradient with respect to the k parameters, shape (k,).
-    score, scale
-        Distance of the parameters from their prior mean in units of the prior standard deviation, and the
-        standard deviations, shape (k,).
-    """
+    """Return the negative log posterior density of k parameters with a normal prior, and its gradient."""
     return 0.5 * score @ score - evidence, score / scale - gradient
 
 
 def principal_axes(points: Array) -> list[Array]:
-    """Return the principal axes of points, shape (n, d), as the columns of one matrix, shape (d, d).
-
-    The list is empty if there are not more than d different points.
-    """
+    """Return [principal axes of points as columns, shape (d, d)], or [] if at most d points differ."""
     if len(np.unique(points, axis=0)) <= points.shape[1]:
         return []
     return [np.linalg.eigh(np.atleast_2d(np.cov(points.T)))[1]]
 
 
 def thinned(order: NDArray[np.intp], most: int) -> NDArray[np.intp]:
-    """Return the indices of at most ``most`` runs, in rising order.
-
-    If there are more runs, one half of the selection are the most important runs. The other half are chosen
-    from the remaining runs at equal intervals, in the order in which the runs were made.
-
-    Parameters
-    ----------
-    order
-        Indices of all runs, the most important first, shape (n,).
-    most
-        Largest number of runs to return.
-    """
+    """Return at most ``most`` indices of ``order``, rising: half are the first, the others are spread."""
     if len(order) <= most:
         return np.sort(order)
     first, others = order[: most // 2], np.sort(order[most // 2 :])

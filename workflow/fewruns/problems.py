@@ -14,17 +14,17 @@ Response = tuple[Flags, Array | None]
 
 
 class ScoreProblem(Protocol):
-    """The interface of a problem for samplers in the space of normal scores.
+    """The interface of a problem in the space of normal scores: any object with these members.
 
-    A problem may also have a method ``repeat``, with the interface of ``evaluate``, which runs the system
-    again even if the outcomes of ``evaluate`` are stored.
+    A problem may also have a method ``repeat`` like ``evaluate``, which runs the system again even if the
+    outcomes of ``evaluate`` are stored.
 
     Attributes
     ----------
     dimension
         Number d of normal scores.
     fingerprint
-        A text that identifies the problem, so that a sampler resumes a saved state only for the same problem.
+        A text that identifies the problem, so that a saved state is resumed only for the same problem.
     deterministic
         Whether the same normal scores always give the same outcome; None if this is unknown.
     """
@@ -34,19 +34,9 @@ class ScoreProblem(Protocol):
     deterministic: bool | None
 
     def evaluate(self, z: Array) -> Response:
-        """Run the system at normal scores, and return whether the event happened.
+        """Run the system at normal scores z, shape (n, d); return happened and score, shape (n,).
 
-        Parameters
-        ----------
-        z
-            Normal scores, shape (n, d).
-
-        Returns
-        -------
-        happened : numpy.ndarray
-            Whether the event happened, shape (n,).
-        score : numpy.ndarray or None
-            A number that is smaller the closer the run came to the event, shape (n,); None if it is unknown.
+        A score is smaller the closer the run came to the event; the second item is None without scores.
         """
 
 
@@ -62,22 +52,22 @@ class Marginal(Protocol):
 
 @dataclass(frozen=True)
 class SystemProblem:
-    """An event of any system with independent inputs, which need not be a vehicle in a cut-in.
+    """An event of any system with independent inputs.
 
     Attributes
     ----------
     respond
         Function that runs the system on inputs, shape (n, d), and returns a pair (happened, score) as
         `ScoreProblem.evaluate` does.
-    dimension
-        Number d of inputs.
+    dimension, fingerprint, deterministic
+        As in `ScoreProblem`. If ``deterministic`` is None, a sampler repeats a few runs to find out. They
+        detect noise, but not a system that fails once in a hundred runs.
     marginals
         Distributions of the d inputs; None if the inputs are the normal scores themselves.
-    fingerprint
-        A text that identifies the problem.
-    deterministic
-        Whether the system always gives the same response to the same inputs. If it is None, a sampler repeats
-        a few runs to find out. They detect noise, but not a system that fails once in a hundred runs.
+
+    Examples
+    --------
+    `run_batches` and `SeveralLaws` have examples.
     """
 
     respond: Callable[[Array], Response]
@@ -94,19 +84,12 @@ class SystemProblem:
         return np.column_stack(list(columns))
 
     def evaluate(self, z: Array) -> Response:
-        """Run the system at normal scores z, shape (n, d).
-
-        Return whether the event happened, shape (n,), and the scores, shape (n,), or None without scores.
-        """
+        """Run the system at normal scores z, shape (n, d); return whether the event happened, and scores."""
         return self.respond(self.inputs(z))
 
 
 def normal_score_quantile(law: Marginal, z: Array) -> Array:
-    """Return the quantiles x of a distribution at normal scores z, shape (n,), so that F(x) = Phi(z).
-
-    Above the median the survival function is inverted, and below it the distribution function, so that
-    neither tail loses accuracy by rounding near one.
-    """
+    """Return the quantiles x with F(x) = Phi(z), shape (n,), from the smaller of the two tails."""
     value, above = np.empty_like(z), z > 0
     # A side without points is skipped, because the quantile function of a mixture takes long even then.
     if above.any():

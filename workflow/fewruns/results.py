@@ -33,26 +33,9 @@ ROUNDING = 1e-12  # relative tolerance
 def estimate(progress: Progress, batch_size: int, stopping: Stopping, certificate: Certificate) -> Estimate:
     """Return the estimated probability of the event, from the batches since the surrogate became usable.
 
-    If no simulation was an event, the estimate is 0, and the upper end of the interval is the bound for an
-    event that no run has met. If every simulation was an event, the estimate is 1, and the lower end of
-    the interval follows from the same bound for the complement. As long as there are not two batches on which
-    an estimate can be based, the estimate is NaN and the interval is [0, 1].
-
-    Parameters
-    ----------
-    progress
-        The runs of the sampler.
-    batch_size, stopping
-        Number of simulations in a batch, and the stopping rule.
-    certificate
-        The certificate that is required for convergence.
-
-    Returns
-    -------
-    Estimate
-        ``events`` counts the events of all simulations, and ``tables["runs"]`` has a row for each run. The
-        diagnostics contain the upper bounds ``unseen_mode`` and ``unseen_any`` on the probability of a part
-        of the event that no run has met; see `certificate`.
+    Without an event the estimate is 0, and the upper end of the interval is the bound for an event that no
+    run has met; if all runs are events, the complement is treated like this. Before two batches can be used,
+    the estimate is NaN and the interval is [0, 1].
     """
     events, (combined, ends) = int(np.count_nonzero(progress.happened)), combined_estimate(progress, stopping)
     if combined is not None:
@@ -79,23 +62,7 @@ def estimate(progress: Progress, batch_size: int, stopping: Stopping, certificat
 
 
 def with_lapses(found: Estimate, progress: Progress, stopping: Stopping) -> Estimate:
-    """Return an estimate whose interval also includes the probability that unobserved lapses can add.
-
-    A lapse is a failure of the vehicle in a few of its runs; the module `lapses` derives the bounds. The
-    bound for cut-ins of equal hardness is added to the upper end of the interval, or is this end if there
-    is no estimate. The diagnostics get the two bounds, ``unseen_lapses`` and ``unseen_lapses_monotone``, and
-    ``settling_runs``, the number of draws from the law itself after which lapses could add at most
-    ``stopping.beta`` times the estimate.
-
-    Parameters
-    ----------
-    found
-        The estimate.
-    progress
-        The runs of the sampler.
-    stopping
-        The stopping rule.
-    """
+    """Return an estimate whose interval also includes the bound on the probability that lapses can add."""
     bounds = lapse_bounds(progress, found.probability, stopping.beta)
     own = {
         "unseen_lapses": bounds.like_hardness,
@@ -108,17 +75,7 @@ def with_lapses(found: Estimate, progress: Progress, stopping: Stopping) -> Esti
 
 
 def lapse_bounds(progress: Progress, probability: float, share: float) -> LapseBounds:
-    """Return bounds on the probability that unobserved lapses can add to an estimate.
-
-    Parameters
-    ----------
-    progress
-        The runs and the draws of the law, from which the bounds follow.
-    probability
-        The estimated probability of the event.
-    share
-        Share of the estimate to which the number ``runs`` of the result would reduce the bound.
-    """
+    """Return bounds on the probability that unobserved lapses add to an estimate; see `LapseBounds`."""
     draws = progress.law_draws
     z, happened = np.vstack([progress.z, draws.z]), np.append(progress.happened, draws.happened)
     return LapseBounds.after(z, happened, probability, share)
@@ -144,10 +101,7 @@ def is_certified(progress: Progress, certificate: Certificate) -> bool:
 
 
 def where_to_search(progress: Progress, certificate: Certificate) -> float:
-    """Return the rarity beyond which defensive runs are placed to exclude unobserved parts of the event.
-
-    The result is 0 if there is no estimate, or if the certificate excludes no mode.
-    """
+    """Return the rarity beyond which runs exclude unobserved parts of the event; 0 if there are none."""
     probability = _mean(progress)
     if not 0 < (share := certificate.share * probability / certificate.filled) < 0.5:
         return 0.0
@@ -176,18 +130,7 @@ def _unseen(progress: Progress, probability: float, certificate: Certificate) ->
 
 
 def combined_estimate(progress: Progress, stopping: Stopping) -> tuple[Combined | None, tuple[float, float]]:
-    """Return the estimate from the last batches with consistent predictions, and its interval.
-
-    If no event has been observed, or if there are fewer than two such batches, the estimate is None and the
-    interval is [0, 1].
-
-    Parameters
-    ----------
-    progress
-        The runs of the sampler.
-    stopping
-        The stopping rule, which also selects the kind of interval (``anytime``).
-    """
+    """Return the estimate from the last consistent batches, and its interval; None without an estimate."""
     batches = _that_count(progress)
     if not progress.happened.any() or len(batches) < 2:
         return None, (0.0, 1.0)
@@ -201,24 +144,7 @@ def combined_estimate(progress: Progress, stopping: Stopping) -> tuple[Combined 
 
 
 def tabulate_runs(progress: Progress, batch_size: int) -> "pd.DataFrame":
-    """Tabulate all simulations, with the phase to which each belongs.
-
-    Parameters
-    ----------
-    progress
-        The runs of the sampler.
-    batch_size
-        Number of simulations in a batch.
-
-    Returns
-    -------
-    pandas.DataFrame
-        One row for each simulation. Columns: ``run`` and ``batch``, counted from 1; ``phase``; the normal
-        scores ``z_1``, ``z_2`` and so on; ``event``. The phase is ``search`` until the search has ended,
-        ``estimate`` for the simulations on which the estimate is based, and ``learn`` for those in between.
-        Repetitions of runs and draws of the law are the last rows, with the phases ``repeat`` and ``law`` and
-        the batch 0.
-    """
+    """Tabulate all simulations: ``run`` and ``batch`` from 1, ``phase``, ``z_1`` and so on, ``event``."""
     import pandas as pd  # imported here, because it takes half a second
 
     run = np.arange(len(progress.z)) + 1

@@ -16,7 +16,7 @@ from fewruns.problems import Marginal, Response, ScoreProblem, SystemProblem
 from fewruns.sampler import Sampler
 from fewruns.state import read_state, write_state
 
-GOAL = Stopping(minimum_events=1, maximum_simulations=1000)
+GOAL = Stopping(maximum_simulations=1000)
 
 
 def run_batches(
@@ -32,27 +32,18 @@ def run_batches(
 
     Parameters
     ----------
-    sampler
-        The sampler. It may already have runs.
-    problem
-        The problem: an object with ``evaluate(z)`` and, if it stores outcomes, ``repeat(z)``.
-    stopping
-        The stopping rule.
+    sampler, problem, stopping
+        The sampler, which may already have runs, the problem, and the stopping rule.
     is_enough
         Function without arguments that returns whether the estimate is precise enough; by default whether the
         interval is as narrow as ``stopping`` requires. The sampler then continues only until parts of the
         event that no run has met are excluded.
 
-    Yields
-    ------
-    None
-        After each batch, when the sampler has received its outcomes.
-
     Examples
     --------
     >>> import numpy as np
     >>> from fewruns import Sampler, Stopping, SystemProblem, run_batches
-    >>> goal = Stopping(minimum_events=1, maximum_simulations=300)
+    >>> goal = Stopping(maximum_simulations=300)
     >>> problem = SystemProblem(lambda z: (z[:, 0] > 4, 4 - z[:, 0]), 2)
     >>> sampler = Sampler(2, np.random.default_rng(1))
     >>> for _ in run_batches(sampler, problem, goal):
@@ -89,9 +80,8 @@ def estimate(
     Parameters
     ----------
     function
-        Function that is called with n points, shape (n, d), and returns whether the event happens, as an
-        array of n booleans. It may return a pair of this array and an array of n scores, which are smaller
-        the closer a point is to the event. Scores reduce the number of calls.
+        Function of n points, shape (n, d), that returns whether the event happens, as n booleans, or a pair
+        of these and n scores, which are smaller the closer a point is to the event.
     inputs
         Distributions of the d inputs, for example frozen distributions of `scipy.stats`; or the number d of
         standard normal inputs.
@@ -102,20 +92,15 @@ def estimate(
         and there are at most 1,000 points.
     deterministic
         Whether the function always returns the same for the same point. If this is not known (None), five
-        points are evaluated twice, which detects noise.
+        points are evaluated twice.
     fingerprint
         A text that identifies the function and its inputs in the saved state.
     state_file
         File in which the state is saved after every batch. If it exists, the runs are continued.
     on_batch
-        Function that is called with the estimate after every batch, for example to show progress.
+        Function that is called with the estimate after every batch.
     **settings
         Further arguments of `Sampler`, such as ``batch_size`` or ``certificate``.
-
-    Returns
-    -------
-    Estimate
-        The estimate with its interval, and whether it has converged.
 
     Raises
     ------
@@ -167,8 +152,7 @@ def sampler_for(
 ) -> Sampler:
     """Return the sampler that is saved in a state file, or a new one for a problem if there is no such file.
 
-    Thin stripes of the event and rare lapses are not looked for in a `SystemProblem`, which is a formula in
-    most cases.
+    A `SystemProblem` is a formula in most cases, so neither rare lapses nor thin stripes are looked for.
     """
     is_formula = isinstance(problem, SystemProblem)
     own = {"fingerprint": problem.fingerprint, "dimension": problem.dimension}

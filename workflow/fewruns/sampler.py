@@ -1,20 +1,14 @@
 """Surrogate-guided sampling: the probability of a rare event from a few hundred simulations.
 
-The event is a set in the space of normal scores, z ~ N(0, I). Every batch takes the same three steps.
+The event is a set in the space of normal scores, z ~ N(0, I). In every batch, surrogates predict the
+probability p(z) of the event from all runs so far (`belief`). A pool of points z_j, which need no simulation,
+is drawn from a density h, with weights w_j = phi(z_j) / h(z_j) (`pools`). From the pool, n runs are chosen,
+most of them where w_j times the expected error of the surrogate is large. With p as control variate, they
+give an unbiased estimate (`two_phase`).
 
-1. Surrogates. The flags and the scores of all runs so far give p(z), the predicted probability of the event
-   at z, which is calibrated by the outcomes of earlier predictions; see `belief`.
-2. First phase, without simulations. A pool of points z_j is drawn from a density h, a mixture of kernels
-   around the important points of the previous pool, and of the wide distribution. The points have the weights
-   w_j = phi(z_j) / h(z_j).
-3. Second phase. From the pool, n runs are chosen. Most of them are points where w_j times the expected error
-   of the surrogate is large; a defensive share is spread over the whole pool. With p as control variate, the
-   runs give an estimate Y whose mean, given all earlier batches, is P(event); see `two_phase`.
-
-The estimate is a weighted mean of Y over the last batches with consistent predictions. The weights follow
-from variances that were predicted before each batch was drawn; see `combining`. The probability of parts that
-were missed is bounded; see `certificate`. Before these batches, a search finds the event and its most
-probable part; see `search`. Notebook 10 derives the method, and docs/sampler.md explains its use.
+The result is a weighted mean over the last batches with consistent predictions (`combining`). The probability
+of parts that were missed is bounded (`certificate`). Before these batches, a search finds the event
+(`search`). Notebook 10 derives the method, and docs/sampler.md explains its use.
 """
 
 from collections.abc import Callable
@@ -68,8 +62,7 @@ BLAS = ThreadpoolController()
 class Sampler:
     """The sampler as an object that requests batches of runs (`ask`) and receives their outcomes (`tell`).
 
-    Use it for systems that are run elsewhere. `run_batches` runs the batches of a problem in a loop, and
-    `estimate` does the same for a function.
+    Use it for systems that are run elsewhere; otherwise `run_batches` and `estimate` are simpler.
 
     Parameters
     ----------
@@ -79,8 +72,7 @@ class Sampler:
     generator
         Source of all randomness.
     batch_size
-        Number n of runs in a batch, from 1 to 500. Small batches need fewer runs in total, large ones keep
-        more workers busy. The attribute may be changed between two batches.
+        Number n of runs in a batch, from 1 to 500. The attribute may be changed between two batches.
     fingerprint
         Text that identifies the problem, so that a saved state is not resumed for another one.
     certificate
@@ -88,15 +80,11 @@ class Sampler:
     predecessor
         Runs of a similar system, near whose events the sampler begins.
     deterministic
-        Whether the system always has the same outcome for the same inputs. If this is not known (None), some
-        runs are repeated to find out.
-    enough_repeats
-        If ``deterministic`` is None: number of repetitions without a difference that are required for
-        convergence, because the system is then treated as deterministic.
-    enough_draws
-        If ``deterministic`` is None: number of draws of the inputs by their own law that are required for
-        convergence, and have to agree with the estimate. They show events far from all other runs, such as
-        thin stripes.
+        Whether the system always has the same outcome for the same inputs; None if this is not known.
+    enough_repeats, enough_draws
+        If ``deterministic`` is None: numbers of repetitions of runs, and of draws of the inputs by their own
+        law, that are required for convergence. Repetitions show random outcomes, and draws show events far
+        from all other runs, such as thin stripes.
     frequent
         Whether the event may be frequent, and may have several separate parts. The sampler then begins with
         40 runs up to a tail probability of 5e-5, instead of 20 runs at all tail probabilities.
@@ -106,8 +94,7 @@ class Sampler:
     progress
         The runs so far: normal scores ``z``, shape (runs, d), ``happened`` and ``score``, shape (runs,).
     emphasis
-        Function that returns a factor of the inclusion probabilities at normal scores, shape (n, d), or None;
-        see `SeveralLaws.emphasis`.
+        Factor of the inclusion probabilities as a function of z; see `SeveralLaws.emphasis`.
 
     Examples
     --------
@@ -115,7 +102,7 @@ class Sampler:
 
     >>> import numpy as np
     >>> from fewruns import Sampler, Stopping
-    >>> goal = Stopping(minimum_events=1)
+    >>> goal = Stopping()
     >>> sampler = Sampler(2, np.random.default_rng(1))
     >>> while not sampler.has_converged(goal):
     ...     z = sampler.ask(certify=sampler.is_narrow(goal))
@@ -160,33 +147,18 @@ class Sampler:
     # ---- simulations
 
     def ask(self, *, certify: bool = False) -> Array:
-        """Return the normal scores to simulate next, shape (n, d).
+        """Return the normal scores to simulate next, shape (n, d), until `tell` has received their outcomes.
 
-        Further calls return the same points until `tell` has received their outcomes.
-
-        Parameters
-        ----------
-        certify
-            Whether to place most of the runs where they exclude unobserved parts of the event. It is meant
-            for the time when the interval is narrow, but the certificate is not yet met.
+        With ``certify``, most runs exclude unobserved parts of the event, as needed when the interval is
+        narrow.
         """
         return self._pending_batch(certify=certify).z
 
     def tell(self, happened: ArrayLike, score: ArrayLike | None = None) -> None:
-        """Receive the outcomes of the batch that `ask` returned last.
+        """Receive the outcomes of the batch that `ask` returned last: flags and scores, shape (n,).
 
-        Parameters
-        ----------
-        happened
-            Whether the event happened, shape (n,).
-        score
-            A number for each run that is smaller the closer the run came to the event, shape (n,); None if
-            there are no scores.
-
-        Raises
-        ------
-        InputError
-            If a shape is wrong, or a score is not a number. The outcomes are then ignored.
+        A score is smaller the closer a run came to the event. InputError is raised if a shape or score is
+        wrong.
         """
         batch, progress = self._pending_batch(), self.progress
         n, happened = len(batch.z), np.asarray(happened, dtype=bool)
@@ -260,24 +232,19 @@ class Sampler:
         return self.is_narrow(stopping) and self.is_settled()
 
     def is_narrow(self, stopping: Stopping) -> bool:
-        """Return whether the interval is as narrow as the rule requires, with enough observed events."""
+        """Return whether the interval is as narrow as the rule requires, with enough events."""
         return results.is_narrow(self.progress, stopping)
 
     def is_settled(self) -> bool:
-        """Return whether no more runs are needed except to narrow the interval.
-
-        This is the case if the certificate is met, all required repetitions and draws of the law are made,
-        and the system does not lapse.
-        """
+        """Return whether no more runs are needed except to narrow the interval."""
         return self._has_excluded_all_else() and not self.may_lapse
 
     def has_ended(self, *, is_narrow: bool) -> bool:
-        """Return whether the runs should end, because more runs would not improve the result.
+        """Return whether more runs would not improve the result.
 
-        This is the case if the estimate has converged, or if it has not converged only because the system
-        may lapse: no practicable number of runs excludes rare lapses (see `lapses`). The runs also end if the
-        system may lapse and `ENOUGH_UNEXPECTED` events were unexpected, because the interval will then not
-        become narrow.
+        That is so if the estimate has converged, or would have if the system did not lapse, because no
+        practicable number of runs excludes rare lapses; and after `ENOUGH_UNEXPECTED` events of a system that
+        may lapse.
         """
         unexpected = sum(batch.surprising for batch in self.progress.estimates)
         if self.may_lapse and unexpected >= ENOUGH_UNEXPECTED:
@@ -286,28 +253,17 @@ class Sampler:
 
     @property
     def may_lapse(self) -> bool:
-        """Whether the system may fail at random in a few of its runs, which the runs may have missed.
-
-        If the outcomes of most runs are random, the runs show this, and the estimate includes it.
-        """
+        """Whether the system may fail at random in a few of its runs, which the runs may have missed."""
         return self.progress.chance and not self.progress.repeats.vary_often
 
     def unseen_lapses(self, probability: float, share: float) -> float:
-        """Return a bound on the probability that lapses add to an estimate; 0 if the system does not lapse.
-
-        ``share`` is the share of the estimate to which further runs would have to reduce it.
-        """
+        """Return a bound on the probability that lapses add to an estimate; 0 without lapses."""
         return (
             results.lapse_bounds(self.progress, probability, share).like_hardness if self.may_lapse else 0.0
         )
 
     def repeats_wanted(self, *, certify: bool) -> int:
-        """Return how many repetitions of runs are still required; ``certify`` includes those for convergence.
-
-        It is 0 if the system is stated to be deterministic, or if a repetition has already shown that it is
-        not. Otherwise at least `FIRST_REPEATS` repetitions are required, to notice noise. For convergence
-        ``enough_repeats`` are required, unless the system is stated to be random.
-        """
+        """Return how many repetitions are still required; ``certify`` adds those for convergence."""
         if self.deterministic is True or (self.progress.chance and self.deterministic is None):
             return 0
         wanted = self.enough_repeats if certify and not self.progress.chance else FIRST_REPEATS
@@ -325,20 +281,10 @@ class Sampler:
         return certified and not self.repeats_wanted(certify=True) and not self._draws_wanted()
 
     def estimate(self, stopping: Stopping) -> Estimate:
-        """Return the estimate of the probability of the event from the runs so far.
+        """Return the estimate from the runs so far; ``tables["runs"]`` has a row for each run.
 
-        Parameters
-        ----------
-        stopping
-            The stopping rule, which determines the level of the interval and whether the estimate has
-            converged.
-
-        Returns
-        -------
-        Estimate
-            The estimate. ``tables["runs"]`` has a row for each run. The diagnostics contain the upper bounds
-            ``unseen_mode`` and ``unseen_any`` on the probability of a part of the event that no run has met;
-            see `Certificate`.
+        The diagnostics ``unseen_mode`` and ``unseen_any`` bound the probability of unobserved parts
+        (`Certificate`).
         """
         found = results.estimate(self.progress, self.batch_size, stopping, self.certificate)
         found = replace(found, converged=self.has_converged(stopping))

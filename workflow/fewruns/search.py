@@ -1,12 +1,9 @@
 """The search for the event and for its most probable part, with runs at every rarity.
 
-The rarity of a point z is -log P(|Z| > |z|) for a standard normal Z. The score of a run is smaller the closer
-the run came to the event, but the smallest scores may be at large rarities, which have almost no probability.
-The search therefore divides the rarities into steps, and places a run in every step at a point where a
-regression of the scores predicts a high probability of the event. Scores may also be misleading. If there is
-no event after one run for every unit of rarity, half of the runs follow the surrogate of the flags instead,
-which also predicts events far from all runs. Once an event is known, the search continues among points with a
-smaller or slightly larger rarity, until it has covered them densely enough.
+The smallest scores may be at large rarities, which have almost no probability. The search therefore divides
+the rarities into steps, and places a run in every step at a point where a regression of the scores predicts a
+high probability of the event. Once an event is known, the search continues up to slightly larger rarities,
+until it has covered them densely enough.
 """
 
 import numpy as np
@@ -19,19 +16,7 @@ from fewruns.wide_laws import draw_at, rarity
 
 
 def target_outcome(rarity: Array, outcome: Array, happened: Flags, at: Array) -> Array:
-    """Return the value below which the graded outcome of a new run should be, at given rarities, shape (m,).
-
-    If an event is known, this is the value that separates events from other runs. Otherwise it is the
-    smallest outcome of all runs whose rarity is at most the given one. If there is no such run, it is the
-    outcome of the run with the smallest rarity.
-
-    Parameters
-    ----------
-    rarity, outcome, happened
-        Rarities, graded outcomes and flags of all runs, shape (n,).
-    at
-        Rarities of new runs, shape (m,).
-    """
+    """Return the value below which the outcome of a new run should be, at m rarities ``at``, shape (m,)."""
     if happened.any():
         return np.full(len(at), end_of_events(outcome, happened))
     order = np.argsort(rarity)
@@ -49,28 +34,11 @@ def draw_approach(
     *,
     in_vain: bool = False,
 ) -> Array:
-    """Draw the points of a batch of the search: one in each of n steps of rarity, shape (n, d).
+    """Draw the n points of a batch of the search: one in each step of rarity up to ``rarest``, (n, d).
 
-    The rarity of a point z is -log P(|Z| > |z|). The steps become narrower as the rarity increases, because a
-    part of the event that begins at some rarity usually extends to larger ones. Runs far out can therefore
-    find all parts, but runs near the origin only the nearest ones. In each step, the point is drawn from
-    several candidates in uniform directions, with a probability proportional to the square of the predicted
-    probability of the event.
-
-    Parameters
-    ----------
-    runs
-        Number n of points.
-    rarest
-        Upper end of the last step.
-    z, happened, score
-        Normal scores, shape (n, d), flags and scores, shape (n,), of all runs so far.
-    generator
-        Source of all randomness.
-    in_vain
-        Whether there is no event after a long search, so that the scores may be misleading. Each run then
-        follows, with probability one half, the surrogate of the flags instead, which also predicts events far
-        from all runs.
+    The steps become narrower as the rarity increases, because runs far out can find all parts of the event,
+    but runs near the origin only the nearest ones. If the search was ``in_vain`` for long, scores may be
+    misleading, and half of the runs follow a surrogate of the flags instead.
     """
     each = max(CANDIDATES // runs, 2)
     steps = np.repeat(np.arange(runs), each) + generator.random(runs * each)

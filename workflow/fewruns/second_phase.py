@@ -31,30 +31,13 @@ from fewruns.wide_laws import truncated
 
 @dataclass(frozen=True)
 class SecondPhase:
-    """The second phase of a sampler, which is described in steps 2 and 3 of the module `sampler`.
+    """The second phase of a sampler, in which batches give estimates; see `sampler`."""
 
-    Attributes
-    ----------
-    belief
-        The surrogates, fitted to all runs so far.
-    progress
-        The runs so far. The method `batch` replaces its attribute ``centres``.
-    runs
-        Number n of runs of a batch.
-    defence
-        Defensive share of the runs.
-    emphasis
-        Function that returns a factor for the inclusion probabilities at points of shape (n, d), shape (n,),
-        so that the batch is efficient for other laws, too. None if the estimate is only for the law that
-        defines the normal scores.
-    generator
-        Source of all randomness.
-    """
-
-    belief: Belief
-    progress: Progress
-    runs: int
+    belief: Belief  # the surrogates, fitted to all runs so far
+    progress: Progress  # the runs so far; the method `batch` replaces its attribute ``centres``
+    runs: int  # number n of runs of a batch
     defence: Defence
+    # Factor for the inclusion probabilities at points, as in `Sampler`.
     emphasis: Callable[[Array], Array] | None
     generator: np.random.Generator
 
@@ -67,11 +50,10 @@ class SecondPhase:
         return draw_batch(pool, expected, prediction, self.runs, self.defence, foresee, self.generator)
 
     def _look_ahead(self) -> tuple[Prediction, float]:
-        """Return the prediction for the next batch, and the largest weight of a point of the fringe.
+        """Move the centres; return the prediction for the next batch, and the largest weight of the fringe.
 
-        The centres of the next pool are moved to points where w sqrt(p) is large. All of this is computed
-        from a separate pool. The pool of the batch must not determine its own distribution or the weight of
-        the batch, because the estimate would then be biased.
+        All of this is computed from a separate pool. The pool of the batch must not determine its own
+        distribution or the weight of the batch, because the estimate would then be biased.
         """
         progress, fringe_limit = self.progress, 0.0
         # The very first pool is drawn from the wide distribution and has few important points. A second pool,

@@ -1,8 +1,7 @@
 """The probability of an event under each of K laws, from runs that were sampled under one law.
 
-A batch also gives an estimate under another law f_k, if the terms of its runs and of its control variate are
-multiplied by f_k / f_sampled; see `two_phase` for the estimate of a batch. The weights of the batches in the
-estimate are not changed, because they were determined before the batches were drawn.
+The terms of a batch (`two_phase`) are multiplied by f_k / f_sampled. The weights of the batches are not
+changed, because they were determined before the batches were drawn.
 """
 
 import math
@@ -30,22 +29,14 @@ class LawEstimates:
 
     Attributes
     ----------
-    probabilities
-        The estimates, shape (K,).
-    errors
-        Relative standard errors of the estimates, shape (K,). An error of 1 means that the runs contain no
-        information about a law, because the event is elsewhere under it.
+    probabilities, errors
+        The estimates and their relative standard errors, shape (K,). An error of 1 means that the runs
+        contain no information about a law, because the event is elsewhere under it.
     batches
         Number of batches, one more than the degrees of freedom of the errors.
-    shared
-        Relative standard error that all estimates have in common; NaN if it is not known.
-    own
-        Relative standard error of each estimate that is independent of the common error, shape (K,); None if
-        it is not known.
-
-    Examples
-    --------
-    `SeveralLaws` returns such estimates and has an example.
+    shared, own
+        The parts of the errors that all estimates have in common, and of each alone, shape (K,); NaN and None
+        if they are not known. `SeveralLaws` has an example.
     """
 
     probabilities: Array
@@ -77,8 +68,7 @@ class SeveralLaws:
         Function that maps normal scores, shape (n, d), to points, by the law that is sampled; by default the
         points are the normal scores.
     only
-        Function that returns the `SeveralLaws` with given indices, if this is faster than to evaluate
-        ``log_ratios``; it may neglect the other laws.
+        Function that returns the `SeveralLaws` with given indices, if this is faster than ``log_ratios``.
 
     Examples
     --------
@@ -91,7 +81,7 @@ class SeveralLaws:
     >>> laws = fewruns.SeveralLaws(lambda z: np.outer(means, z[:, 0]) - means[:, None] ** 2 / 2)
     >>> problem = fewruns.SystemProblem(lambda z: (z[:, 0] > 4, 4 - z[:, 0]), 2)
     >>> sampler = fewruns.Sampler(2, np.random.default_rng(1))
-    >>> goal = fewruns.Stopping(minimum_events=1, maximum_simulations=1000)
+    >>> goal = fewruns.Stopping(maximum_simulations=1000)
     >>> for _ in fewruns.run_batches(sampler, problem, goal):
     ...     pass
     >>> found = laws.refined(sampler)
@@ -127,25 +117,19 @@ class SeveralLaws:
         happened: Array | None = None,
         controls: Sequence[Control] | None = None,
     ) -> LawEstimates | None:
-        """Estimate the probability of an event under each law.
+        """Return the estimates of the probability of an event under each law; None if there are none yet.
+
+        The density ratios of a batch are kept, so that the laws must not be used with another sampler.
 
         Parameters
         ----------
         sampler
-            The sampler with its runs. The density ratios of a batch are computed once and kept, so that the
-            laws must not be used with another sampler.
+            The sampler with its runs.
         happened
             Whether the event happened in each run, shape (runs,); by default the event that was sampled.
         controls
-            Control variates of the batches of `counted`, which are predicted probabilities of the event; by
-            default those with which the batches were drawn. If they are given, the errors are divided into a
-            common part and a part of each law.
-
-        Returns
-        -------
-        LawEstimates or None
-            The estimates; None if there are fewer than two batches of `counted`, if the event did not happen,
-            or if the mean of the estimates is not positive.
+            Predicted probabilities of the event at the batches of `counted`, by default those with which they
+            were drawn. If they are given, the errors are divided into a common part and a part of each law.
         """
         progress = sampler.progress
         counted, known = self.counted(progress), progress.happened if happened is None else happened
@@ -175,26 +159,19 @@ class SeveralLaws:
         return found if controls is None else divided(found, parts)
 
     def refined(self, sampler: Sampler) -> LawEstimates | None:
-        """Return more precise estimates of the sampled event, whose errors are divided into two parts.
+        """Return more precise estimates of the sampled event, with divided errors.
 
-        The control variate of a batch is predicted by a surrogate that was fitted without this batch. This
-        takes some seconds. The result is None if there is no estimate yet.
+        A surrogate that was fitted without a batch predicts its control variate, which takes some seconds.
         """
         counted = len(self.counted(sampler.progress))
         return None if counted < 2 else self.estimate(sampler, controls=cross_fitted(sampler, counted))
 
     def emphasis(self, found: LawEstimates) -> Emphasis:
-        """Return a factor of the inclusion probabilities with which the estimates become equally precise.
-
-        It is the value for the attribute ``emphasis`` of the sampler, and follows from preliminary estimates.
-        """
+        """Return the value for `Sampler.emphasis` with which the estimates become equally precise."""
         return Emphasis.of(self, found.probabilities)
 
     def effective_events(self, progress: Progress) -> Array:
-        """Return the effective number of events under each law, (sum w)^2 / sum w^2 (Kish 1965), shape (K,).
-
-        The sums are over the events of the batches of `counted`, with their weights w under the law.
-        """
+        """Return the effective number of events (sum w)^2 / sum w^2 under each law (Kish 1965)."""
         runs, weights = self.weights(progress)
         of_events = weights * progress.happened[runs]
         return of_events.sum(axis=1) ** 2 / np.maximum((of_events**2).sum(axis=1), np.finfo(float).tiny)
@@ -233,11 +210,7 @@ class SeveralLaws:
 
 
 def reweight(batch: TwoPhaseBatch, ratios: Ratios, happened: Array, control: Control) -> tuple[Array, Array]:
-    """Return the estimates of one batch under K laws and their observed variances, shapes (K,).
-
-    If all ratios are 1 and the control variate is that of the batch, the results are those of
-    `combining.estimate_batch`, except that the kept points replace the whole pool.
-    """
+    """Return the estimates of one batch under K laws and their observed variances, shapes (K,)."""
     n, points = len(happened), max(len(batch.kept), 1)
     terms = ratios.runs * (batch.weight * (happened - control.runs) / batch.inclusion)
     controlled = ratios.kept * (batch.controlled / points * control.kept)
@@ -264,9 +237,8 @@ def divided(found: LawEstimates, parts: Sequence[Part]) -> LawEstimates:
     """Divide the errors of the estimates into a part that all laws share and a part of each law alone.
 
     Let Y_k be the estimate under law k, and P_k its probability, for which Y_k is used. The shared part is
-    the standard error of the mean of Y_k / P_k over the laws, without those below the 10 % and above the 90 %
-    quantile of P_k. The part of a law alone is the standard error of the difference of Y_k / P_k from this
-    mean.
+    the standard error of the mean of Y_k / P_k over the laws, without the extreme ones (`INNER`). The part of
+    a law alone is the standard error of the difference of Y_k / P_k from this mean.
     """
     scale = found.probabilities[:, None]
     low, high = np.quantile(scale, INNER)

@@ -93,8 +93,7 @@ def write_state(path: str | os.PathLike, sampler: Sampler) -> None:
     Parameters
     ----------
     path
-        The file. It is replaced only when the new content is complete, so that an interruption leaves a valid
-        file.
+        The file, which is replaced only when the new content is complete.
     sampler
         The sampler. A batch whose outcomes have not been received is part of the state.
 
@@ -125,30 +124,20 @@ def write_state(path: str | os.PathLike, sampler: Sampler) -> None:
 def read_state(path: str | os.PathLike, **expected: Any) -> Sampler:  # noqa: ANN401
     """Return the sampler whose state is in a file; it continues as if it had not been interrupted.
 
-    A state of another version of this package is not converted. The sampler is rebuilt from its runs, and
-    learns everything else again. Its estimate is then based on the new batches, and on those earlier ones
-    whose estimates can still be read.
+    If another version of this package wrote the state, the sampler is rebuilt from its runs, and learns
+    everything else again. The estimates of its batches are kept if they can be read.
 
     Parameters
     ----------
     path
-        The file that `write_state` wrote.
+        The file that `write_state` wrote; that function has an example.
     **expected
         Values that arguments of `Sampler` must have, for example ``fingerprint`` or ``batch_size``.
-
-    Returns
-    -------
-    Sampler
-        The sampler, with the state of its random generator.
 
     Raises
     ------
     InputError
         If the file is not the state of a sampler, if it is damaged, or if an argument has another value.
-
-    Examples
-    --------
-    `write_state` has an example.
     """
     try:
         content = json.loads(Path(path).read_text(encoding="utf-8"))

@@ -39,52 +39,27 @@ from fewruns.selection import (
 
 @dataclass(frozen=True)
 class Expectation:
-    """The predictions of the surrogate at the points of a pool; arrays of shape (m,).
+    """The predictions of the surrogate at the points of a pool; arrays of shape (m,)."""
 
-    The core and the fringe are the points at which runs are sampled preferentially; `expect` defines both.
-
-    Attributes
-    ----------
-    probability
-        Predicted probability of the event at points of the core and the fringe, and 0 at all others.
-    control
-        The control variate g.
-    error
-        The mean squared error E (1{event} - g)^2.
-    emphasis
-        Factor of the inclusion probabilities at points of the core and the fringe; 1 if the estimate is only
-        for the law that defines the normal scores.
-    """
-
+    # Predicted probability of the event at points of the core and the fringe, and 0 at all others.
     probability: Array
-    control: Array
-    error: Array
+    control: Array  # the control variate g
+    error: Array  # the mean squared error E (1{event} - g)^2
+    # Factor of the inclusion probabilities at points of the core and the fringe.
     emphasis: Array | float = 1.0
 
     @property
     def spread(self) -> Array:
-        """The factor of the inclusion probabilities, emphasis sqrt(error + `FLOOR` probability), shape (m,).
-
-        Without the second term, points at which a surrogate wrongly predicts almost no error would hardly be
-        sampled. The inclusion probabilities are proportional to this factor times the weights.
-        """
+        """The factor of the inclusion probabilities: emphasis sqrt(error + `FLOOR` probability)."""
         return self.emphasis * np.sqrt(self.error + FLOOR * self.probability)
 
 
 @dataclass(frozen=True)
 class Prediction:
-    """The surrogate's prediction for a batch before the batch is drawn.
+    """The surrogate's prediction for a batch before the batch is drawn."""
 
-    Attributes
-    ----------
-    probability
-        Predicted P(event).
-    variation
-        Predicted squared coefficient of variation of a single run.
-    """
-
-    probability: float
-    variation: float
+    probability: float  # predicted P(event)
+    variation: float  # predicted squared coefficient of variation of a single run
 
     @property
     def reach(self) -> float:
@@ -94,55 +69,32 @@ class Prediction:
 
 @dataclass(frozen=True)
 class TwoPhaseBatch:
-    """A batch of the second phase: its n runs, and what is needed to compute an estimate from their outcomes.
+    """A batch of the second phase: its n runs, and what an estimate from their outcomes needs."""
 
-    Attributes
-    ----------
-    z
-        Normal scores to simulate, shape (n, d).
-    weight
-        Weights phi / h of the runs, divided by the number of points of the pool, shape (n,).
-    control, inclusion
-        Control variates g and inclusion probabilities pi of the runs, shape (n,).
-    controlled, controlled_square
-        Sums over the whole pool of w g and of w^2 g, with w as in ``weight``.
-    aimed
-        Whether a run was sampled preferentially because the surrogates predicted that the event is possible
-        there, shape (n,).
-    wide_draws
-        Draws from the wide distribution to which the batch is equivalent: number of draws, smallest and
-        largest rarity, for one or two intervals of rarity, shape (1 or 2, 3).
-    prediction
-        The surrogate's prediction for the batch before it was drawn.
-    foreseen
-        Probabilities that the two surrogates predict for the runs, before calibration, shape (n, 2).
-    kept, kept_weight, kept_control
-        Points of the pool, shape (k, d), each of which represents an equal part of ``controlled``; their
-        weights phi / h, divided by the number of points of the pool, shape (k,); and their control variates,
-        shape (k,). With them, the control variate can be integrated under another law. They are empty if the
-        control variate is 0 at all points.
-    """
-
-    z: Annotated[Array, "batch", "dimension"]
+    z: Annotated[Array, "batch", "dimension"]  # normal scores to simulate
+    # Weights phi / h of the runs, divided by the number of points of the pool.
     weight: Annotated[Array, "batch"]
-    control: Annotated[Array, "batch"]
-    inclusion: Annotated[Array, "batch"]
-    controlled: float
-    controlled_square: float
+    control: Annotated[Array, "batch"]  # control variates g of the runs
+    inclusion: Annotated[Array, "batch"]  # inclusion probabilities pi of the runs
+    controlled: float  # sum over the whole pool of w g, with w as in ``weight``
+    controlled_square: float  # sum over the whole pool of w^2 g
+    # Whether a run was sampled preferentially because the surrogates predicted that the event is possible
+    # there.
     aimed: Annotated[Flags, "batch"]
+    # Draws from the wide distribution to which the batch is equivalent: number, smallest and largest rarity.
     wide_draws: Annotated[Array, "zones", 3]
     prediction: Prediction
+    # Probabilities that the two surrogates predict for the runs, before calibration.
     foreseen: Annotated[Array, "batch", 2]
+    # Points of the pool, each of which represents an equal part of ``controlled``; with them, the control
+    # variate can be integrated under another law. There are none if the control variate is 0 at all points.
     kept: Annotated[Array, "kept", "dimension"]
-    kept_weight: Annotated[Array, "kept"]
+    kept_weight: Annotated[Array, "kept"]  # weights phi / h, divided by the number of points of the pool
     kept_control: Annotated[Array, "kept"]
 
 
 def reach_of(probability: float) -> float:
-    """Return the rarity -log(probability) + `BEYOND`, but at most `REACH`, for an event of given probability.
-
-    All points beyond this rarity together have at most exp(-`BEYOND`) = 5 % of the probability of the event.
-    """
+    """Return the rarity -log(probability) + `BEYOND`, at most `REACH`: 5 % of an event can be beyond."""
     return min(BEYOND - math.log(probability), REACH) if probability > 0 else REACH
 
 
@@ -155,19 +107,9 @@ def expect(
     """Return the surrogate's expectations at the points of a pool.
 
     Runs are sampled preferentially from the core, where the predicted probability is at least `CORE`, and
-    from the fringe, where it is at least ``fringe`` and the weight is at most ``fringe_limit``. At all other
-    points the probability is set to 0. The reason is that a predicted probability is never far below one over
-    the number of runs, so the bulk of phi would otherwise outweigh the event.
-
-    Parameters
-    ----------
-    pool
-        Points with their weights and predicted probabilities.
-    fringe_limit, fringe
-        Largest weight, and smallest predicted probability, of a point of the fringe.
-    emphasis
-        Function that returns a factor for the inclusion probabilities at points of shape (n, d), shape (n,);
-        None for a factor of 1.
+    from the fringe, where it is at least ``fringe`` and the weight is at most ``fringe_limit``. Elsewhere it
+    is set to 0, because it is never far below one over the number of runs, and the bulk of phi would outweigh
+    the event.
     """
     p = pool.probability
     aimed = (p >= CORE) | ((pool.weight <= fringe_limit) & (p >= fringe))
@@ -180,22 +122,7 @@ def expect(
 
 
 def predict(pool: Pool, expected: Expectation, runs: int, pool_size: int, defence: Defence) -> Prediction:
-    """Return the predicted P(event) and variation of a batch, from a pool that is independent of the batch.
-
-    The prediction determines the weight of the batch in the estimate, and this weight must not depend on the
-    batch itself.
-
-    Parameters
-    ----------
-    pool
-        A pool that is not used for the batch.
-    expected
-        The surrogate's expectations at its points.
-    runs, pool_size
-        Number of runs that the batch will select from a pool of ``pool_size`` points.
-    defence
-        Defensive share of the runs.
-    """
+    """Return the predicted P(event) and variation of a batch; ``pool`` must not be the pool of the batch."""
     weight, size = pool.weight, len(pool.weight)
     probability = float((weight * expected.probability).mean())
     if probability == 0:
@@ -218,23 +145,7 @@ def draw_batch(
     foresee: Callable[[Array], Array],
     generator: np.random.Generator,
 ) -> TwoPhaseBatch:
-    """Return a batch whose runs are drawn from a pool by systematic sampling.
-
-    Parameters
-    ----------
-    pool, expected
-        The pool of the batch, and the surrogate's expectations at its points.
-    prediction
-        Prediction for the batch, made before its pool was drawn.
-    runs
-        Number n of runs.
-    defence
-        Defensive share of the runs.
-    foresee
-        Function that returns the uncalibrated predictions of the two surrogates at points, shape (n, 2).
-    generator
-        Source of all randomness.
-    """
+    """Return a batch whose runs are drawn from a pool by systematic sampling."""
     w, control = pool.weight, expected.control
     guard = pool.guard(prediction.reach, defence)
     inclusion = inclusion_probabilities(w * expected.spread, guard, runs, defence.share)

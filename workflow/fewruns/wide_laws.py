@@ -13,19 +13,12 @@ from fewruns.constants import REACH, SMALLEST_SPREAD
 
 
 def draw_wide(n: int, dimension: int, generator: np.random.Generator, reach: float = REACH) -> Array:
-    """Draw n points from the wide distribution up to the rarity ``reach``, shape (n, d).
-
-    Directions are uniform, and the rarity is uniform from 0 to ``reach``, so that each power of ten of
-    P(|Z| > radius) gets the same number of points.
-    """
+    """Draw n points, shape (n, d), with uniform directions and uniform rarities up to ``reach``."""
     return draw_at(generator.uniform(0, reach, n), dimension, generator)
 
 
 def draw_at(rarity: Array, dimension: int, generator: np.random.Generator) -> Array:
-    """Draw points with given rarities -log P(|Z| > radius), shape (n,), in uniform directions.
-
-    The points have shape (n, d), where d is ``dimension``. Z is standard normal.
-    """
+    """Draw points, shape (n, d), with given rarities, shape (n,), in uniform directions."""
     radius = np.sqrt(chdtri(dimension, np.exp(-rarity)))
     z = generator.normal(size=(len(rarity), dimension))
     return z * (radius / np.linalg.norm(z, axis=1))[:, None]
@@ -37,14 +30,7 @@ def rarity(z: Array) -> Array:
 
 
 def log_normal_to_wide(z: Array) -> Array:
-    """Return the log ratio of the standard normal density to that of the wide distribution, shape (n,).
-
-    ``z`` are points, shape (n, d).
-
-    Both densities depend only on the radius, and u = -log P(|Z| > radius) has the density exp(-u) under the
-    standard normal and 1 / REACH under the wide distribution. The ratio is therefore REACH P(|Z| > radius).
-    It is infinite beyond the largest rarity of the wide distribution.
-    """
+    """Return the log ratio of the standard normal to the wide density at z, shape (n,)."""
     log_tail = _log_tail((z * z).sum(1), z.shape[1])
     return np.where(log_tail >= -REACH, log_tail + math.log(REACH), np.inf)
 
@@ -75,12 +61,9 @@ class WideLaw:
 
 
 def bound_without_event(runs: float, alpha: float) -> float:
-    """Return an upper bound on the probability of an event that no run has met, with confidence 1 - alpha.
+    """Return an upper bound, with confidence 1 - alpha, on P(event) if no wide draw was an event.
 
-    The ``runs`` runs are draws from the wide distribution. Under it, the event has at most the probability
-    m = 1 - alpha^(1/runs). Among all sets of probability m, the ball about the origin has the largest
-    probability under the standard normal, 1 - exp(-REACH m), because the ratio of the normal to the wide
-    density decreases with the radius.
+    It is reached by the ball about the origin with the probability 1 - alpha^(1/runs) under the wide law.
     """
     return -math.expm1(-REACH * (1 - alpha ** (1 / max(runs, 1))))
 
@@ -91,51 +74,27 @@ def log_normal(z: Array) -> Array:
 
 
 def truncated(weight: Array) -> Array:
-    """Return importance weights truncated at their mean times the square root of their number, shape (n,).
-
-    This is the truncation of Ionides (2008). Without it, a single point may outweigh all others in many
-    dimensions, and become the centre of every kernel.
-    """
+    """Return importance weights truncated at their mean times the root of their number (Ionides 2008)."""
+    # Without it, a single point may outweigh all others in many dimensions, and become every centre.
     return np.minimum(weight, weight.mean() * math.sqrt(len(weight)))
 
 
 @dataclass(frozen=True)
 class KernelMixture:
-    """A mixture of Student-t kernels with d degrees of freedom and of the wide distribution.
+    """A mixture of Student-t kernels with d degrees of freedom and of the wide distribution."""
 
-    Parameters
-    ----------
-    centres
-        Centres of the kernels, shape (k, d).
-    width
-        Scale of the kernels in each dimension, shape (d,).
-    wide_share
-        Share of the wide distribution.
-    """
-
-    centres: Array
-    width: Array
-    wide_share: float
+    centres: Array  # centres of the kernels, shape (k, d)
+    width: Array  # scale of the kernels in each dimension, shape (d,)
+    wide_share: float  # share of the wide distribution
 
     @classmethod
     def about(cls, points: Array, wide_share: float) -> Self:
-        """Return the mixture with a kernel around each point of a sample, and widths by Silverman's rule.
-
-        Parameters
-        ----------
-        points
-            Centres of the kernels, shape (k, d).
-        wide_share
-            Share of the wide distribution.
-        """
+        """Return the mixture of kernels around points, shape (k, d), with widths by Silverman's rule."""
         k, d = points.shape
         return cls(points, np.maximum(points.std(0), SMALLEST_SPREAD) * k ** (-1 / (d + 4)), wide_share)
 
     def draw(self, n: int, generator: np.random.Generator) -> Array:
-        """Draw n points from the mixture, shape (n, d).
-
-        The first ``wide_share`` n points, rounded down, are drawn from the wide distribution.
-        """
+        """Draw n points, shape (n, d); the first ``wide_share`` n, rounded down, are wide draws."""
         wide, d = int(self.wide_share * n), self.centres.shape[1]
         step = generator.normal(size=(n - wide, d)) / np.sqrt(generator.chisquare(d, (n - wide, 1)) / d)
         centre = self.centres[generator.integers(len(self.centres), size=n - wide)]

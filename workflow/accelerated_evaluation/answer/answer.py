@@ -15,7 +15,8 @@ from accelerated_evaluation.laws.draws import Draws
 from accelerated_evaluation.problem import Problem
 from accelerated_evaluation.scenarios.protocol import Event
 
-# An answer is rejected unless the mid-p value of the number of events among replayed records exceeds this value.
+# An answer is rejected unless the mid-p value of the number of events among replayed records exceeds this
+# value.
 MISSED = 1e-4
 
 

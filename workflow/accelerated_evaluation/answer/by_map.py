@@ -78,13 +78,11 @@ class Map:
         return thinned(lines, vehicle, draws, generator)
 
 
-def thinned(
-    lines: CrashLines, vehicle: Vehicle, draws: Draws, generator: np.random.Generator
-) -> CrashLines:
+def thinned(lines: CrashLines, vehicle: Vehicle, draws: Draws, generator: np.random.Generator) -> CrashLines:
     """Return the lines that matter for an event, with weights for each draw of a random vehicle.
 
-    The weights depend on the seed of the generator and not on its state, so that all events of a random vehicle
-    have the same draws of its parameters.
+    The weights depend on the seed of the generator and not on its state, so that all events of a random
+    vehicle have the same draws of its parameters.
     """
     masses = masses_under(lines, draws.thinned(GUIDES))
     shares = [mass / mass.sum() for mass in masses if mass.any()]

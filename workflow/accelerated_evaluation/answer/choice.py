@@ -62,8 +62,8 @@ def choose_draws(choice: str, records: FittedRecords, config: Mapping[str, Any])
     Parameters
     ----------
     choice
-        ``answer`` for all candidates by their weights; the name of one candidate, for draws of its parameters;
-        a kind of law, or ``paper``, for one fitted law; or a law file, which ends in .json.
+        ``answer`` for all candidates by their weights; the name of one candidate, for draws of its
+        parameters; a kind of law, or ``paper``, for one fitted law; or a law file, which ends in .json.
     records
         The records to which laws are fitted, or to which the law of a file belongs.
     config

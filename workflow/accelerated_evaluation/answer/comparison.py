@@ -25,8 +25,8 @@ def compare(own: Posterior | None, other: Posterior | None) -> dict[str, float]:
     """Return the ratio of two probabilities under the same draws, and the probability that it is below 1.
 
     The keys are ``ratio`` (median), ``ratio_low80`` and ``ratio_high80`` (80 % interval) and ``safer``. The
-    sampling errors of the two are independent. All are NaN if there is no estimate, or if the other event never
-    happens.
+    sampling errors of the two are independent. All are NaN if there is no estimate, or if the other event
+    never happens.
     """
     if own is None or other is None or not np.all(other.probabilities > 0):
         return dict.fromkeys((*RATIO, SAFER), np.nan)
@@ -40,8 +40,8 @@ def compare(own: Posterior | None, other: Posterior | None) -> dict[str, float]:
 def vehicle_table(answers: Mapping[str, Answer], references: Mapping[str, str]) -> pd.DataFrame:
     """Return one row for each vehicle: its replayed records, its answer, and its ratios to references.
 
-    ``references`` names the reference vehicles by the prefix of their columns. A vehicle whose replayed records
-    contradict its answer is not ``resolved``, and has no numbers.
+    ``references`` names the reference vehicles by the prefix of their columns. A vehicle whose replayed
+    records contradict its answer is not ``resolved``, and has no numbers.
     """
     resolved = {name: is_resolved(answer) for name, answer in answers.items()}
     rows = []
@@ -92,9 +92,7 @@ def posterior_of(table: pd.DataFrame) -> Posterior | None:
     errors, own = (table[name].to_numpy(float) for name in ("error", "own_error"))
     shared, batches, unseen = (table[name].iloc[0] for name in ("shared_error", "batches", "unseen_lapses"))
     alone = None if np.isnan(shared) else own
-    return SampledPosterior(
-        probabilities, member, errors, int(batches), float(shared), alone, float(unseen)
-    )
+    return SampledPosterior(probabilities, member, errors, int(batches), float(shared), alone, float(unseen))
 
 
 def compare_estimates(own: Path, others: list[Path]) -> pd.DataFrame:

@@ -180,8 +180,8 @@ def reference_answer(
     with loaded_for(section, config["simulations"], problem.scenario) as vehicle:
         way: Way = Simulations(config["scenario"]["simulations"])
         if isinstance(records.data, DistinctRecords):
-            limits = {key: config["filters"][key] for key in ("lead_speed_min", "lead_speed_max", "range_max")}
-            grid = Grid(**limits, **config["answer"]["grid"])
+            limits = {key: config["filters"][key] for key in ("lead_speed_min", "lead_speed_max",
+            "range_max")} grid = Grid(**limits, **config["answer"]["grid"])
             way = Map(map_crashes(vehicle, grid, [problem.event], generator), records.data)
         return answer(replace(problem, vehicle=vehicle), draws, way, generator=generator)
 

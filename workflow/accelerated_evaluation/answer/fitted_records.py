@@ -34,8 +34,8 @@ UNKNOWN: Mapping[str, float | None] = {"kilometres": None, "hours": None}
 class FittedRecords:
     """The records of a scenario to which laws are fitted, with the distance and time in which they were made.
 
-    Cut-ins are in the order of the recording, and a row that repeats the row before it is left out. Records of
-    other scenarios come in clusters, such as those of one driver.
+    Cut-ins are in the order of the recording, and a row that repeats the row before it is left out. Records
+    of other scenarios come in clusters, such as those of one driver.
     """
 
     scenario: Scenario
@@ -81,7 +81,9 @@ class FittedRecords:
         return None if kilometres is None else self.size / kilometres
 
 
-def read_records(config: Mapping[str, Any], check: Callable[[pd.DataFrame], None] | None = None) -> FittedRecords:
+def read_records(
+    config: Mapping[str, Any], check: Callable[[pd.DataFrame], None] | None = None
+) -> FittedRecords:
     """Read the records that a complete configuration names, and apply its filters.
 
     ``check`` is called with the records as they were read, before the filters.

@@ -76,14 +76,15 @@ class LawStudy:
         Parameters
         ----------
         records
-            Records of any scenario. Smooth laws with dependence are the candidates for cut-ins, and joint laws
-            for other records. Joint laws that users have added are candidates for cut-ins, too.
+            Records of any scenario. Smooth laws with dependence are the candidates for cut-ins, and joint
+            laws for other records. Joint laws that users have added are candidates for cut-ins, too.
         size
             Number K of draws.
         streams
             Function that returns a random generator for the name of a step.
         store
-            File with the fit of smooth laws, which is read if it belongs to the records, and otherwise written.
+            File with the fit of smooth laws, which is read if it belongs to the records, and otherwise
+            written.
         closing_speed_max
             Cap on the closing speed of laws of cut-ins [m/s].
         """

@@ -90,9 +90,7 @@ def rivals(fitter: Fitter, family: LawFamily) -> dict[str, Callable[[DistinctRec
     return fits
 
 
-def score_laws(
-    study: LawStudy, vehicle: Vehicle
-) -> tuple[dict[str, dict[str, Array]], dict[str, Array]]:
+def score_laws(study: LawStudy, vehicle: Vehicle) -> tuple[dict[str, dict[str, Array]], dict[str, Array]]:
     """Score the laws of the family, and the laws with which they are compared, on held-out records.
 
     The scores are computed for several regions of the cut-ins; `regions` returns them by name. If a law

@@ -70,8 +70,8 @@ class Posterior:
 class SampledPosterior(Posterior):
     """Estimates of the probability of an event under each draw of the law, from the same runs.
 
-    The error of an estimate has a part that all draws share, because they use the same runs, and a part of its
-    own. If the parts are not known, the whole error counts as shared, which is nearly so.
+    The error of an estimate has a part that all draws share, because they use the same runs, and a part of
+    its own. If the parts are not known, the whole error counts as shared, which is nearly so.
     """
 
     errors: Array  # relative standard error of each estimate, shape (K,)

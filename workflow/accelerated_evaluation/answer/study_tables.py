@@ -23,8 +23,8 @@ def study_tables(
 ) -> dict[str, pd.DataFrame]:
     """Return the tables of the answers of a study, of which the first is that of the vehicle under test.
 
-    They are ``answer``, ``answer_budget``, ``answer_draws``, ``exposure``, ``vehicles`` and ``crashes``, and the
-    tables of injuries if the scenario has risks of injury.
+    They are ``answer``, ``answer_budget``, ``answer_draws``, ``exposure``, ``vehicles`` and ``crashes``, and
+    the tables of injuries if the scenario has risks of injury.
 
     Parameters
     ----------
@@ -33,8 +33,8 @@ def study_tables(
     records
         The records.
     half_width
-        Relative half-width of the 80 % interval of an estimate of the paper, which appears in the budget of an
-        answer that was not sampled.
+        Relative half-width of the 80 % interval of an estimate of the paper, which appears in the budget of
+        an answer that was not sampled.
     """
     own, scenario = answers[UNDER_TEST], answers[UNDER_TEST].problem.scenario
     posteriors = {scenario.event_in_words(event): each for event, each in own.posteriors.items()}

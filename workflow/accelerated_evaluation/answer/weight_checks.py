@@ -66,7 +66,7 @@ class Experiment:
             ``mean_weight``, its standard error ``mean_weight_error``, and ``mean_weight_p``, the p-value of
             the hypothesis that the mean is 1.
         """
-        stopping = Stopping() if stopping is None else stopping
+        stopping = Stopping(minimum_events=100) if stopping is None else stopping
         n, events = len(self.weight), np.where(self.happened, self.weight, 0.0)
         sums, all_rows = Sums.of(events), Sums.of(self.weight)
         low, high = gamma_interval(sums, stopping.alpha)

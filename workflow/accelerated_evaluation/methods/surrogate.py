@@ -65,8 +65,8 @@ def study_errors() -> Iterator[None]:
 def rules_for(scenario: Scenario, event: Event) -> dict[str, Any]:
     """Return the arguments of `Sampler` that follow from what a scenario states of an event.
 
-    If the scenario states that an event is an upper set in a variable, the event is rare and of one piece, and
-    the certificate may allow unobserved parts of a thousand times the estimate. Otherwise an event may be
+    If the scenario states that an event is an upper set in a variable, the event is rare and of one piece,
+    and the certificate may allow unobserved parts of a thousand times the estimate. Otherwise an event may be
     frequent and may consist of several parts. The estimate then converges only when a part that no run has
     observed has at most three times the estimated probability. In such a part the event happens at least in a
     share ``filled`` of the encounters, which is below 1 if rounding errors decide.

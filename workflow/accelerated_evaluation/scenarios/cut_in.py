@@ -125,9 +125,7 @@ CUT_IN = SCENARIOS.add("cut_in")(
         outcome_type=Outcomes,
         events=(
             Event("crash", scored_by="min_ttc"),
-            Event(
-                "impact_speed", 5.0, scored_by="min_ttc", is_above=True, words="impact above {:g} m/s"
-            ),
+            Event("impact_speed", 5.0, scored_by="min_ttc", is_above=True, words="impact above {:g} m/s"),
             Event("min_range", 1.0, scored_by="min_range", words="range at most {:g} m"),
             Event("min_ttc", 1.0, scored_by="min_ttc", words="TTC at most {:g} s"),
         ),

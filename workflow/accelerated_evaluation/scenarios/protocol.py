@@ -270,12 +270,12 @@ class Scenario:
     reported_rules: Callable[[bool, Mapping[str, float]], Mapping[str, ReportedRule]] = _no_reported_rules
     noun: str = "encounter"
     references: Mapping[str, str] = field(default_factory=dict)  # vehicles to compare with, by column prefix
-    # Variable above some value of which, for given other variables, every event happens. A sampler then need not
-    # look for further parts of an event. None if this is not known.
+    # Variable above some value of which, for given other variables, every event happens. A sampler then need
+    # not look for further parts of an event. None if this is not known.
     upper_set_in: str | None = None
     has_injuries: bool = False  # whether curves of the risk of injury are known for its crashes
-    has_sources: bool = False  # whether records come from the sources of the section `data` of a configuration
-    derived: Mapping[str, Callable[[Mapping[str, Any]], Any]] = field(default_factory=dict)
+    has_sources: bool = False  # whether records come from the sources of the section `data` of a
+    configuration derived: Mapping[str, Callable[[Mapping[str, Any]], Any]] = field(default_factory=dict)
     panels: Sequence[Panel] = ()
 
     @property

@@ -41,5 +41,3 @@ def records_account(scenario: Scenario, records: pd.DataFrame) -> pd.DataFrame:
             }
         )
     return pd.DataFrame(rows)
-
-

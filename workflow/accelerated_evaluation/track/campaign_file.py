@@ -13,7 +13,7 @@ from fewruns.estimates import Stopping
 from fewruns.state import content_of, sampler_of
 from fewruns.typed_json import MISFIT, checksum, decode, encode
 
-from accelerated_evaluation.base.errors import InputError
+from accelerated_evaluation.base.errors import InputError, located
 from accelerated_evaluation.base.files import read_json, write_text
 from accelerated_evaluation.base.tables import require_file
 from accelerated_evaluation.laws import Law
@@ -132,15 +132,15 @@ def read_campaign(path: str | os.PathLike) -> Campaign:
     damage = "a checksum that does not agree with the content"
     if head["checksum"] == checksum(plain):
         try:
-            with study_errors():
-                return _campaign(decode(Content, plain), str(path))
+            with located(str(path)), study_errors():
+                return _campaign(decode(Content, plain))
         except MISFIT as error:  # but the checksum is its own
             damage = f"contents that are not a valid campaign ({type(error).__name__}: {error})"
     raise InputError(str(path), seen=damage, expected="a file as the program wrote it", change=RESTORE)
 
 
-def _campaign(content: Content, where: str) -> Campaign:
-    """Return the campaign from the content of its file; ``where`` is the path, for errors."""
+def _campaign(content: Content) -> Campaign:
+    """Return the campaign from the content of its file."""
     scenario = SCENARIOS[content.scenario]
     return Campaign(
         content.law,
@@ -148,7 +148,7 @@ def _campaign(content: Content, where: str) -> Campaign:
         content.description,
         scenario.event(content.quantity, content.threshold),
         content.goal,
-        sampler_of(content.sampler, where),
+        sampler_of(content.sampler, "its sampler"),
         content.limits,
         content.beyond,
         content.runs,

@@ -74,8 +74,8 @@ def whole_in_words(campaign: Campaign, law: Law, draws: Draws | None = None) -> 
 def laws_under(law: Law, draws: Draws) -> SeveralLaws:
     """Return draws with density ratios f_k / f to another law f, under which runs were chosen.
 
-    A cut-in with a closing speed above the cap of that law was driven with the cap. Its outcome is used for all
-    closing speeds from the cap on, so the draws get the same cap.
+    A cut-in with a closing speed above the cap of that law was driven with the cap. Its outcome is used for
+    all closing speeds from the cap on, so the draws get the same cap.
     """
     if isinstance(law, StratifiedLaw) and isinstance(draws, MeanLaw):
         draws = replace(draws, closing_speed_max=law.closing_speed_max)

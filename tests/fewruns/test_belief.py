@@ -2,9 +2,10 @@
 
 import numpy as np
 import pytest
+from fewruns import Predecessor
 from fewruns.belief import Belief
 from fewruns.constants import MOST_TRUST
-from fewruns.gaussian_process import EventSurrogate, Predecessor
+from fewruns.gaussian_process import EventSurrogate
 from fewruns.progress import Progress
 from fewruns.subspace import Subspace, WholeSpace
 from fewruns.wide_laws import draw_wide

@@ -2,16 +2,9 @@
 
 import numpy as np
 import pytest
-from accelerated_evaluation.answer import crossfit
-from accelerated_evaluation.answer.crossfit import Control, cross_fitted
-from accelerated_evaluation.answer.posterior import shrunk_estimates
-from accelerated_evaluation.answer.reweighting import (
-    Ratios,
-    Reweighting,
-    SampledPosterior,
-    reweight,
-)
-from fewruns import combining
+from fewruns import SeveralLaws, combining, crossfit
+from fewruns.crossfit import Control, cross_fitted
+from fewruns.several_laws import Ratios, reweight
 from sampler_checks import drive, half_plane, new_sampler
 from scipy.stats import norm
 
@@ -27,8 +20,8 @@ def log_ratios(z):
     return SHIFTS[:, None] * along - SHIFTS[:, None] ** 2 / 2
 
 
-def reweighting():
-    return Reweighting(log_ratios, lambda z: z, np.arange(SHIFTS.size))
+def laws():
+    return SeveralLaws(log_ratios)
 
 
 @pytest.fixture(scope="module")
@@ -38,7 +31,7 @@ def samplers():
 
 @pytest.fixture(scope="module")
 def posteriors(samplers):
-    return [reweighting().estimate(sampler.progress) for sampler in samplers]
+    return [laws().estimate(sampler) for sampler in samplers]
 
 
 def standardised(estimates):
@@ -97,7 +90,7 @@ def test_a_part_of_the_event_is_found_from_the_same_runs(samplers):
         happened = (progress.z @ DIRECTION > 4.3).astype(float)
         batches = [batch for batch, _ in counted(progress)]
         controls = [Control(batch.control * share(batch.z), share(batch.kept)) for batch in batches]
-        estimates.append(reweighting().estimate(progress, happened, controls).probabilities)
+        estimates.append(laws().estimate(sampler, happened, controls).probabilities)
     estimates = np.array(estimates)
     error = estimates.std(axis=0) / np.sqrt(SEEDS)
     assert np.all(np.abs(estimates.mean(axis=0) - part) < 4.5 * error)
@@ -109,7 +102,7 @@ def cross(samplers):
     posteriors = []
     for sampler in samplers:
         controls = cross_fitted(sampler, len(combining.counted_batches(sampler.progress.estimates)))
-        posteriors.append(reweighting().estimate(sampler.progress, controls=controls))
+        posteriors.append(laws().estimate(sampler, controls=controls))
     return posteriors
 
 
@@ -122,7 +115,7 @@ def test_cross_fitted_control_variates_keep_the_mean_and_reduce_the_error(poster
 def test_a_surrogate_that_has_seen_the_batch_itself_hides_the_error(samplers, cross, monkeypatch):
     """The wrong control variate: learnt from the runs that it is subtracted from."""
     whole = crossfit._without
-    monkeypatch.setattr(crossfit, "_without", lambda state, left_out: whole(state, left_out[:0]))
+    monkeypatch.setattr(crossfit, "_without", lambda progress, left_out: whole(progress, left_out[:0]))
     wrong = []
     for sampler in samplers[:20]:
         controls = cross_fitted(sampler, len(combining.counted_batches(sampler.progress.estimates)))
@@ -140,35 +133,20 @@ def test_a_surrogate_that_has_seen_the_batch_itself_hides_the_error(samplers, cr
 
 def test_ratios_are_computed_once(samplers):
     asked = []
-    found = Reweighting(lambda z: (asked.append(len(z)), log_ratios(z))[1], lambda z: z, np.arange(5))
-    first = found.estimate(samplers[0].progress)
-    again = found.estimate(samplers[0].progress)
+    found = SeveralLaws(lambda z: (asked.append(len(z)), log_ratios(z))[1])
+    first = found.estimate(samplers[0])
+    again = found.estimate(samplers[0])
     assert len(asked) == first.batches
     np.testing.assert_array_equal(again.probabilities, first.probabilities)
 
 
 def test_there_is_no_posterior_without_an_estimate():
-    assert reweighting().estimate(new_sampler().progress) is None
-
-
-def test_the_sampling_error_widens_the_interval():
-    generator = np.random.default_rng(1)
-    exact = np.exp(generator.normal(0, 0.6, 4000))
-    posterior = SampledPosterior(exact, np.full(4000, 0.2), np.zeros(4000, int), 1000)
-    low, high = posterior.whole.interval(0.8)
-    expected = 2 * norm.isf(0.1) * np.hypot(0.6, 0.2)
-    assert np.log(high / low) == pytest.approx(expected, rel=0.04)
-    assert posterior.share_of_sampling == pytest.approx(np.hypot(0.6, 0.2) / 0.6 - 1, abs=0.015)
-    exactly = SampledPosterior(exact, np.zeros(4000), np.zeros(4000, int), 1000)
-    assert exactly.share_of_sampling == pytest.approx(0, abs=1e-12)
-    assert exactly.whole.interval(0.8) == pytest.approx(exactly.alone.interval(0.8), rel=1e-3)
+    assert laws().estimate(new_sampler()) is None
 
 
 def test_the_shared_error_is_that_of_the_mean_of_the_draws(samplers):
     found = [
-        reweighting().estimate(
-            sampler.progress, controls=[Control.own(batch) for batch, _ in counted(sampler.progress)]
-        )
+        laws().estimate(sampler, controls=[Control.own(batch) for batch, _ in counted(sampler.progress)])
         for sampler in samplers
     ]
     logs = np.array([np.log(posterior.probabilities / EXACT) for posterior in found])
@@ -181,39 +159,6 @@ def test_the_shared_error_is_that_of_the_mean_of_the_draws(samplers):
     assert np.all(np.hypot(shared, own) < 1.6 * np.mean([posterior.errors for posterior in found], axis=0))
 
 
-def test_estimates_drawn_together_scatter_as_the_probabilities_do():
-    generator = np.random.default_rng(8)
-    logs, own = generator.normal(-13, 0.6, 4000), np.full(4000, 0.3)
-    estimates = np.exp(logs + generator.normal(0, own))
-    drawn = np.log(shrunk_estimates(estimates, own))
-    error = 0.6 / np.sqrt(2 * 4000)
-    assert drawn.std() == pytest.approx(0.6, abs=4 * error)
-    assert np.log(estimates).std() > 0.6 + 4 * error  # without it: too wide
-    assert np.median(drawn) == pytest.approx(np.median(np.log(estimates)))
-    assert shrunk_estimates(estimates, 0 * own) == pytest.approx(estimates)
-
-
-def test_a_draw_that_is_not_known_takes_the_median():
-    generator = np.random.default_rng(9)
-    estimates, own = np.exp(generator.normal(-13, 0.6, 400)), np.full(400, 0.05)
-    estimates[0] *= 1e-3  # no event was met under this draw
-    own[0] = 50.0
-    drawn = shrunk_estimates(estimates, own)
-    assert drawn[0] == pytest.approx(np.median(estimates), rel=0.1)
-    assert np.log(drawn[1:]) == pytest.approx(np.log(estimates[1:]), abs=0.02)
-
-
-def test_runs_that_know_too_little_do_not_end():
-    """Draws that scatter by their errors alone span a wide interval, which these errors hardly widen."""
-    scattered = np.exp(np.random.default_rng(10).normal(-13, 4.0, 4000))
-    unknown = SampledPosterior(scattered, np.full(4000, 0.7), np.zeros(4000, int), 5)
-    widths = [np.log(np.divide(*part.interval(0.8)[::-1])) for part in (unknown.alone, unknown.whole)]
-    assert widths[1] < 1.05 * widths[0]  # which would be enough to stop
-    assert unknown.share_of_sampling == np.inf
-    known = SampledPosterior(scattered, np.full(4000, 0.2), np.zeros(4000, int), 20)
-    assert known.share_of_sampling < 0.05
-
-
 def test_any_emphasis_leaves_the_estimate_right_and_attracts_runs(samplers):
     def aside(z):
         return np.where(z @ [0.8, -0.6] > 0, 5.0, 0.2)
@@ -224,7 +169,7 @@ def test_any_emphasis_leaves_the_estimate_right_and_attracts_runs(samplers):
         return drive(sampler, half_plane(LEVEL)).sampler
 
     emphasised = [driven(seed) for seed in range(20)]
-    estimates = [reweighting().estimate(sampler.progress).probabilities for sampler in emphasised]
+    estimates = [laws().estimate(sampler).probabilities for sampler in emphasised]
     assert standardised(estimates).max() < 4.5
     shares = [
         np.mean(aside(np.vstack([batch.z[batch.aimed] for batch, _ in counted(sampler.progress)])) > 1)

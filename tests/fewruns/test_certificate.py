@@ -4,6 +4,7 @@ import math
 
 import numpy as np
 import pytest
+from fewruns import InputError, Sampler
 from fewruns.certificate import (
     BY_DEFAULT,
     Certificate,
@@ -11,10 +12,9 @@ from fewruns.certificate import (
     _cap,
     look_beyond,
 )
-from fewruns.constants import REACH, UNSEEN_ALPHA
-from fewruns.sampler import Sampler
+from fewruns.constants import FREQUENT_REACH, FREQUENT_START, REACH, START, UNSEEN_ALPHA
 from fewruns.two_phase import reach_of
-from fewruns.wide_laws import FREQUENT, RARE, draw_at, rarity
+from fewruns.wide_laws import draw_at, draw_wide, rarity
 from sampler_checks import drive, estimate, new_sampler, standard_normal_event
 from scipy.stats import binom, norm
 
@@ -171,10 +171,10 @@ def test_a_region_that_is_met_late_is_not_averaged_away():
 def test_a_mode_that_is_not_filled_is_missed_as_seldom_as_its_bound_says():
     """The event happens in 30 % of the encounters of a half-space; a filled one is met oftener."""
     generator, trials, draws, filled = np.random.default_rng(3), 2000, 100, 0.3
-    wide_draws = np.array([[draws, 0.0, FREQUENT.reach]])
-    bound = Unseen.after(wide_draws, 3, FREQUENT.reach, 0.0, filled).mode
-    assert Unseen.after(wide_draws, 3, FREQUENT.reach, 0.0).mode < bound / filled
-    z = FREQUENT.draw(draws * trials, 3, generator)
+    wide_draws = np.array([[draws, 0.0, FREQUENT_REACH]])
+    bound = Unseen.after(wide_draws, 3, FREQUENT_REACH, 0.0, filled).mode
+    assert Unseen.after(wide_draws, 3, FREQUENT_REACH, 0.0).mode < bound / filled
+    z = draw_wide(draws * trials, 3, generator, FREQUENT_REACH)
     in_mode = z[:, 0] > norm.isf(bound / filled)
     happened = in_mode & (generator.random(len(z)) < filled)
     missed, missed_if_filled = (~each.reshape(trials, draws).any(1) for each in (happened, in_mode))
@@ -186,7 +186,7 @@ def test_a_mode_that_is_not_filled_is_missed_as_seldom_as_its_bound_says():
     "wrong", [(0.0, 1.0), (1.0, -1.0), (1.0, math.inf), (1.0, 0.0, 0.0), (1.0, 0.0, 1.5)]
 )
 def test_certificates_that_mean_nothing_are_refused(wrong):
-    with pytest.raises(ValueError, match="share must be positive"):
+    with pytest.raises(InputError, match="expected share above 0"):
         Certificate(*wrong)
 
 
@@ -205,20 +205,19 @@ def test_reach_of_a_probability():
 
 def test_the_first_runs_for_frequent_events_exclude_what_those_for_rare_ones_leave_open():
     """Half-spaces with a probability of 5e-3 in three dimensions, by the first runs alone."""
-    probability, bounds = 5e-3, {}
-    for begin in (FREQUENT, RARE):
-        draws = np.array([[begin.runs, 0.0, begin.reach]])
-        bounds[begin] = Unseen.after(draws, 3, reach_of(probability), 0.0).mode
-    assert bounds[FREQUENT] <= probability < bounds[RARE]
-    z = FREQUENT.draw(1000, 3, np.random.default_rng(1))
-    assert rarity(z).max() <= FREQUENT.reach
-    assert rarity(z).mean() == pytest.approx(FREQUENT.reach / 2, abs=4 * FREQUENT.reach / np.sqrt(12_000))
+    probability, reach = 5e-3, reach_of(5e-3)
+    frequent, rare = [FREQUENT_START, 0.0, FREQUENT_REACH], [START, 0.0, REACH]
+    bounds = [Unseen.after(np.array([draws]), 3, reach, 0.0).mode for draws in (frequent, rare)]
+    assert bounds[0] <= probability < bounds[1]
+    z = draw_wide(1000, 3, np.random.default_rng(1), FREQUENT_REACH)
+    assert rarity(z).max() <= FREQUENT_REACH
+    assert rarity(z).mean() == pytest.approx(FREQUENT_REACH / 2, abs=4 * FREQUENT_REACH / np.sqrt(12_000))
 
 
 def test_the_first_runs_count_up_to_their_rarity():
-    sampler = Sampler(3, np.random.default_rng(1), 20, fingerprint="x", begin=FREQUENT)
+    sampler = Sampler(3, np.random.default_rng(1), 20, fingerprint="x", frequent=True)
     for _ in range(2):
         z = sampler.ask()
         sampler.tell(np.zeros(20, bool), -z[:, 0])
-    assert sampler.progress.wide_draws[:, 0].sum() == FREQUENT.runs
-    assert (sampler.progress.wide_draws[:, 2] == FREQUENT.reach).all()
+    assert sampler.progress.wide_draws[:, 0].sum() == FREQUENT_START
+    assert (sampler.progress.wide_draws[:, 2] == FREQUENT_REACH).all()

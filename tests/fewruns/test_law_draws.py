@@ -2,19 +2,12 @@
 
 import numpy as np
 import pytest
-from accelerated_evaluation.methods.surrogate import Surrogate
-from accelerated_evaluation.problem import Problem
-from accelerated_evaluation.scenarios.cut_in import CUT_IN
+from fewruns import Sampler, SystemProblem
 from fewruns.constants import CONTRADICTION, ENOUGH_DRAWS
-from fewruns.lapses import chance_in_words
 from fewruns.law_draws import LawDraws
-from fewruns.problems import SystemProblem
-from fewruns.sampler import Sampler
-from fewruns.state import State
-from sampler_checks import STOPPING
+from sampler_checks import STOPPING, resumed, saved
 from scipy.special import ndtr
 from scipy.stats import binom
-from test_methods import LAW, Corner
 
 LEVEL, STRIPES = 3.5, 0.02
 
@@ -62,16 +55,6 @@ def test_stripes_that_no_run_has_met_are_found_by_draws_of_the_law():
     assert silent  # the wrong variant
 
 
-def test_the_message_names_the_draws_that_contradict_the_estimate():
-    event = system(STRIPES)
-    found = drive(sampler_of(event, seed=1), event)
-    draws, events = (int(found.diagnostics[name]) for name in ("law_draws", "law_events"))
-    assert events > 0
-    words = chance_in_words(found.diagnostics)
-    assert f"draws of the law itself: {draws}, of which {events} ended in the event" in words
-    assert "contradict" in words
-
-
 def test_a_system_without_stripes_costs_the_draws_alone():
     event = system(0)
     plain, found = (drive(sampler_of(event, draws=draws), event) for draws in (0, ENOUGH_DRAWS))
@@ -84,26 +67,16 @@ def test_a_system_without_stripes_costs_the_draws_alone():
     assert found.tables["runs"]["run"].tolist() == list(range(1, found.simulations + 1))
 
 
-def test_a_vehicle_that_says_nothing_is_drawn_from_the_law_and_one_that_says_so_is_not():
-    silent, said = Corner(), Corner()
-    silent.deterministic, said.deterministic = None, True
-    for vehicle, draws in ((silent, ENOUGH_DRAWS), (said, 0)):
-        found = Surrogate().estimate(Problem(CUT_IN, LAW, vehicle), STOPPING, np.random.default_rng(1))
-        assert found.converged
-        assert found.diagnostics["law_draws"] == draws
-
-
 def test_a_state_keeps_the_draws():
     event = system(0)
     sampler = sampler_of(event, draws=30)
     while len(sampler.progress.law_draws) < 10:
         step(sampler, event)
     sampler.ask(certify=True)
-    content = sampler.state().to_json()
-    again = Sampler.resume(State.from_json(content, "here"))
+    again = resumed(sampler)
     assert again.enough_draws == 30
     assert again.draws_next
-    assert again.state().to_json() == content
+    assert saved(again) == saved(sampler)
     assert drive(again, event).row() == drive(sampler, event).row()
 
 

@@ -1,21 +1,16 @@
 """Many normal scores: their few coordinates, the directions that are learnt, pools, and the whole sampler."""
 
-import json
-
 import numpy as np
 import pytest
-from fewruns import InputError, certificate
+from fewruns import InputError, Predecessor, Sampler, certificate
 from fewruns.constants import WHOLE_SHARE
 from fewruns.directions import (
     _Model,
     _Regression,
     learn_directions,
 )
-from fewruns.gaussian_process import Predecessor
 from fewruns.graded import graded
 from fewruns.pools import Defence, draw_pool
-from fewruns.sampler import Sampler
-from fewruns.state import State
 from fewruns.subspace import (
     Subspace,
     WholeSpace,
@@ -24,7 +19,7 @@ from fewruns.subspace import (
     square_of_distance,
 )
 from fewruns.wide_laws import draw_at
-from sampler_checks import drive, new_sampler, standard_normal_event
+from sampler_checks import drive, new_sampler, resumed, saved, standard_normal_event
 from scipy.stats import chi2, kstest, norm
 
 DIMENSION = 20
@@ -192,7 +187,7 @@ def test_a_half_space_in_20_dimensions_takes_less_than_300_runs(course):
     assert course.result.converged
     assert course.sampler.simulations < 300
     assert course.result.probability == pytest.approx(norm.sf(4.5), rel=0.4)
-    assert isinstance(course.sampler._belief.space, Subspace)
+    assert isinstance(course.sampler.belief.space, Subspace)
 
 
 def test_a_predecessor_of_many_inputs_is_refused():
@@ -208,12 +203,12 @@ def test_batches_are_unbiased_whatever_the_directions():
         sampler = drive(new_sampler(DIMENSION, seed=seed, batch_size=5), half_space(3.5)).sampler
         # Batches of a sampler whose directions are wrong: the estimate needs more runs, and is not biased.
         sampler.progress.directions = np.random.default_rng(seed).normal(size=(DIMENSION, 1))
-        resumed = type(sampler).resume(sampler.state())
-        first = len(resumed.progress.estimates)
-        resumed.progress.learnt_at = 10**6
+        again = resumed(sampler)
+        first = len(again.progress.estimates)
+        again.progress.learnt_at = 10**6
         for _ in range(40):
-            resumed.tell(*half_space(3.5).evaluate(resumed.ask()))
-        errors += [batch.probability / norm.sf(3.5) - 1 for batch in resumed.progress.estimates[first:]]
+            again.tell(*half_space(3.5).evaluate(again.ask()))
+        errors += [batch.probability / norm.sf(3.5) - 1 for batch in again.progress.estimates[first:]]
     assert abs(np.mean(errors)) < 4 * np.std(errors) / np.sqrt(len(errors))
 
 
@@ -222,9 +217,8 @@ def test_an_interrupted_run_in_many_dimensions_goes_on_like_a_whole_one(batches)
     whole, event = new_sampler(DIMENSION, seed=1, batch_size=5), half_space()
     for _ in range(batches):
         whole.tell(*event.evaluate(whole.ask()))
-    state = State.from_json(json.loads(json.dumps(whole.state().to_json())), "a test")
-    resumed = type(whole).resume(state)
+    again = resumed(whole)
     for _ in range(6):
-        for sampler in (whole, resumed):
+        for sampler in (whole, again):
             sampler.tell(*event.evaluate(sampler.ask()))
-    assert resumed.state().to_json() == whole.state().to_json()
+    assert saved(again) == saved(whole)

@@ -1,13 +1,12 @@
 """What the tests of the sampler share: half planes as events, and a sampler that is driven step by step."""
 
+import json
 from dataclasses import dataclass
 
 import numpy as np
-from accelerated_evaluation.methods import Stopping
-from accelerated_evaluation.methods.surrogate import Surrogate
-from fewruns import combining, two_phase
-from fewruns.problems import SystemProblem
-from fewruns.sampler import Sampler
+from fewruns import Sampler, Stopping, SystemProblem, combining, two_phase
+from fewruns.running import estimate_problem
+from fewruns.state import content_of, sampler_of
 from scipy.stats import norm
 
 STOPPING = Stopping(alpha=0.2, beta=0.2, minimum_events=1, maximum_simulations=1000)
@@ -59,7 +58,7 @@ def drive(sampler, event, stopping=STOPPING):
 
 
 def estimate(event, seed, stopping=STOPPING, **settings):
-    return Surrogate(**settings).estimate(event, stopping, np.random.default_rng(seed))
+    return estimate_problem(event, np.random.default_rng(seed), stopping, **settings)
 
 
 def courses(event, seeds, batch_size=10):
@@ -68,3 +67,13 @@ def courses(event, seeds, batch_size=10):
 
 def numbers(result):
     return result.probability, result.low, result.high, result.simulations, result.converged
+
+
+def saved(sampler):
+    """Return the content of the state file of a sampler."""
+    return json.loads(json.dumps(content_of(sampler), allow_nan=False))
+
+
+def resumed(sampler):
+    """Return the sampler that continues from the state of another."""
+    return sampler_of(saved(sampler), "a test")

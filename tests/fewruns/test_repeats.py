@@ -3,15 +3,10 @@
 from dataclasses import replace
 
 import numpy as np
-import pytest
-from accelerated_evaluation.methods.surrogate import Surrogate
+from fewruns import Sampler, SystemProblem
 from fewruns.constants import FIRST_REPEATS
-from fewruns.problems import SystemProblem
 from fewruns.repeats import Repeats, choose_repeats, end_differently
-from fewruns.sampler import Sampler
-from fewruns.state import State
-from sampler_checks import STOPPING
-from scipy.stats import binom
+from sampler_checks import STOPPING, estimate, resumed, saved
 
 LEVEL = 3.5
 
@@ -75,7 +70,7 @@ def test_noise_is_noticed_by_the_first_repeats():
         return score < 0, score
 
     few = replace(STOPPING, maximum_simulations=300)
-    found = Surrogate().estimate(SystemProblem(respond, 2), few, np.random.default_rng(0))
+    found = estimate(SystemProblem(respond, 2), 0, few)
     assert found.diagnostics["repeats"] == found.diagnostics["differed"] == FIRST_REPEATS
 
 
@@ -86,11 +81,10 @@ def test_a_state_keeps_the_repeats():
         z = sampler.ask(certify=sampler.is_narrow(STOPPING))
         if not sampler.repeats_next or len(sampler.progress.repeats) < 5:
             sampler.tell(*event.evaluate(z))
-    content = sampler.state().to_json()
-    again = Sampler.resume(State.from_json(content, "here"))
+    again = resumed(sampler)
     assert again.deterministic is None
     assert again.enough_repeats == 30
-    assert again.state().to_json() == content
+    assert saved(again) == saved(sampler)
     assert drive(again, event).row() == drive(sampler, event).row()
 
 
@@ -113,10 +107,3 @@ def test_rounding_is_no_difference():
     flags, score = np.array([True, False, True, False]), np.array([1e-9, 5.0, 0.1, np.inf])
     again = np.array([False, False, True, False]), np.array([1e-9, 5.0 + 1e-6, 0.2, np.inf])
     assert end_differently(flags, score, *again).tolist() == [True, False, True, False]
-
-
-@pytest.mark.parametrize(("count", "differed"), [(0, 0), (50, 0), (50, 3), (4, 4)])
-def test_the_bound_on_the_share_that_differs_is_exact(count, differed):
-    repeats = Repeats(np.zeros(count, int), np.zeros(count, bool), np.arange(count) < differed)
-    bound = repeats.largest_share(0.05)
-    assert bound == 1 if count == differed else binom.cdf(differed, count, bound) == pytest.approx(0.05)

@@ -4,8 +4,8 @@ import math
 
 import numpy as np
 import pytest
-from fewruns import kernel
-from fewruns.gaussian_process import EventSurrogate, Predecessor
+from fewruns import Predecessor, kernel
+from fewruns.gaussian_process import EventSurrogate
 from scipy.stats import multivariate_normal
 
 THETA = np.log([1.5, 0.8, 2.0])

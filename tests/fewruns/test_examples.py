@@ -1,0 +1,69 @@
+"""The examples of the public names and of the guide run, and give the numbers that are known."""
+
+import contextlib
+import doctest
+import importlib
+import io
+import pickle
+import re
+import subprocess
+import sys
+from pathlib import Path
+
+import fewruns
+import numpy as np
+import pytest
+from scipy import stats
+from scipy.integrate import quad
+
+GUIDE = Path(__file__).resolve().parents[2] / "docs" / "sampler.md"
+MODULES = sorted(set(fewruns._HOME.values()))
+
+
+@pytest.mark.parametrize("module", MODULES)
+def test_the_examples_of_a_module_run(module):
+    tried = doctest.testmod(importlib.import_module(f"fewruns.{module}"))
+    assert tried.failed == 0
+
+
+def test_every_public_function_and_class_has_an_example():
+    for name in fewruns.__all__:
+        text = getattr(fewruns, name).__doc__
+        assert ">>>" in text or "example" in text or name == "ScoreProblem", name
+
+
+def test_the_guide_runs_from_top_to_bottom(tmp_path):
+    blocks = re.findall(r"```python\n(.*?)```", GUIDE.read_text(encoding="utf-8"), re.DOTALL)
+    names: dict = {}
+    with contextlib.chdir(tmp_path), contextlib.redirect_stdout(io.StringIO()):
+        exec(blocks[0], names)
+        structure = names["found"]
+        for block in blocks[1:]:
+            exec(block, names)
+    resistance, load = names["inputs"]
+    exact = quad(lambda s: resistance.cdf(s) * load.pdf(s), 0, 20, points=[1.5, 4, 7])[0]
+    assert structure.converged
+    assert 0.5 < structure.probability / exact < 2
+    assert not 0.5 < structure.probability / resistance.cdf(load.mean()) < 2  # with a load that is not random
+    sums = stats.norm.sf((6 - names["means"]) / np.sqrt(2))
+    assert np.abs(np.log(names["found"].probabilities / sums)).max() < 0.7
+    assert names["sampler"].has_converged(names["goal"])
+
+
+def test_all_public_names_are_found_and_others_are_not():
+    assert {"Sampler", "SeveralLaws", "estimate"} <= set(fewruns.__all__)
+    assert len(fewruns.__all__) <= 15
+    with pytest.raises(AttributeError, match="no attribute 'Samplers'"):
+        fewruns.Samplers  # noqa: B018
+
+
+def test_an_error_survives_a_process_boundary():
+    error = fewruns.InputError("here", seen="one thing", expected="another", change="Change it.")
+    again = pickle.loads(pickle.dumps(error))
+    assert str(again) == str(error) == "here: seen one thing; expected another. Change it."
+    assert isinstance(again, ValueError)
+
+
+def test_importing_the_package_is_quick_because_nothing_else_is():
+    code = "import fewruns, sys; sys.exit(bool({'numpy', 'numba', 'scipy'} & sys.modules.keys()))"
+    assert subprocess.run([sys.executable, "-c", code], check=False).returncode == 0

@@ -1,0 +1,113 @@
+"""The loop over batches and the estimate for a function: against closed forms, and with each hook."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from fewruns import InputError, Sampler, Stopping, SystemProblem, estimate, run_batches
+from fewruns.constants import FIRST_REPEATS
+from sampler_checks import HALF_PLANE, STOPPING, half_plane, new_sampler, numbers
+from sampler_checks import estimate as of_problem
+from scipy import stats
+
+INPUTS = [stats.norm(7, 1), stats.lognorm(0.3, scale=1.5)]
+
+
+def fails(x):
+    return x[:, 0] - x[:, 1] <= 0, x[:, 0] - x[:, 1]
+
+
+def test_a_function_of_given_inputs_has_the_exact_probability():
+    load = np.linspace(0.01, 20, 200_000)
+    exact = np.trapezoid(INPUTS[0].cdf(load) * INPUTS[1].pdf(load), load)
+    found = [estimate(fails, INPUTS, np.random.default_rng(seed)) for seed in range(4)]
+    errors = [np.log(each.probability / exact) for each in found]
+    assert all(each.converged for each in found)
+    assert abs(np.mean(errors)) < 4 * 0.156 / 2  # the target of a single estimate is 0.156
+    swapped = estimate(fails, INPUTS[::-1], np.random.default_rng(0))
+    assert not 0.2 < swapped.probability / exact < 5
+
+
+def test_flags_alone_are_enough_and_a_number_of_inputs_stands_for_normal_ones():
+    found = estimate(lambda z: z @ [0.6, 0.8] > 4, 2, np.random.default_rng(1))
+    assert found.converged
+    assert abs(np.log(found.probability / HALF_PLANE)) < 0.6
+    assert found.diagnostics["repeats"] == FIRST_REPEATS  # nothing is stated about the function
+    known = estimate(lambda z: z @ [0.6, 0.8] > 4, 2, np.random.default_rng(1), deterministic=True)
+    assert known.diagnostics["repeats"] == 0
+
+
+@pytest.mark.parametrize("answer", [lambda z: z[:, 0], lambda z: (4 - z[:, 0], z[:, 0])])
+def test_a_function_without_flags_is_refused(answer):
+    with pytest.raises(InputError, match=r"the function: seen values of the type float64; expected booleans"):
+        estimate(answer, 2, np.random.default_rng(1))
+
+
+def test_the_function_of_every_batch_may_be_followed_and_its_state_resumed(tmp_path):
+    seen, path = [], tmp_path / "state.json"
+    few = Stopping(minimum_events=1, maximum_simulations=60)
+    options = {"fingerprint": "structure", "state_file": path}
+    estimate(fails, INPUTS, np.random.default_rng(3), stopping=few, on_batch=seen.append, **options)
+    assert [each.simulations for each in seen] == list(range(5, 65, 5))
+    resumed = estimate(fails, INPUTS, np.random.default_rng(99), **options)
+    whole = estimate(fails, INPUTS, np.random.default_rng(3))
+    assert numbers(resumed) == numbers(whole)
+    with pytest.raises(InputError, match="fingerprint 'structure'; expected 'other'"):
+        estimate(fails, INPUTS, np.random.default_rng(3), state_file=path, fingerprint="other")
+
+
+def test_the_loop_ends_when_its_own_criterion_and_the_certificate_are_met():
+    rough, fine = new_sampler(), new_sampler()
+    for _ in run_batches(rough, half_plane(), STOPPING, lambda: len(rough.progress.estimates) >= 2):
+        pass
+    for _ in run_batches(fine, half_plane(), STOPPING):
+        pass
+    assert len(rough.progress.estimates) >= 2
+    assert rough.is_settled()
+    assert rough.simulations < fine.simulations
+    assert numbers(fine.estimate(STOPPING)) == numbers(of_problem(half_plane(), 0, batch_size=10))
+
+
+def test_the_loop_may_be_left_and_never_exceeds_the_limit():
+    sampler = new_sampler()
+    for count, _ in enumerate(run_batches(sampler, half_plane(), STOPPING)):
+        if count == 2:
+            break
+    assert sampler.simulations == 30
+    limited = new_sampler()
+    assert len(list(run_batches(limited, half_plane(), replace(STOPPING, maximum_simulations=45)))) == 4
+    assert limited.simulations == 40
+
+
+class Stored:
+    """A problem that stores its outcomes, so that only ``repeat`` runs the system again."""
+
+    dimension, fingerprint, deterministic = 2, "stored", None
+
+    def __init__(self):
+        self.problem, self.repeated = half_plane(), 0
+
+    def evaluate(self, z):
+        return self.problem.evaluate(z)
+
+    def repeat(self, z):
+        self.repeated += len(z)
+        return self.problem.evaluate(z)
+
+
+def test_repetitions_run_the_system_again():
+    stored = Stored()
+    sampler = Sampler(2, np.random.default_rng(0), deterministic=None, enough_repeats=20, enough_draws=10)
+    for _ in run_batches(sampler, stored, STOPPING):
+        pass
+    assert stored.repeated == len(sampler.progress.repeats) == 20
+    assert len(sampler.progress.law_draws) == 10
+    assert sampler.has_converged(STOPPING)
+
+
+def test_a_problem_of_a_system_maps_normal_scores_to_its_inputs():
+    problem = SystemProblem(fails, 2, INPUTS)
+    z = np.array([[-8.0, 8.0], [0.0, 0.0]])
+    x = problem.inputs(z)
+    assert x[0] == pytest.approx([-1.0, 1.5 * np.exp(0.3 * 8)])
+    assert x[1] == pytest.approx([7.0, 1.5])

@@ -1,0 +1,124 @@
+"""Runs of a similar vehicle from an earlier campaign, or from the table of an earlier estimate."""
+
+import json
+from pathlib import Path
+
+import numpy as np
+import pandas as pd
+import pytest
+from accelerated_evaluation import cli
+from accelerated_evaluation.base.errors import InputError
+from accelerated_evaluation.base.files import write_csv
+from accelerated_evaluation.methods.study import with_encounters
+from accelerated_evaluation.methods.surrogate import read_predecessor
+from accelerated_evaluation.problem import Problem
+from accelerated_evaluation.track.campaign_file import read_campaign
+from accelerated_evaluation.track.status import status_of
+from accelerated_evaluation.vehicles import load_vehicle
+from law_folder import LAW, begin_campaign
+
+PROBLEM = Problem(LAW, load_vehicle("acc_aeb"))
+
+
+def driven(step, name, batches):
+    """Drive some batches of a campaign with the built-in car."""
+    for _ in range(batches):
+        assert step("ask", "next", "--no-scenarios") == 0
+        assert cli.main(["simulate", "next/runs.csv", "done.csv"]) == 0
+        assert step("tell", "done.csv") == 0
+    return read_campaign(name)
+
+
+@pytest.fixture
+def first(tmp_path, monkeypatch):
+    """A campaign that has met the event, and a function that runs one step of it."""
+    monkeypatch.chdir(tmp_path)
+    step = begin_campaign(tmp_path)
+    while not status_of(driven(step, "c.json", 1)).may_stop:
+        pass
+    return step
+
+
+def begin_next(*options):
+    files = ("--law", "law.json", "--encounters", "encounters.parquet", "--half-width", "0.5")
+    return cli.main(
+        [
+            "campaign",
+            "new",
+            "next.json",
+            *files,
+            "--deterministic",
+            "yes",
+            "--predecessor",
+            "c.json",
+            *options,
+        ]
+    )
+
+
+def test_a_campaign_begins_where_its_predecessor_met_the_event(first):
+    old = read_campaign("c.json")
+    assert begin_next("--batch-size", "5") == 0
+
+    def step(name, *arguments):
+        return cli.main(["campaign", name, "next.json", *map(str, arguments)])
+
+    new = driven(step, "next.json", 4)
+    assert new.sampler.progress.happened.any()  # a search takes 20 runs and more before it knows anything
+    np.testing.assert_array_equal(new.sampler.predecessor.z, old.sampler.progress.z)
+
+
+def test_another_law_or_event_is_no_predecessor(first, capsys):
+    assert begin_next("--event", "min_range=1") == 2
+    assert "--predecessor, its event: seen crash; expected min range at most 1 m" in capsys.readouterr().err
+    law = json.loads(Path("law.json").read_text())
+    Path("law.json").write_text(json.dumps(law | {"description": "another"}))
+    assert begin_next() == 2
+    assert "--predecessor, its law: seen" in capsys.readouterr().err
+    assert not Path("next.json").exists()
+
+
+def test_a_campaign_without_events_is_no_predecessor(tmp_path, monkeypatch, capsys):
+    monkeypatch.chdir(tmp_path)
+    begin_campaign(tmp_path)
+    assert begin_next() == 2
+    assert "no event in 0 runs of complete batches" in capsys.readouterr().err
+
+
+# ---- the table of an earlier estimate
+
+
+@pytest.fixture(scope="module")
+def table():
+    """Some simulations as `estimate` writes them."""
+    z = np.random.default_rng(5).normal(size=(30, 3))
+    runs = pd.DataFrame({f"z_{k + 1}": z[:, k] for k in range(3)}).assign(event=np.arange(30) > 25)
+    return with_encounters(runs, PROBLEM)
+
+
+def test_a_table_of_simulations_is_read(table, tmp_path):
+    write_csv(tmp_path / "runs.csv", table)
+    known = read_predecessor(tmp_path / "runs.csv", PROBLEM)
+    np.testing.assert_allclose(known.z[:, 2], table["z_inverse_ttc"])
+    assert known.happened.sum() == 4
+
+
+@pytest.mark.parametrize(
+    ("spoil", "message"),
+    [
+        (lambda t: t.drop(columns="z_lead_speed"), "z_lead_speed"),
+        (lambda t: t.assign(event=False), "no event in 30 simulations"),
+        (lambda t: t.assign(event="maybe"), "'maybe'"),
+        (lambda t: t.assign(z_inverse_ttc="far"), "far"),
+        (lambda t: t.assign(inverse_ttc=t["inverse_ttc"] * 1.01), "another law"),
+    ],
+)
+def test_a_table_that_does_not_fit_is_refused(table, tmp_path, spoil, message):
+    write_csv(tmp_path / "runs.csv", spoil(table))
+    with pytest.raises(InputError, match=message):
+        read_predecessor(tmp_path / "runs.csv", PROBLEM)
+
+
+def test_no_table_is_refused(tmp_path):
+    with pytest.raises(InputError, match="no such file"):
+        read_predecessor(tmp_path / "none.csv", PROBLEM)

@@ -1,0 +1,72 @@
+"""The sampler as a method of the study: the same numbers, one kind of error, and its sentences."""
+
+import math
+
+import numpy as np
+import pytest
+from accelerated_evaluation.base.errors import InputError
+from accelerated_evaluation.methods import METHODS
+from accelerated_evaluation.methods.surrogate import Surrogate, rules_of_joint_laws
+from accelerated_evaluation.methods.surrogate_words import chance_in_words, unseen_in_words
+from accelerated_evaluation.problem import Problem
+from fewruns import Predecessor, Sampler, Stopping, SystemProblem, run_batches
+from fewruns.constants import ENOUGH_DRAWS
+from test_methods import LAW, Corner
+
+GOAL = Stopping(minimum_events=1, maximum_simulations=1000)
+HALF_PLANE = SystemProblem(lambda z: (z[:, 0] > 4, 4 - z[:, 0]), 2, fingerprint="half", deterministic=True)
+
+
+def test_the_method_is_registered_and_gives_the_numbers_of_the_sampler():
+    method = METHODS["surrogate"].configured({"surrogate": {"batch_size": 10}})
+    assert method == Surrogate(batch_size=10)
+    found = [method.estimate(HALF_PLANE, GOAL, np.random.default_rng(seed)) for seed in (0, 1)]
+    sampler = Sampler(2, np.random.default_rng(0), 10)
+    for _ in run_batches(sampler, HALF_PLANE, GOAL):
+        pass
+    assert found[0].row() == sampler.estimate(GOAL).row() != found[1].row()
+
+
+def test_the_rules_of_joint_laws_are_those_of_the_method_and_of_the_sampler():
+    rules = rules_of_joint_laws(0.25)
+    method, sampler = Surrogate(**rules), Sampler(2, np.random.default_rng(0), **rules)
+    assert method.certificate == sampler.certificate
+    assert method.sampler(HALF_PLANE, np.random.default_rng(0)).frequent is sampler.frequent is True
+
+
+def test_errors_of_the_sampler_become_errors_of_the_study(tmp_path):
+    (tmp_path / "state.json").write_text("no state")
+    no_event = Predecessor(np.zeros((3, 2)), np.zeros(3, bool))
+    for method, message in (
+        (Surrogate(state_file=tmp_path / "state.json"), "seen no state of a sampler"),
+        (Surrogate(predecessor=no_event), "seen no event in its runs"),
+    ):
+        with pytest.raises(InputError, match=message):
+            method.estimate(HALF_PLANE, GOAL, np.random.default_rng(1))
+
+
+def test_a_vehicle_that_says_nothing_is_drawn_from_the_law_and_one_that_says_so_is_not():
+    silent, said = Corner(), Corner()
+    silent.deterministic, said.deterministic = None, True
+    for vehicle, draws in ((silent, ENOUGH_DRAWS), (said, 0)):
+        found = Surrogate().estimate(Problem(LAW, vehicle), GOAL, np.random.default_rng(1))
+        assert found.converged
+        assert found.diagnostics["law_draws"] == draws
+
+
+def test_sentences_name_what_the_runs_cannot_exclude():
+    assert "at most 0.002 if a half-space, 0.9 if of any shape" in unseen_in_words(
+        {"unseen_mode": 0.002, "unseen_any": 0.9}
+    )
+    known = {"repeats": 0, "differed": 0, "law_draws": 0, "law_events": 0}
+    assert "stated to be deterministic" in chance_in_words(known)
+    known |= {"repeats": 350, "law_draws": 300, "law_events": 4}
+    assert "contradict" not in chance_in_words(known)
+    known |= {"unseen_lapses": 0.03, "unseen_lapses_monotone": 0.01, "settling_runs": 12_345.0}
+    words = chance_in_words(known)
+    assert "draws of the law itself: 300, of which 4 ended in the event" in words
+    assert "contradict" in words
+    assert "rare lapses can add up to 0.03" in words
+    assert "at least 12,345 runs" in words
+    assert "contradict" not in chance_in_words(known | {"differed": 3})
+    assert "runs without an event" not in chance_in_words(known | {"settling_runs": math.inf})
