@@ -1,4 +1,4 @@
-"""The estimate of a slow vehicle without a study: records, laws, few runs, comparison, and the answer in words."""
+"""The estimate of a slow vehicle without a study: records, laws, few runs, and the answer in words."""
 
 import math
 import os
@@ -38,6 +38,8 @@ from accelerated_evaluation.scenarios import SCENARIOS, Scenario
 from accelerated_evaluation.vehicles.events import event_named, events_of
 from accelerated_evaluation.vehicles.external.alone import difference_when_alone
 from accelerated_evaluation.vehicles.external.slow import SlowVehicle, is_slow, loaded_for
+
+LIMITS = ("lead_speed_min", "lead_speed_max", "range_max")  # limits of a crash map
 
 
 @dataclass(frozen=True)
@@ -81,9 +83,7 @@ class Estimated:
     def compared(self, folder: Path) -> pd.DataFrame:
         """Return the ratios to other estimates and to references, one row each."""
         own = self.answers[0].posterior
-        rows = [
-            {"other": name} | compare(own, other.posterior) for name, other in self.references.items()
-        ]
+        rows = [{"other": name} | compare(own, other.posterior) for name, other in self.references.items()]
         others = compare_estimates(folder, list(self.request.compare)) if self.request.compare else None
         return pd.concat([others, pd.DataFrame(rows)], ignore_index=True)
 
@@ -180,8 +180,10 @@ def reference_answer(
     with loaded_for(section, config["simulations"], problem.scenario) as vehicle:
         way: Way = Simulations(config["scenario"]["simulations"])
         if isinstance(records.data, DistinctRecords):
-            limits = {key: config["filters"][key] for key in ("lead_speed_min", "lead_speed_max",
-            "range_max")} grid = Grid(**limits, **config["answer"]["grid"])
+            limits = {
+                key: config["filters"][key] for key in ("lead_speed_min", "lead_speed_max", "range_max")
+            }
+            grid = Grid(**limits, **config["answer"]["grid"])
             way = Map(map_crashes(vehicle, grid, [problem.event], generator), records.data)
         return answer(replace(problem, vehicle=vehicle), draws, way, generator=generator)
 

@@ -59,17 +59,17 @@ class DrawnLaws:
     answered: int
 
     @classmethod
-    def of(
-        cls, study: LawStudy, draws: MeanLaw, more: np.random.Generator
-    ) -> "DrawnLaws":
+    def of(cls, study: LawStudy, draws: MeanLaw, more: np.random.Generator) -> "DrawnLaws":
         """Add draws to those of the answer, such that every smooth law has at least `FEWEST` draws."""
         smooth, own = study.smooth, draws.draws
         laws = [(own.ranges[shared], law) for shared, law in zip(own.shared, own.laws, strict=True)]
         member = [smooth.names.index(name) for name in own.names]
         for place, count in enumerate(np.bincount(member, minlength=len(smooth.names))):
             for _ in range(FEWEST - count):
-                laws.append((smooth.family.ranges.drawn(more),
-                smooth.speeds(smooth.names[place]).drawn(more))) member.append(place)
+                laws.append(
+                    (smooth.family.ranges.drawn(more), smooth.speeds(smooth.names[place]).drawn(more))
+                )
+                member.append(place)
         return cls(laws, np.array(member), own.size)
 
 

@@ -105,7 +105,7 @@ def read_records(
 
 
 def clustered(scenario: Scenario, table: pd.DataFrame) -> ClusteredRecords:
-    """Return the fitted records of a table with their clusters; InputError if laws cannot be fitted to them."""
+    """Return the fitted records of a table with their clusters; InputError if no law can be fitted."""
     fitted = table[table[FITTED]]
     if len(fitted) < FEWEST:
         raise InputError(

@@ -155,7 +155,7 @@ class LawStudy:
 
 
 def _responder(scenario: Scenario, vehicle: Vehicle) -> Respond:
-    """Return a function that simulates a vehicle at points, and returns flags and scores of the main event."""
+    """Return a function that simulates a vehicle at points; it gives flags and scores of the main event."""
     event = scenario.events[0]
 
     def respond(x: Array) -> Response:

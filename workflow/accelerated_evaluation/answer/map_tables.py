@@ -53,7 +53,7 @@ class MapTables:
         return threshold_table(self.study, lines, generator)
 
     def calibration(self) -> pd.DataFrame:
-        """Return recorded and expected numbers of critical cut-ins and near misses; see `calibration_table`."""
+        """Return recorded and expected numbers of critical cut-ins; see `calibration_table`."""
         named = {self.scenario.event_in_words(event): event for event in sorted(self.crash_map.events)}
         recorded = {name: int(event.happens(self.replayed).sum()) for name, event in named.items()}
         return calibration_table(

@@ -28,7 +28,7 @@ def _ends(row: Mapping[str, Any], level: float) -> str:
 
 
 def budget_in_words(budget: pd.DataFrame) -> list[str]:
-    """Return the shares of the variance in the table ``budget`` as a line of text; none if they are unknown."""
+    """Return the shares of the variance in the table ``budget`` as text; nothing if they are unknown."""
     shares = budget.set_index("source")["variance_share"]
     if shares.empty or shares.isna().any():
         return []

@@ -16,17 +16,15 @@ default, or left_turn, pedestrian, or your own (docs/your_scenario.md). Outcomes
 results/vehicles/, so that no encounter is simulated twice if a run is continued or repeated.
 
 laws of the encounters (--law):
-  answer          all laws that the records support, by their weights (default). The simulations are made
-  under
+  answer          all laws that the records support, by their weights (default). The simulations are made under
                   one law that covers draws from the posterior of law and parameters, and are reweighted for
-                  every draw. The intervals contain the uncertainty in the data, in the choice of law and in
-                  the sampling, like those of a complete study
+                  every draw. The intervals contain the uncertainty in the data, in the choice of law and in the
+                  sampling, like those of a complete study
   NAME            for cut-ins, one law of the family, such as 'two kinds 0.95', with the uncertainty in its
                   parameters; otherwise a kind of joint law, such as gaussian_copula. An unknown name gives an
                   error that lists all names
   FILE.json       law.json of an earlier estimate, with its draws; or a law of a finished study. The
-  configuration
-                  has to be that of this study
+                  configuration has to be that of this study
   paper           for cut-ins, the paper's law, with the pieces that the configuration names; also two_pieces,
                   three_pieces and single
 Under a single law, the interval is that of the sampling alone.
@@ -91,8 +89,10 @@ class EstimateAlone:
             help="keys that differ from config/config.yaml; a later file has precedence over an earlier one",
         )
         command.add_argument(
-            "--law", metavar="LAW", default=ANSWER, help="law of the encounters, see above (default:
-            %(default)s)"
+            "--law",
+            metavar="LAW",
+            default=ANSWER,
+            help="law of the encounters, see above (default: %(default)s)",
         )
         command.add_argument(
             "--replicates",
@@ -142,8 +142,7 @@ class EstimateAlone:
             action="append",
             default=[],
             help="vehicle that is fast to simulate, such as cc_human; the ratio to its crash probability is "
-            "computed for each draw of the law from a crash map or many simulations, which takes some
-            seconds",
+            "computed for each draw of the law from a crash map or many simulations, which takes some seconds",
         )
         add_accept(command)
 

@@ -122,7 +122,7 @@ class CrashLines(Lines):
             yield self._masses(lines, family.law(member).given(self.places, below))
 
     def masses_of_draws(self, draws: LawDraws) -> Array:
-        """Return the probability of each interval under each draw of the smooth laws, shape (K, intervals)."""
+        """Return the probability of each interval under each draw of smooth laws, (K, intervals)."""
         masses = np.empty((draws.size, self.row.size))
         for place, (ranges, body) in enumerate(zip(draws.ranges, draws.bodies, strict=True)):
             lines, below = self._line_masses(ranges), self.places.body(body)

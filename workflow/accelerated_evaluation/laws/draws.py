@@ -63,7 +63,7 @@ class Draws(ABC):
         return self.log_densities(x) - self.proposal.log_density(x)
 
     def log_ratios_to_mean(self, x: Array) -> Array:
-        """Return log f_k / f_mean for each draw f_k and the mean of all at points x, shape (n, d), as (K, n)."""
+        """Return log f_k / f_mean for each draw f_k and the mean of all at points x, (n, d), as (K, n)."""
         densities = self.log_densities(x)
         return densities - (logsumexp(densities, axis=0) - math.log(self.size))
 

@@ -274,8 +274,10 @@ class Scenario:
     # not look for further parts of an event. None if this is not known.
     upper_set_in: str | None = None
     has_injuries: bool = False  # whether curves of the risk of injury are known for its crashes
-    has_sources: bool = False  # whether records come from the sources of the section `data` of a
-    configuration derived: Mapping[str, Callable[[Mapping[str, Any]], Any]] = field(default_factory=dict)
+    has_sources: bool = (
+        False  # whether records come from the sources of the section `data` of a configuration
+    )
+    derived: Mapping[str, Callable[[Mapping[str, Any]], Any]] = field(default_factory=dict)
     panels: Sequence[Panel] = ()
 
     @property

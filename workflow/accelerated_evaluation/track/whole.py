@@ -26,7 +26,7 @@ MOST_UNKNOWN = 0.05  # if a larger share of the draws has fewer effective events
 
 
 def read_draws(path: Path, campaign: Campaign) -> Draws:
-    """Read a law with draws, to which the runs of a campaign can be reweighted; other files are an InputError.
+    """Read a law with draws, to which the runs of a campaign can be reweighted; else InputError.
 
     A law of cut-ins must have been fitted to the encounter table of the campaign.
     """
