@@ -1,6 +1,6 @@
 # Scenario: the crash probability in a scenario other than the cut-in, from its records, and a comparison of methods.
 #
-# In: the records and published verdicts of the scenario, the vehicle. Out: the account of the records, the laws with
+# In: the records with their report and published verdicts of the scenario, the vehicle. Out: the account of the records, the laws with
 # their scores, the answer with its budget and draws, the law with the largest weight, the estimates of every method,
 # the agreement with the verdicts, the checks of stored experiments.
 
@@ -16,6 +16,7 @@ rule study_scenario:
     """Account for the records, fit and score the laws, and compute the answer with its uncertainty."""
     input:
         records=ancient(RECORDS),
+        report=rules.inspect_records.output.report,
         vehicle=ancient(VEHICLE_FILES),
         library=modules_of("study_scenario.py", members=OF_SCENARIO),
     output:

@@ -27,6 +27,7 @@ from accelerated_evaluation.methods.surrogate import Surrogate
 from accelerated_evaluation.methods.surrogate.gaussian_process import Predecessor
 from accelerated_evaluation.methods.surrogate.predecessor import read_predecessor
 from accelerated_evaluation.problem import Problem
+from accelerated_evaluation.records.checks import Records
 from accelerated_evaluation.records.filters import Account
 from accelerated_evaluation.records.ingest import ingest
 from accelerated_evaluation.records.segments import require_rows
@@ -126,7 +127,8 @@ def estimate_alone(
     require_law(law)
     with loaded_for(config["vehicle"], config["simulations"]) as vehicle:  # first, because it fails fastest
         raw = read_source(config["data"], child_generator(config["seed"], "sample"))
-        verdict = verdict_on(raw, config)
+        data = config["data"]
+        verdict = verdict_on(Records.of(raw, config), data[data["source"]]["path"], data["accepted_warnings"])
         encounters, account = _ingested(raw, config)
         name, chosen = choose_sampled_law(law, encounters, config)
         if for_draws and not isinstance(chosen, MeanLaw):

@@ -17,10 +17,12 @@ from accelerated_evaluation.base.arrays import Array
 from accelerated_evaluation.base.errors import InputError
 from accelerated_evaluation.base.randomness import child_generator
 from accelerated_evaluation.laws.joint import JOINT_LAWS, JointLaw
+from accelerated_evaluation.laws.joint.files import read_verdict
 from accelerated_evaluation.problem import read_scenario_law
+from accelerated_evaluation.records.verdict import Verdict, verdict_on
 from accelerated_evaluation.scenarios import SCENARIOS
 from accelerated_evaluation.scenarios.protocol import ENDED, Scenario
-from accelerated_evaluation.scenarios.record_table import read_scenario_records
+from accelerated_evaluation.scenarios.record_table import configured_records, read_scenario_records
 from accelerated_evaluation.vehicles.events import event_named
 from accelerated_evaluation.vehicles.external.slow import loaded_for
 from accelerated_evaluation.vehicles.loading import load_vehicle
@@ -79,19 +81,23 @@ class ScenarioEstimate:
         Number of simulations that were stopped at their time limit.
     event
         The event in words.
+    verdict
+        The verdict on the records.
     """
 
     tables: Mapping[str, pd.DataFrame]
     law: JointLaw
     not_ended: int
     event: str
+    verdict: Verdict
 
     def lines(self) -> list[str]:
         """Return the lines of text that describe the estimate."""
+        lines = [*self.verdict.lines(), *self._estimates()]
         if not self.not_ended:
-            return self._estimates()
+            return lines
         runs = f"{self.not_ended:,} {'run' if self.not_ended == 1 else 'runs'}"
-        return [*self._estimates(), f"warning: {runs} did not end, and count as runs without the event"]
+        return [*lines, f"warning: {runs} did not end, and count as runs without the event"]
 
     def _estimates(self) -> list[str]:
         if "answer" in self.tables:
@@ -141,8 +147,8 @@ def estimate_scenario(
     Raises
     ------
     InputError
-        If the records, the law, the method, the event or the vehicle cannot be used, or no run ended in the
-        event.
+        If the records, the law, the method, the event or the vehicle cannot be used, if a check of the
+        records has the verdict ``stop`` and is not accepted, or if no run ended in the event.
     """
     if method not in METHODS_OF_SCORES:
         raise InputError(
@@ -161,6 +167,7 @@ def estimate_scenario(
     scenario, seed = SCENARIOS[config["scenario"]["name"]], config["seed"]
     event = event_named(config["scenario"]["event"], scenario, where="scenario.event")
     named = scenario.event_in_words(event)
+    verdict = verdict_on_law(scenario, law, config)
     with loaded_for(config["vehicle"], config["simulations"], scenario) as loaded:
         vehicle = CountedVehicle(loaded)
         if law == ANSWER:
@@ -168,7 +175,8 @@ def estimate_scenario(
             known = load_vehicle(scenario.default_vehicle, scenario)
             study = ScenarioStudy.of(scenario, records, known, seed, config["scenario"]["draws"])
             tables = study.answer_by_few_runs(vehicle, seed, event)
-            return ScenarioEstimate(tables | {"laws": study.table}, study.heaviest, vehicle.not_ended, named)
+            tables = {**tables, "laws": study.table, "answer": verdict.added_to(tables["answer"])}
+            return ScenarioEstimate(tables, study.heaviest, vehicle.not_ended, named, verdict)
         chosen = chosen_law(scenario, law, config)
         repeated = {
             name: {**config[name], "replicates": replicates} for name in ("importance_sampling", "surrogate")
@@ -184,7 +192,24 @@ def estimate_scenario(
             expected="a law with probability where the event happens",
             change="Name another law, check its limits, or allow more runs (surrogate.maximum_calls).",
         )
-    return ScenarioEstimate(made | {"estimate": estimate}, chosen, vehicle.not_ended, named)
+    tables = made | {"estimate": verdict.added_to(estimate)}
+    return ScenarioEstimate(tables, chosen, vehicle.not_ended, named, verdict)
+
+
+def verdict_on_law(scenario: Scenario, law: str, config: Mapping[str, Any]) -> Verdict:
+    """Return the verdict on the records of a law, which a file of a law contains; see `chosen_law`.
+
+    Raises
+    ------
+    InputError
+        If a check has the verdict ``stop`` and ``data.accepted_warnings`` does not name it.
+    """
+    accepted = config["data"]["accepted_warnings"]
+    if law.endswith(".json"):
+        return read_verdict(law, accepted)
+    known = load_vehicle(scenario.default_vehicle, scenario)
+    where = config["scenario"]["records"] or f"records of the scenario {scenario.name} in the project"
+    return verdict_on(configured_records(config, known.simulate), str(where), accepted)
 
 
 def chosen_law(scenario: Scenario, law: str, config: Mapping[str, Any]) -> JointLaw:

@@ -196,7 +196,7 @@ def _new(arguments: argparse.Namespace) -> None:
             raise InputError(where, seen=f"{value:g}", expected=expected, change="Correct the value.")
     require_seed(arguments.seed)
     given = given_law(arguments)
-    if given.verdict is None:
+    if given.table is None:
         refuse_options(arguments, given.scenario.name, *(name for name, *_ in LIMITS))
     campaign = Campaign.begin(
         given.sources["law"],

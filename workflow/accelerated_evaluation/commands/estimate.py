@@ -178,10 +178,10 @@ class EstimateAlone:
         if given and not arguments.config:
             given["study"] = arguments.scenario  # instead of the study in config/config.yaml
         config = load(arguments.config, given)
+        config["data"]["accepted_warnings"] = [*config["data"]["accepted_warnings"], *arguments.accept]
         if config["scenario"]["name"] != CUT_IN:
             _estimate_scenario(arguments, config)
             return
-        config["data"]["accepted_warnings"] = [*config["data"]["accepted_warnings"], *arguments.accept]
         config = resolved(config)
         if arguments.method is not None:
             _refuse("method", f"the scenario {CUT_IN}", "another scenario")
@@ -218,7 +218,7 @@ def _estimate_scenario(arguments: argparse.Namespace, config: dict[str, Any]) ->
     from accelerated_evaluation.vehicles.events import event_named
 
     name = config["scenario"]["name"]
-    for option in ("compare", "reference", "accept", "sampling_share"):
+    for option in ("compare", "reference", "sampling_share"):
         if getattr(arguments, option) not in (None, []):
             _refuse(option, f"the scenario {name}", CUT_IN)
     if arguments.law == ANSWER:
@@ -233,7 +233,7 @@ def _estimate_scenario(arguments: argparse.Namespace, config: dict[str, Any]) ->
     folder = Path("results", config["study"], "estimate")
     for table, rows in found.tables.items():
         write_csv(folder / f"{table}.csv", rows)
-    write_joint_law(folder / "law.json", found.law, f"records of the scenario {name}")
+    write_joint_law(folder / "law.json", found.law, f"records of the scenario {name}", found.verdict)
     print(*found.lines(), f"tables: {folder}", sep="\n")
 
 

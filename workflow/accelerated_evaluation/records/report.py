@@ -1,5 +1,6 @@
 """The report on the records as text, for the log file and for the command ``inspect``."""
 
+import os
 import textwrap
 
 import pandas as pd
@@ -7,6 +8,11 @@ import pandas as pd
 from accelerated_evaluation.records.checks import STOP, VERDICTS
 
 WIDTH = 100
+
+
+def read_report(path: str | os.PathLike) -> pd.DataFrame:
+    """Return the report on the records that a study has written, one row for each check."""
+    return pd.read_csv(path, keep_default_na=False)
 
 
 def report_in_words(report: pd.DataFrame) -> str:
