@@ -154,7 +154,9 @@ def test_values_that_are_constant_or_heaped_are_reported(equal, verdict):
     rows.loc[: equal - 1, LEFT_TURN.names[1]] = 7.0
     rows = rows.assign(cluster=[f"driver {k % 30}" for k in range(100)], fitted=True)
     simulate = load_vehicle(LEFT_TURN.default_vehicle, LEFT_TURN).simulate
-    found = inspect_records(records_to_check(LEFT_TURN, rows, simulate)).set_index("check").loc["equal values"]
+    found = (
+        inspect_records(records_to_check(LEFT_TURN, rows, simulate)).set_index("check").loc["equal values"]
+    )
     assert found["verdict"] == verdict
     assert found["number"] == equal / 100
     assert LEFT_TURN.names[1] in found["seen"]

@@ -42,8 +42,7 @@ def known_records(records: Records) -> Finding:
     distance = _distance(rows, known)
     middle, usual = rows.median(), known.median()
     medians = ", ".join(
-        f"{name} {middle[name]:.3g} {unit} (known: {usual[name]:.3g})"
-        for name, unit in records.units.items()
+        f"{name} {middle[name]:.3g} {unit} (known: {usual[name]:.3g})" for name, unit in records.units.items()
     )
     seen = f"distance {distance:.2f}; medians: {medians}"
     if distance < CLEAR:
@@ -52,7 +51,9 @@ def known_records(records: Records) -> Finding:
     fault = min(corrected, key=corrected.__getitem__)
     explained = corrected[fault] <= distance / 2
     if explained:
-        seen = f"{corrected[fault]:.2f} instead of {seen} if this fault is corrected: {fault}"
+        seen = (
+            f"the fault '{fault}' explains the distance, which is {corrected[fault]:.2f} without it; {seen}"
+        )
     verdict = STOP if corrected[fault] < SAME else WARNING if explained or distance > OTHER else FINE
     return Finding(
         verdict,
