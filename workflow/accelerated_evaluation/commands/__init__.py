@@ -101,14 +101,6 @@ class GivenLaw:
 
         return law_in(self.scenario, self.sources["law"], self.sources.get("encounters"))
 
-    def stop_lines(self) -> list[str]:
-        """Return a line for each check of the records whose verdict ``stop`` the user has accepted."""
-        return self.verdict.stop_lines()
-
-    def lines(self) -> list[str]:
-        """Return the verdict on the records as lines of text."""
-        return self.verdict.lines()
-
 
 def given_law(arguments: argparse.Namespace) -> GivenLaw:
     """Return the law that is named by the options of `add_law`.

@@ -95,18 +95,15 @@ class Verdict:
 
     def lines(self) -> list[str]:
         """Return a line of text for each ``stop`` and one line for all warnings; no lines if all is fine."""
-        if not self.warnings:
-            return self.stop_lines()
-        names = ", ".join(self.warnings)
-        advice = "`accelerated-evaluation inspect` names the rows of the records"
-        return [*self.stop_lines(), f"warning: {names}; {advice}"]
-
-    def stop_lines(self) -> list[str]:
-        """Return a line of text for each check with the verdict ``stop``, with what the check found."""
         notes = {name: " (accepted by name)" for name in self.accepted}
-        return [
+        stops = [
             f"STOP{notes.get(name, '')}: {name} of the records: {seen}" for name, seen in self.stops.items()
         ]
+        names, advice = (
+            ", ".join(self.warnings),
+            "`accelerated-evaluation inspect` names the rows of the records",
+        )
+        return [*stops, *([f"warning: {names}; {advice}"] if names else [])]
 
     @property
     def in_short(self) -> str:
