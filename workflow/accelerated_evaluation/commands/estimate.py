@@ -274,9 +274,9 @@ def _in_words(found: "Alone", level: float) -> str:
     from accelerated_evaluation.methods.surrogate.certificate import unseen_in_words
     from accelerated_evaluation.methods.surrogate.lapses import chance_in_words
 
-    lines = [*found.verdict.lines(), *_answers(found), f"law of cut-ins: {found.name}"]
-    if found.warning is not None:
-        lines.insert(0, f"warning: {found.warning}")
+    doubts = [f"warning: {doubt}" for doubt in found.evidence.doubts]
+    lines = [*found.verdict.lines(), *doubts, *_answers(found), f"law of cut-ins: {found.name}"]
+    lines.append(found.evidence.in_words)
     what, ended = "crash probability", "crashes"
     if found.event.quantity != "crash":
         named = event_name(found.event)

@@ -118,6 +118,13 @@ class Verdict:
         """
         return table.assign(records=self.in_short) if self.in_short else table
 
+    def added_to_answers(self, tables: Mapping[str, pd.DataFrame]) -> dict[str, pd.DataFrame]:
+        """Return tables by name, in which ``answer`` and ``estimate`` have the column of `added_to`."""
+        return {
+            name: self.added_to(table) if name in ("answer", "estimate") else table
+            for name, table in tables.items()
+        }
+
     def content(self) -> dict[str, Any]:
         """Return the findings for a file of a law; `from_content` reads them."""
         return {"stops": dict(self.stops), "warnings": list(self.warnings), "advice": dict(self.advice)}
@@ -127,8 +134,9 @@ class Verdict:
         """Return the verdict that a file of a law contains, with the checks that the user accepts."""
         accepted = frozenset(accepted)
         require_checks(accepted)
-        advice = {name: content["advice"][name] for name in content["stops"]}
-        return cls(dict(content["stops"]), tuple(map(str, content["warnings"])), accepted, advice)
+        stops = {name: str(seen) for name, seen in dict(content["stops"]).items()}
+        advice = {name: str(content["advice"][name]) for name in stops}
+        return cls(stops, tuple(map(str, content["warnings"])), accepted, advice)
 
 
 def verdict_on(records: Records, where: str, accepted: Iterable[str] = ()) -> Verdict:

@@ -5,7 +5,7 @@ weights from the Bayesian bootstrap over clusters. The vehicle is not simulated 
 are made under one law, and are reweighted for every draw.
 """
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -23,6 +23,7 @@ from accelerated_evaluation.laws.joint import JointLaw
 from accelerated_evaluation.laws.joint.truncated_normals import TruncatedNormalMixture
 from accelerated_evaluation.methods.surrogate import rules_of_joint_laws
 from accelerated_evaluation.methods.surrogate.constants import ENOUGH_DRAWS
+from accelerated_evaluation.methods.surrogate.gaussian_process import Predecessor
 from accelerated_evaluation.methods.surrogate.sampler import Sampler
 from accelerated_evaluation.scenarios.protocol import FILLED
 
@@ -191,6 +192,7 @@ def surrogate_posterior(
     filled: float = FILLED,
     deterministic: bool | None = True,
     repeat: Respond | None = None,
+    known: Callable[[Callable[[Array], Array]], Predecessor | None] = lambda _: None,
 ) -> tuple[SampledPosterior | None, Sampler, bool]:
     """Estimate the probability of the event under each draw of the law, from few simulations.
 
@@ -221,6 +223,8 @@ def surrogate_posterior(
         repeated.
     repeat
         Function that simulates the vehicle again, even if outcomes are stored; by default ``respond``.
+    known
+        Function that returns known runs for the sampler, or None, given the map from normal scores to points.
 
     Returns
     -------
@@ -238,6 +242,7 @@ def surrogate_posterior(
         law.dimension,
         generator,
         fingerprint="mean of the draws of the law",
+        predecessor=known(law.from_normal_scores),
         deterministic=deterministic,
         enough_draws=ENOUGH_DRAWS,
         **rules_of_joint_laws(filled),

@@ -96,9 +96,9 @@ def read_verdict(path: str | os.PathLike, accepted: Iterable[str] = ()) -> Verdi
         does not name it.
     """
     require_file(path, CHANGE)
-    content = read_json(path)
-    require_format(path, content, FORMAT, VERSION, CHANGE)
     try:
+        content = read_json(path)
+        require_format(path, content, FORMAT, VERSION, CHANGE)
         verdict = Verdict.from_content(content.get("verdict", NOT_CHECKED), accepted)
     except (AttributeError, LookupError, TypeError, ValueError) as error:
         seen = f"{type(error).__name__}: {error}"

@@ -8,7 +8,7 @@ from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
-from numpy.typing import ArrayLike
+from numpy.typing import ArrayLike, NDArray
 
 from accelerated_evaluation.base.arrays import Array
 from accelerated_evaluation.base.errors import InputError, StudyError
@@ -55,6 +55,7 @@ class CheckedVehicle:
     scenario: Scenario = field(default=CUT_IN, repr=False)
     deterministic: bool | None = field(default=None, repr=False, compare=False)
     was_repeated: bool = field(default=False, init=False, repr=False, compare=False)
+    elsewhere: Callable[[Array], Any] | None = field(default=None, init=False, repr=False, compare=False)
 
     def __post_init__(self) -> None:
         if self.deterministic is None:
@@ -88,6 +89,14 @@ class CheckedVehicle:
                 scenario=self.scenario,
             )
         return outcomes
+
+    def repeat(self, *columns: ArrayLike) -> Any:  # noqa: ANN401
+        """Return the outcomes of n encounters from another process, or from this one if there is no other.
+
+        The arguments and errors are those of `simulate`.
+        """
+        encounters = self.scenario.checked(*columns)
+        return self._outcomes(encounters) if self.elsewhere is None else self.elsewhere(encounters)
 
     @property
     def takes_motion(self) -> bool:
@@ -198,7 +207,18 @@ def found_difference(
     count = encounters.shape[1]
     chosen = np.unique(np.linspace(0, count - 1, min(count, REPEATED)).astype(int))
     rows = np.concatenate([chosen, chosen[::-1]])
-    again = simulate(encounters[:, rows])
+    return difference_in(simulate(encounters[:, rows]), rows, encounters, first, vehicle, scenario)
+
+
+def difference_in(
+    again: Any,  # noqa: ANN401
+    rows: NDArray[np.intp],
+    encounters: Array,
+    first: Any,  # noqa: ANN401
+    vehicle: str,
+    scenario: Scenario,
+) -> InputError | None:
+    """Return the error for the first outcome of ``again`` that differs from that of its row in ``first``."""
     for name in scenario.outcome_names:
         before, after = getattr(first, name)[rows] * 1.0, getattr(again, name) * 1.0
         differs = ~np.isclose(after, before, rtol=TOLERANCE, atol=TOLERANCE)
@@ -208,7 +228,7 @@ def found_difference(
                 vehicle,
                 f"{name} of {scenario.described(encounters[:, rows[row]])}",
                 f"{before[row]:g} at first, and {after[row]:g} when simulated again in another batch",
-                "the same outcomes of an encounter in every call and in every batch",
+                "the same outcomes of an encounter in every call, in every batch and in every process",
                 change="If the outcomes of this vehicle are random, set vehicle.deterministic to false. "
                 "Otherwise seed its random numbers in each call, keep no state between calls, and let "
                 "no encounter depend on the others in its batch.",

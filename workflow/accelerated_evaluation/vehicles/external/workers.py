@@ -38,9 +38,13 @@ JOIN = 60.0  # [s], longest time to wait for the first worker of a cluster whose
 
 @dataclass(frozen=True)
 class Workers:
-    """An executor, and the number of batches that it runs at the same time."""
+    """An executor for batches, another one for repetitions, and the number of batches of each at a time.
+
+    The processes of the two executors differ, except on a cluster, where the scheduler chooses the process.
+    """
 
     executor: Executor
+    others: Executor
     count: int
 
 
@@ -100,8 +104,8 @@ def workers_of(simulations: Mapping[str, Any]) -> Iterator[Workers]:
     """
     kind, count = simulations["executor"], simulations["workers"]
     if kind == PROCESSES:
-        with Processes(count) as processes:
-            yield Workers(processes, count)
+        with Processes(count) as processes, Processes(count) as others:
+            yield Workers(processes, others, count)
         return
     with ExitStack() as stack:
         try:
@@ -113,7 +117,8 @@ def workers_of(simulations: Mapping[str, Any]) -> Iterator[Workers]:
             raise _error(
                 repr(kind), error_in_words(error), "a cluster that starts or answers", change
             ) from error
-        yield Workers(client.get_executor(pure=False, retries=0), count)
+        executor = client.get_executor(pure=False, retries=0)
+        yield Workers(executor, executor, count)
 
 
 class Processes(Executor):
