@@ -81,10 +81,7 @@ def simulated(tmp_path, other):
     path.write_text(CLASSES)
 
     def simulate(name, size=60, **changes):
-        generator = np.random.default_rng(1)
-        encounters = np.array(
-            [generator.uniform(low, high, size) for low, high in ((5, 35), (10, 20), (2, 6))]
-        )
+        encounters = np.random.default_rng(1).uniform((5, 10, 2), (35, 20, 6), (size, 3)).T.copy()
         car = load_vehicle(f"{path}:{name}")
         vars(car).update(was_repeated=True, elsewhere=Elsewhere(car.name, {}, CUT_IN, other), **changes)
         vehicle = WatchedVehicle(car, CUT_IN)
