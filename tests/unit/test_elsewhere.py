@@ -76,7 +76,7 @@ def other():
 
 @pytest.fixture
 def simulated(tmp_path, other):
-    """Return a function that simulates encounters in batches of five, with a copy of the vehicle elsewhere."""
+    """Return a function that simulates encounters in batches of five by a vehicle with a copy elsewhere."""
     path = tmp_path / "cars.py"
     path.write_text(CLASSES)
 
