@@ -52,7 +52,7 @@ def test_an_estimate_under_another_law_is_refused(tmp_path):
         (tmp_path / name).mkdir()
         (tmp_path / name / "law.json").write_text(name)
         (tmp_path / name / "draws.csv").write_text("draw\n")
-        (tmp_path / name / "answer.csv").write_text("event\ncrash\n")
+        (tmp_path / name / "answer.csv").write_text("replicate,event\n0,crash\n")
     with pytest.raises(InputError, match="draws of another law"):
         compare_estimates(tmp_path / "a", [tmp_path / "b"])
 
@@ -62,7 +62,7 @@ def test_an_estimate_of_another_event_is_refused(tmp_path):
         (tmp_path / name).mkdir()
         (tmp_path / name / "law.json").write_text("one law")
         (tmp_path / name / "draws.csv").write_text("draw\n")
-        (tmp_path / name / "answer.csv").write_text(f"event\n{event}\n")
+        (tmp_path / name / "answer.csv").write_text(f"replicate,event\n0,{event}\n")
     with pytest.raises(InputError, match="the event TTC at most 1 s; expected crash"):
         compare_estimates(tmp_path / "a", [tmp_path / "b"])
 

@@ -51,7 +51,8 @@ class Evidence:
         shown = "all" if count == total else f"{count:,} of {total:,}"
         return (
             f"replays: the vehicle replayed {shown} distinct records, and {replays.happened:,} ended "
-            f"with {self.event}; the estimate expects at most {self.upper * total:.2g} in all records"
+            f"with {self.event} ({replays.happened / count:.2g}); the estimate expects at most "
+            f"{self.upper * total:.2g} in all records"
         )
 
     def added_to(self, tables: Mapping[str, pd.DataFrame]) -> dict[str, pd.DataFrame]:

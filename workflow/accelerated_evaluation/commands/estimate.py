@@ -166,7 +166,9 @@ class EstimateAlone:
     def run(arguments: argparse.Namespace) -> None:
         """Estimate the probability, write the tables, and print a summary."""
         from accelerated_evaluation.answer.averaged import SHARE
+        from accelerated_evaluation.answer.compared import require_estimate
         from accelerated_evaluation.answer.estimation import estimate_alone
+        from accelerated_evaluation.answer.references import reference_section
         from accelerated_evaluation.base.files import write_csv
         from accelerated_evaluation.laws.files import write_law
         from accelerated_evaluation.records.encounter_table import write_encounters
@@ -188,6 +190,10 @@ class EstimateAlone:
         event = CRASH if arguments.event is None else event_named(arguments.event)
         if event != CRASH and arguments.reference:
             _refuse("reference", f"the event {arguments.event}", CRASH.quantity)
+        for name in arguments.reference:  # before the simulations, which would otherwise be in vain
+            reference_section(name, config)
+        for other in arguments.compare:
+            require_estimate(other)
         found = estimate_alone(
             config,
             arguments.replicates,

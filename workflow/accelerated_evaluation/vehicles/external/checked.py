@@ -1,6 +1,7 @@
 """A user's vehicle, with checks of its outcomes and messages for its exceptions."""
 
 import os
+import sys
 import warnings
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
@@ -238,13 +239,14 @@ def difference_in(
 
 @contextmanager
 def kept_alive() -> Iterator[None]:
-    """Run a user's code in a ``with`` block such that it cannot end the process or change its working folder.
+    """Run a user's code in a ``with`` block such that it changes nothing of the process outside of the block.
 
     If the block calls ``os._exit``, which would end the study without a message, SystemExit is raised
     instead. Processes that the block forks may still call it. If the block changes the working folder, the
-    new folder is used in all later blocks, but not outside of them.
+    new folder is used in all later blocks, but not outside of them. The standard streams are restored.
     """
     own, leave, folder = os.getpid(), os._exit, os.getcwd()
+    streams = sys.stdin, sys.stdout, sys.stderr
     os.chdir(FOLDER.get("user's code", folder))
 
     def refuse(status: int) -> None:
@@ -257,6 +259,7 @@ def kept_alive() -> Iterator[None]:
         yield
     finally:
         os._exit = leave
+        sys.stdin, sys.stdout, sys.stderr = streams
         if (changed := os.getcwd()) != folder:
             FOLDER["user's code"] = changed
             os.chdir(folder)
