@@ -56,12 +56,14 @@ class Evidence:
         )
 
     def added_to(self, tables: Mapping[str, pd.DataFrame]) -> dict[str, pd.DataFrame]:
-        """Return tables with ``replays``, and without any claim of convergence if there are doubts."""
+        """Return tables with ``replays``; doubts are added, and nothing has then converged."""
         found = {**tables, "replays": self.replays.table(self.upper)}
         if not self.doubts:
             return found
         return {
-            name: table.assign(converged=False) if "converged" in table else table
+            name: table.assign(converged=False, doubts=" ".join(self.doubts))
+            if "converged" in table
+            else table
             for name, table in found.items()
         }
 

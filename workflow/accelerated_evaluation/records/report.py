@@ -19,7 +19,8 @@ def report_in_words(report: pd.DataFrame) -> str:
     """Return the table of `checks.inspect_records` as readable text, in the order of the table."""
     lines = [summary(report), ""]
     for row in report.to_dict("records"):
-        lines.append(f"{row['verdict'].upper():5} {row['check']}: {row['seen']}")
+        known = " (explained in docs/records_report.md)" if row["explained"] else ""
+        lines.append(f"{row['verdict'].upper():5} {row['check']}: {row['seen']}{known}")
         if row["advice"]:
             rows = f"rows {row['example_rows']}" if row["rows"] else ""
             more = (
