@@ -108,6 +108,15 @@ def paragraphs(numbers, folder) -> str:
     return " ".join("\n".join(map(words, found)).replace("\N{NO-BREAK SPACE}", " ").split())
 
 
+@pytest.mark.parametrize("name", ["claims", "answer", "vehicles", "records_report", "sensitivity"])
+def test_a_table_of_which_only_the_header_is_left_is_one_message(study, tmp_path, name):
+    shutil.copytree(study.figures / "tables", tmp_path / "tables")
+    path = tmp_path / "tables" / f"{name}.csv"
+    path.write_text(path.read_text().splitlines()[0] + "\n")
+    with pytest.raises(InputError, match=rf"{name}.csv.*expected a complete table of a finished study"):
+        numbers_of(Study(study.results, tmp_path), SOURCES)
+
+
 def test_the_same_study_gives_the_same_bytes(study, tmp_path):
     for name in ("one", "two"):
         write_article(study, SOURCES, tmp_path / f"{name}.pdf", tmp_path / f"{name}.json")

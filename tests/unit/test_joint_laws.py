@@ -1,7 +1,10 @@
 """Laws of any scenario: integrals over a box, EM for truncated data, densities, maps and files."""
 
 import json
+import math
+from functools import reduce
 from itertools import pairwise
+from operator import getitem
 
 import numpy as np
 import pytest
@@ -221,11 +224,21 @@ def test_damaged_files_and_other_limits_are_refused(laws, tmp_path):
     write_joint_law(path, MIXTURE, "an example")
     with pytest.raises(InputError, match="within these limits"):
         read_joint_law(path, Box(BOX.names, BOX.lower, (6.0, 4.0, 60.0)))
-    content = json.loads(path.read_text())
-    content["components"][0]["covariance"][0][0] = -1.0
-    path.write_text(json.dumps(content))
-    with pytest.raises(InputError, match="a complete file"):
-        read_joint_law(path)
+    for place, value, seen in (
+        (("covariance", 0, 0), -1.0, "LinAlgError"),
+        (("covariance", 0, 1), 99.0, "not symmetric"),
+        (("covariance", 0, 1), None, "infinite or not a number"),
+        (("share",), math.nan, "infinite or not a number"),
+        (("share",), 0.9, "instead of 1"),
+        (("mean", 0), "x", "a value is no number"),
+    ):
+        write_joint_law(path, MIXTURE, "an example")
+        content = json.loads(path.read_text())
+        *folders, last = place
+        reduce(getitem, folders, content["components"][0])[last] = value
+        path.write_text(json.dumps(content))
+        with pytest.raises(InputError, match=f"{seen}.*expected a complete file"):
+            read_joint_law(path)
     with pytest.raises(InputError, match="law"):
         read_joint_law(tmp_path / "absent.json")
 

@@ -301,3 +301,15 @@ def test_grids_cover_the_whole_domain(range_max):
         assert grid.edges[2][0] == 0
         assert all(np.all(np.diff(edges) > 0) for edges in grid.edges)
     assert replace(speed_grid()).tensor.shape[0] == Basis(5, 35, 6).size
+
+
+def test_a_share_that_is_rounded_to_one_keeps_its_logarithm():
+    """The logit 40 leaves 4e-18 for the first kind; without its logit, this would be a division by zero."""
+    parameters, z = np.array([40.0, 0.3]), np.array([0.0, 1.0, 60.0])
+    with np.errstate(all="raise", under="ignore"):
+        found = TwoKinds().log_density(z, parameters), TwoKinds().cumulative(z, parameters)
+    second = np.exp(0.3)
+    np.testing.assert_allclose(found[0], -0.3 - z / second, rtol=1e-12)
+    np.testing.assert_allclose(found[1], z / second, rtol=1e-12, atol=1e-15)
+    first = TwoKinds()._parts(z, parameters)[0]
+    np.testing.assert_allclose(first, -40 - z, rtol=1e-12)

@@ -43,7 +43,9 @@ def study(tmp_path):
     (results / "config.json").write_text(json.dumps(CONFIG))
     exact = pd.DataFrame({"segment": ["5-15", "all"], "probability": [2.5e-6, 1.23456e-6]})
     exact.to_csv(results / "exact.csv", index=False)
-    report = pd.DataFrame({"check": ["speed unit"], "verdict": ["fine"]})
+    report = pd.DataFrame(
+        {"check": ["speed unit"], "verdict": ["fine"], "seen": [""], "advice": [""], "explained": [False]}
+    )
     report.to_csv(results / "records_report.csv", index=False)
     yield Study(results, tmp_path / "figures")
     plt.close("all")

@@ -23,7 +23,7 @@ if SLOW:
     )
 PATHS = {path.stem: path for path in CHAPTERS}
 GUIDES = sorted(map(str, (PROJECT / "docs").glob("*.md"))) if IS_CUT_IN else []
-ON_FIRST_PAGE = ["scenario/answer.csv"]
+ON_FIRST_PAGE = ["records_report.csv", "scenario/answer.csv"]
 if IS_CUT_IN:
     ON_FIRST_PAGE = ["records_report.csv", "laws/answer.csv"]
     ON_FIRST_PAGE += ["sampled/compared.csv"] if SLOW else ["exact.csv", "crude.csv"]

@@ -55,6 +55,8 @@ VEHICLE_FILES = INPUTS.files_of("under_test")
 VEHICLE_CONTENT = INPUTS.content_of("under_test")
 WORKERS, SIMULATIONS = INPUTS.simulating("under_test")
 OF_VEHICLE = {"vehicles": [config["vehicle"]["name"]]}  # what most rules use
+if not IS_CUT_IN:
+    OF_VEHICLE |= {SCENARIO: [config["vehicle"]["name"]]}
 
 
 wildcard_constraints:

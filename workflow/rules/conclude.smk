@@ -1,4 +1,4 @@
-# Conclude: whether the records of the study of cut-ins can be trusted.
+# Conclude: whether the records of the study can be trusted.
 #
 # In: the book, the report on the records. Out: records_verdict.txt.
 
@@ -23,7 +23,7 @@ rule accept_records:
         mem_mb=500,
     params:
         accepted=ACCEPTED,
-        records=INPUTS.source["path"],
+        records=INPUTS.place,
     message:
         "Checking whether a check of the records says stop"
     script:

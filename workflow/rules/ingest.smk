@@ -1,40 +1,7 @@
 # Ingest: from a source of lane changes to the encounter table (paper, section II).
 #
-# In: the records that the configuration names (data). Out: the report on the records, encounters.parquet, the
-# account of every row that was left out, the kilometres and hours in which the records were made, the counts of the
+# In: the records that the configuration names (data). Out: encounters.parquet, the account of every row that was left out, the kilometres and hours in which the records were made, the counts of the
 # segments and the test of independence within them.
-
-
-rule inspect_records:
-    """Check the records before any other job, and print checks with a warning or a stop; see `accept_records`."""
-    input:
-        records=ancient(RECORDS),
-        vehicle=ancient(VEHICLE_FILES),
-        library=modules_of("inspect_records.py", members=OF_VEHICLE),
-    output:
-        report=result("records_report.csv"),
-    log:
-        log_of("inspect_records.log"),
-    benchmark:
-        benchmark_of("inspect_records.tsv")
-    priority: 100  # faults of the records are shown first; the longest chain of jobs starts afterwards
-    threads: WORKERS
-    resources:
-        mem_mb=1000,
-    params:
-        seed=config["seed"],
-        content=content_of_records,
-        data=config["data"],
-        filters=config["filters"],
-        segments=config["segments"],
-        vehicle=config["vehicle"],
-        vehicle_content=VEHICLE_CONTENT,
-        simulations=SIMULATIONS,
-        replays=not SLOW,
-    message:
-        "Checking the records: {params.data[source]}"
-    script:
-        "../scripts/inspect_records.py"
 
 
 rule ingest_encounters:

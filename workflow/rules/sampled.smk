@@ -27,6 +27,7 @@ rule sample_answer:
         estimate=result("sampled", "estimate.csv"),
         runs=result("sampled", "runs.csv"),
         crashes=result("sampled", "crashes.csv"),
+        replays=result("sampled", "replays.csv"),
     log:
         log_of("sample_answer.log"),
     benchmark:

@@ -1,13 +1,9 @@
 # Scenario: the crash probability in a scenario other than the cut-in, from its records, and a comparison of methods.
 #
-# In: the records and published verdicts of the scenario, the vehicle. Out: the account of the records, the laws with
+# In: the records with their report and published verdicts of the scenario, the vehicle. Out: the account of the records, the laws with
 # their scores, the answer with its budget and draws, the law with the largest weight, the estimates of every method,
 # the agreement with the verdicts, the checks of stored experiments.
 
-OF_SCENARIO = {
-    "vehicles": [config["vehicle"]["name"]],
-    SCENARIO: [config["vehicle"]["name"]],
-}
 VERDICTS = INPUTS.verdicts
 EXPERIMENTS = INPUTS.experiments
 
@@ -16,8 +12,9 @@ rule study_scenario:
     """Account for the records, fit and score the laws, and compute the answer with its uncertainty."""
     input:
         records=ancient(RECORDS),
+        report=rules.inspect_records.output.report,
         vehicle=ancient(VEHICLE_FILES),
-        library=modules_of("study_scenario.py", members=OF_SCENARIO),
+        library=modules_of("study_scenario.py", members=OF_VEHICLE),
     output:
         encounters=result("scenario", "encounters.csv"),
         account=result("scenario", "records.csv"),
@@ -52,7 +49,7 @@ rule compare_scenario_methods:
     input:
         law=rules.study_scenario.output.law,
         vehicle=ancient(VEHICLE_FILES),
-        library=modules_of("compare_scenario_methods.py", members=OF_SCENARIO),
+        library=modules_of("compare_scenario_methods.py", members=OF_VEHICLE),
     output:
         estimates=result("scenario", "estimates.csv"),
         runs=result("scenario", "runs.csv"),
@@ -81,7 +78,7 @@ rule compare_verdicts:
     input:
         verdicts=ancient(VERDICTS),
         vehicle=ancient(VEHICLE_FILES),
-        library=modules_of("compare_verdicts.py", members=OF_SCENARIO),
+        library=modules_of("compare_verdicts.py", members=OF_VEHICLE),
     output:
         agreement=result("scenario", "agreement.csv"),
     log:
@@ -108,7 +105,7 @@ rule check_experiments:
         records=ancient(EXPERIMENTS[:1]),
         published=ancient(EXPERIMENTS[1:]),
         verdicts=ancient(VERDICTS),
-        library=modules_of("check_experiments.py", members=OF_SCENARIO),
+        library=modules_of("check_experiments.py", members=OF_VEHICLE),
     output:
         experiments=result("scenario", "experiments.csv"),
     log:

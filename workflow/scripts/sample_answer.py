@@ -1,7 +1,5 @@
 """Estimate the answer for a slow vehicle from simulations under the mean law; write tables, runs and law."""
 
-import sys
-
 from accelerated_evaluation.answer.chosen_law import mean_law
 from accelerated_evaluation.answer.estimation import Traffic, simulate_answer
 from accelerated_evaluation.answer.family_file import read_family
@@ -22,12 +20,11 @@ if __name__ == "__main__":
         records = DistinctRecords.of(encounters, Support.of(params.support))
         draws, fastest = settings["answer"]["draws"], settings["answer"]["grid"]["closing_speed_max"]
         law = mean_law(read_family(files.family, records), encounters, draws, settings["seed"], fastest)
-        traffic = Traffic(records.size, read_json(files.exposure))
+        traffic = Traffic(records, read_json(files.exposure))
         with loaded_for(settings["vehicle"], params.simulations | {"workers": snakemake.threads}) as vehicle:
             found = simulate_answer(settings, Problem(law, vehicle), traffic)
-        if found.warning is not None:
-            say(f"warning: {found.warning}")
-            print(found.warning, file=sys.stderr)
+        for line in (*(f"warning: {doubt}" for doubt in found.evidence.doubts), found.evidence.in_words):
+            say(line)
         write_law(outputs.pop("law"), law, encounters)
         for name, path in outputs.items():
             write_csv(path, found.tables[name].drop(columns=["study", "replicate"], errors="ignore"))

@@ -5,6 +5,8 @@ from accelerated_evaluation.answer.scenario import ScenarioStudy, records_accoun
 from accelerated_evaluation.base.files import write_csv
 from accelerated_evaluation.base.randomness import child_generator
 from accelerated_evaluation.laws.joint.files import write_joint_law
+from accelerated_evaluation.records.report import read_report
+from accelerated_evaluation.records.verdict import Verdict
 from accelerated_evaluation.scenarios import SCENARIOS
 from accelerated_evaluation.scenarios.record_table import read_scenario_records
 from accelerated_evaluation.study.jobs import job
@@ -25,7 +27,9 @@ if __name__ == "__main__":
             tables = study.answers(vehicle, params.seed, settings["simulations"])
         generator = child_generator(params.seed, "scenario", "crash shares")
         tables["crash_shares"] = crash_shares(scenario, study.heaviest, known, generator)
-        write_joint_law(outputs.pop("law"), study.heaviest, f"records of the scenario {scenario.name}")
+        verdict = Verdict.of(read_report(files.report))
+        described = f"records of the scenario {scenario.name}"
+        write_joint_law(outputs.pop("law"), study.heaviest, described, verdict)
         tables |= {"encounters": records, "account": records_account(scenario, records), "laws": study.table}
         for name, path in outputs.items():
             write_csv(path, tables[name])

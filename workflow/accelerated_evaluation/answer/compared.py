@@ -1,5 +1,6 @@
 """Compare two slow vehicles: the ratio of their crash probabilities under the same draws of the law."""
 
+from collections.abc import Sequence
 from pathlib import Path
 
 import numpy as np
@@ -12,8 +13,11 @@ from accelerated_evaluation.answer.summary import RATIO
 from accelerated_evaluation.base.arrays import Array
 from accelerated_evaluation.base.digests import file_digest
 from accelerated_evaluation.base.errors import InputError
-from accelerated_evaluation.base.tables import require_file
+from accelerated_evaluation.base.tables import read_csv, require_file
 
+# Columns of draws.csv that are read, and those columns of tables that are texts.
+DRAWS = ("law", "probability", "error", "shared_error", "own_error", "batches", "unseen_lapses")
+TEXTS = ("law", "event", "converged")
 CHANGE = "Name the folder results/STUDY/estimate of an estimate with the same records, seed and --law."
 
 
@@ -63,28 +67,51 @@ def compare_estimates(own: Path, others: list[Path]) -> pd.DataFrame:
     pandas.DataFrame
         One row for each other estimate: its folder ``other``; the median ``ratio`` of the probabilities,
         first by other; the ends ``ratio_low80`` and ``ratio_high80`` of its 80 % interval; and ``safer``, the
-        probability that the first vehicle has the smaller probability.
+        probability that the first vehicle has the smaller probability; and ``other_converged``, whether the
+        other estimate has converged.
 
     Raises
     ------
     InputError
-        If a folder has no draws, or has draws of another law or for another event.
+        If a folder has no draws or damaged ones, or has draws of another law or for another event.
     """
     rows = []
     for other in others:
-        for name in ("law.json", "draws.csv", "answer.csv"):
-            require_file(other / name, CHANGE)
+        require_estimate(other)
         if file_digest(own / "law.json") != file_digest(other / "law.json"):
-            seen, expected = "draws of another law", "the same law.json"
-            raise InputError(str(other), seen=seen, expected=expected, change=CHANGE)
-        events = [pd.read_csv(folder / "answer.csv")["event"].iloc[0] for folder in (own, other)]
+            raise _error(other, "draws of another law", "the same law.json")
+        events = [_first(folder / "answer.csv", ("event",))["event"].iloc[0] for folder in (own, other)]
         if events[0] != events[1]:
-            raise InputError(str(other), seen=f"the event {events[1]}", expected=events[0], change=CHANGE)
-        first = [posterior_of(_first(folder)) for folder in (own, other)]
-        rows.append({"other": str(other)} | compare(*first))
+            raise _error(other, f"the event {events[1]}", events[0])
+        draws = [_first(folder / "draws.csv", DRAWS) for folder in (own, other)]
+        if len(draws[0]) != len(draws[1]):
+            raise _error(other / "draws.csv", f"{len(draws[1])} draws of the law", f"{len(draws[0])}")
+        has_converged = _first(other / "estimate.csv", ("converged",))["converged"].iloc[0] == "True"
+        ratio = compare(*map(posterior_of, draws))
+        rows.append({"other": str(other), **ratio, "other_converged": has_converged})
     return pd.DataFrame(rows)
 
 
-def _first(folder: Path) -> pd.DataFrame:
-    draws = pd.read_csv(folder / "draws.csv")
-    return draws[draws["replicate"] == 0]
+def require_estimate(folder: Path) -> None:
+    """Raise InputError if a folder is not that of an estimate with draws of the law."""
+    for name in ("law.json", "draws.csv", "answer.csv", "estimate.csv"):
+        require_file(folder / name, CHANGE)
+    _first(folder / "draws.csv", DRAWS)
+
+
+def _first(path: Path, names: Sequence[str]) -> pd.DataFrame:
+    """Return the first replicate of a table that ``estimate`` wrote; InputError if a cell is missing."""
+    table = read_csv(path, {name: name for name in ("replicate", *names)})
+    first = table[table["replicate"] == "0"].copy()
+    for name in names:
+        if name not in TEXTS:
+            first[name] = pd.to_numeric(first[name], errors="coerce").replace([np.inf, -np.inf], np.nan)
+    if first.empty or first[list(names)].isna().any(axis=None):
+        raise _error(
+            path, "no rows" if first.empty else "a cell that is missing or no number", "a whole table"
+        )
+    return first
+
+
+def _error(path: Path, seen: str, expected: str) -> InputError:
+    return InputError(str(path), seen=seen, expected=expected, change=CHANGE)

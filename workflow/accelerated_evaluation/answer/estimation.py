@@ -12,13 +12,14 @@ from tqdm import tqdm
 
 from accelerated_evaluation.answer.averaged import SHARE, AveragedSurrogate, posterior_of
 from accelerated_evaluation.answer.chosen_law import ANSWER, choose_sampled_law, require_law
+from accelerated_evaluation.answer.evidence import Evidence, evidence_on, known_runs, largest, replays_of
 from accelerated_evaluation.answer.exposure import exposure_table
 from accelerated_evaluation.answer.posterior import Posterior
 from accelerated_evaluation.answer.reweighting import LEVEL, SampledPosterior
 from accelerated_evaluation.answer.study import event_name
 from accelerated_evaluation.base.errors import InputError
 from accelerated_evaluation.base.randomness import child_generator
-from accelerated_evaluation.laws import CutIns, Law
+from accelerated_evaluation.laws import Law
 from accelerated_evaluation.laws.smooth.family import DistinctRecords
 from accelerated_evaluation.laws.smooth.mean import MeanLaw
 from accelerated_evaluation.laws.smooth.support import Support
@@ -26,15 +27,17 @@ from accelerated_evaluation.methods import METHODS, Estimate
 from accelerated_evaluation.methods.study import ALL, study_method
 from accelerated_evaluation.methods.surrogate import Surrogate, read_predecessor
 from accelerated_evaluation.problem import Problem
+from accelerated_evaluation.records.checks import Records
 from accelerated_evaluation.records.filters import Account
 from accelerated_evaluation.records.ingest import ingest
 from accelerated_evaluation.records.segments import require_rows
 from accelerated_evaluation.records.sources import read_source
 from accelerated_evaluation.records.verdict import Verdict, verdict_on
+from accelerated_evaluation.scenarios.cut_in import CUT_IN
 from accelerated_evaluation.scenarios.protocol import Event
 from accelerated_evaluation.vehicles.events import CRASH, events_from
-from accelerated_evaluation.vehicles.external.alone import difference_when_alone
 from accelerated_evaluation.vehicles.external.slow import SlowVehicle, loaded_for
+from accelerated_evaluation.vehicles.external.watched import WatchedVehicle
 
 METHOD = "surrogate"
 OF_THE_ANSWER = {"answer", "budget", "draws", "crashes"}
@@ -63,9 +66,9 @@ class Alone:
         Results of the checks of the records.
     encounters
         The encounter table.
-    warning
-        Text that says how a newly started copy of the vehicle differed when it repeated the runs; None if it
-        did not differ. If there is a text, no estimate counts as converged.
+    evidence
+        What repetitions in another process and replays of records say about the estimate. If they contradict
+        it, no estimate counts as converged.
     event
         The event for which the simulations were chosen.
     """
@@ -76,7 +79,7 @@ class Alone:
     vehicle: SlowVehicle | None
     verdict: Verdict
     encounters: pd.DataFrame
-    warning: str | None = None
+    evidence: Evidence
     event: Event = CRASH
 
 
@@ -114,7 +117,8 @@ def estimate_alone(
     Returns
     -------
     Alone
-        The tables of the estimate, the law, the verdict on the records, and a warning if there is one.
+        The tables of the estimate, the law, the verdict on the records, and the evidence for or against the
+        estimate.
 
     Raises
     ------
@@ -125,7 +129,9 @@ def estimate_alone(
     require_law(law)
     with loaded_for(config["vehicle"], config["simulations"]) as vehicle:  # first, because it fails fastest
         raw = read_source(config["data"], child_generator(config["seed"], "sample"))
-        verdict = verdict_on(raw, config)
+        data = config["data"]
+        place = data[data["source"]]["path"]
+        verdict = verdict_on(Records.of(raw, config), place, data["accepted_warnings"])
         encounters, account = _ingested(raw, config)
         name, chosen = choose_sampled_law(law, encounters, config)
         if for_draws and not isinstance(chosen, MeanLaw):
@@ -138,14 +144,13 @@ def estimate_alone(
         problem = Problem(chosen, vehicle, event)
         known = None if predecessor is None else read_predecessor(predecessor, problem)
         exposure = encounters.attrs["exposure"]
-        cut_ins = DistinctRecords.of(encounters, Support.configured(config)).size
-        found = simulate_answer(config, problem, Traffic(cut_ins, exposure), replicates, known, share)
+        records = DistinctRecords.of(encounters, Support.configured(config))
+        found = simulate_answer(config, problem, Traffic(records, exposure), replicates, known, share)
     tables = found.tables | {"account": account.table()}
     tables["estimate"] = tables["estimate"].assign(law=name)
-    for table in {"estimate", "answer"} & tables.keys():
-        tables[table] = verdict.added_to(tables[table])
+    tables = verdict.added_to_answers(tables)
     slow = vehicle if isinstance(vehicle, SlowVehicle) else None
-    return Alone(tables, name, chosen, slow, verdict, encounters, found.warning, event)
+    return Alone(tables, name, chosen, slow, verdict, encounters, found.evidence, event)
 
 
 @dataclass(frozen=True)
@@ -154,28 +159,28 @@ class Traffic:
 
     Attributes
     ----------
-    cut_ins
-        Number of distinct closing cut-ins within the limits.
+    records
+        The distinct closing cut-ins within the limits.
     exposure
         ``kilometres`` and ``hours`` in which they were recorded; None if unknown.
     """
 
-    cut_ins: int
+    records: DistinctRecords
     exposure: Mapping[str, float | None]
 
     @property
     def per_km(self) -> float | None:
         """Cut-ins per kilometre [1/km]; None if the distance is unknown."""
         kilometres = self.exposure["kilometres"]
-        return None if kilometres is None else self.cut_ins / kilometres
+        return None if kilometres is None else self.records.size / kilometres
 
 
 @dataclass(frozen=True)
 class Simulated:
-    """The tables of `Alone` that are computed from the simulations, and the ``warning`` of `Alone`."""
+    """The tables of `Alone` that are computed from the simulations, and the ``evidence`` of `Alone`."""
 
     tables: dict[str, pd.DataFrame]
-    warning: str | None
+    evidence: Evidence
 
 
 def simulate_answer(
@@ -204,9 +209,14 @@ def simulate_answer(
     Returns
     -------
     Simulated
-        The tables ``estimate``, ``runs`` and, for a mean law, those of the answer; and the warning.
+        The tables ``estimate``, ``runs``, ``replays`` and, for a mean law, those of the answer; and the
+        evidence for or against the estimate.
     """
-    law = problem.law
+    law, watched = problem.law, WatchedVehicle(problem.vehicle, CUT_IN)
+    problem = replace(problem, vehicle=watched)
+    generator = child_generator(config["seed"], "replays")
+    replays = replays_of(watched, traffic.records.encounters, problem.event, generator)
+    predecessor = predecessor or known_runs(replays, lambda z: law.from_normal_scores(z).encounters)
     with tqdm(desc="simulations", unit="", disable=None) as bar:
         method = _method(config, law, traffic.per_km, share, bar)
         tables = study_method(
@@ -216,26 +226,18 @@ def simulate_answer(
             [child_generator(config["seed"], *method.stream(ALL, k)) for k in range(replicates)],
             {"study": config["study"], "scope": ALL, "method": METHOD},
         )
-    warning = _reproduced(config["vehicle"], problem, tables["runs"])
-    estimate = tables.pop("estimates")
-    if warning is not None:
-        estimate["converged"] = False
+    tables["estimate"] = tables.pop("estimates")
+    ends = tables["estimate"]["ci_high"]
+    if "answer" in tables:
+        answers = tables["answer"]
+        ends = answers.loc[answers["event"] == event_name(problem.event), "high95"]
+    evidence = evidence_on(watched, replays, problem.event, largest(ends))
+    tables = evidence.added_to(tables)
     for name in OF_THE_ANSWER & tables.keys():  # these tables do not belong to a method or scope
         tables[name] = tables[name].drop(columns=["scope", "method"], errors="ignore")
     if "draws" in tables:
         tables["exposure"] = _exposure(tables["draws"], traffic, event_name(problem.event))
-    return Simulated(tables | {"estimate": estimate}, warning)
-
-
-def _reproduced(section: Mapping[str, Any], problem: Problem, runs: pd.DataFrame) -> str | None:
-    """Describe how a new copy of the vehicle differs from the last replicate; None if it agrees."""
-    if getattr(problem.vehicle, "deterministic", None) is False:
-        return None
-    own = runs[(runs["phase"] != "repeat") & (runs["replicate"] == runs["replicate"].max())]
-    cut_ins = CutIns(*(own[name].to_numpy() for name in ("lead_speed", "inverse_range", "inverse_ttc")))
-    encounters = np.array([cut_ins.lead_speed, cut_ins.range_, problem.law.capped(cut_ins.closing_speed)])
-    happened = own["event"].to_numpy(dtype=bool)
-    return difference_when_alone(section, encounters, happened, event=problem.event)
+    return Simulated(tables, evidence)
 
 
 def _method(
@@ -265,9 +267,9 @@ def _exposure(draws: pd.DataFrame, traffic: Traffic, event: str) -> pd.DataFrame
         values = posterior_of(of_replicate).whole.probabilities
         levels = (np.arange(RATE_DRAWS) + 0.5) / RATE_DRAWS
         crash = Posterior(np.quantile(values, levels), np.zeros(RATE_DRAWS, int))
-        table = exposure_table({event: crash}, traffic.cut_ins, traffic.exposure)
+        table = exposure_table({event: crash}, traffic.records.size, traffic.exposure)
         parts.append(table.assign(replicate=replicate))
-    return pd.concat(parts or [exposure_table({}, traffic.cut_ins, traffic.exposure)], ignore_index=True)
+    return pd.concat(parts or [exposure_table({}, traffic.records.size, traffic.exposure)], ignore_index=True)
 
 
 def read_records(config: Mapping[str, Any]) -> tuple[pd.DataFrame, Account]:

@@ -29,7 +29,6 @@ import json
 import os
 from collections.abc import Mapping
 from pathlib import Path
-from zipfile import BadZipFile
 
 import numpy as np
 
@@ -38,7 +37,7 @@ from accelerated_evaluation.answer.scored_family import ScoredFamily, score_fami
 from accelerated_evaluation.base.arrays import Array
 from accelerated_evaluation.base.digests import content_digest
 from accelerated_evaluation.base.errors import InputError
-from accelerated_evaluation.base.files import atomic_path
+from accelerated_evaluation.base.files import atomic_path, read_arrays
 from accelerated_evaluation.laws import smooth
 from accelerated_evaluation.laws.smooth.conditional import Threshold
 from accelerated_evaluation.laws.smooth.excess import Excess
@@ -115,15 +114,14 @@ def read_family(path: str | os.PathLike, records: DistinctRecords) -> ScoredFami
     """
     change = "Run the study, which fits the family of laws again."
     try:
-        with np.load(path) as archive:
-            arrays = dict(archive)
+        arrays = read_arrays(path)
         header = json.loads(str(arrays.pop("header")))
         differing = [key for key, value in _header(records).items() if header[key] != value]
         if differing:
             seen, expected = f"another value of {' and '.join(differing)}", "the family of these records"
             raise InputError(str(path), seen=seen, expected=expected, change=change)
         return _from_arrays(arrays, tuple(BY_NAME[name] for name in header["members"]), records)
-    except (OSError, EOFError, ValueError, KeyError, TypeError, BadZipFile) as error:
+    except (LookupError, OSError, TypeError, ValueError) as error:
         seen, expected = f"{type(error).__name__}: {error}", "a family file"
         raise InputError(str(path), seen=seen, expected=expected, change=change) from error
 

@@ -27,7 +27,9 @@ from accelerated_evaluation.crash_map.maps import CrashMap, Grid
 from accelerated_evaluation.crash_map.sampled import sample_crashes
 from accelerated_evaluation.laws.smooth.draws import LawDraws
 from accelerated_evaluation.laws.smooth.family import DistinctRecords
+from accelerated_evaluation.vehicles import VEHICLES
 from accelerated_evaluation.vehicles.external.slow import is_slow, loaded_for
+from accelerated_evaluation.vehicles.loading import load_vehicle
 from accelerated_evaluation.vehicles.protocol import Vehicle
 
 GUIDES = 10  # number of draws of the law that determine which lines of a map are kept
@@ -124,18 +126,35 @@ def map_reference(
     InputError
         If the vehicle is too slow for a map, or cannot be loaded.
     """
-    named = {"name": name, "parameters": {}, "files": [], "deterministic": None}
-    section = named | config["compared_vehicles"].get(name, {})
-    if is_slow(section["name"], config["simulations"]):
-        change = "Estimate this vehicle under the same law, and compare the two estimates by --compare."
-        raise InputError(
-            "--reference", seen=name, expected="a vehicle that is fast to simulate", change=change
-        )
+    section = reference_section(name, config)
     limits = {key: config["filters"][key] for key in LIMITS}
     grid, events = Grid(**limits, **config["answer"]["grid"]), []
     generator = child_generator(config["seed"], "laws", "references", name)
     with loaded_for(section, config["simulations"]) as vehicle:
         return Reference.of(vehicle, map_crashes(vehicle, grid, events, generator), records, draws, generator)
+
+
+def reference_section(name: str, config: Mapping[str, Any]) -> dict[str, Any]:
+    """Return the section of a configuration that describes a vehicle with a crash map.
+
+    Raises
+    ------
+    InputError
+        If there is no vehicle of this name, or if it is slow to simulate.
+    """
+    named = {"name": name, "parameters": {}, "files": [], "deterministic": None}
+    section = named | config["compared_vehicles"].get(name, {})
+    if ":" not in section["name"] and section["name"] not in VEHICLES:
+        known = ", ".join(dict.fromkeys([*config["compared_vehicles"], *VEHICLES]))
+        expected = f"one of {known}, or path/to/file.py:ClassName"
+        raise InputError("--reference", seen=repr(name), expected=expected, change="Correct the name.")
+    if is_slow(section["name"], config["simulations"]):
+        change = "Estimate this vehicle under the same law, and compare the two estimates by --compare."
+        raise InputError(
+            "--reference", seen=name, expected="a vehicle that is fast to simulate", change=change
+        )
+    load_vehicle(section["name"], **section["parameters"])  # raises an error for a class that does not exist
+    return section
 
 
 def under_draws(lines: CrashLines, draws: LawDraws) -> Array:

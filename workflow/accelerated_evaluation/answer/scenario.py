@@ -2,6 +2,7 @@
 
 from collections.abc import Callable
 from dataclasses import dataclass
+from functools import partial
 from typing import Self
 
 import numpy as np
@@ -9,6 +10,7 @@ import pandas as pd
 from fewruns.problems import Response
 from numpy.typing import NDArray
 
+from accelerated_evaluation.answer.evidence import known_runs
 from accelerated_evaluation.answer.joint.posterior import (
     FEW,
     DrawnLaws,
@@ -17,6 +19,7 @@ from accelerated_evaluation.answer.joint.posterior import (
     surrogate_posterior,
 )
 from accelerated_evaluation.answer.joint.scores import CANDIDATES, ClusteredRecords, ScoredLaws, score_laws
+from accelerated_evaluation.answer.replays import Replays
 from accelerated_evaluation.base.arrays import Array
 from accelerated_evaluation.base.errors import InputError
 from accelerated_evaluation.base.randomness import child_generator
@@ -241,7 +244,7 @@ class ScenarioStudy:
         return tables | {"answer": pd.concat(rows, ignore_index=True)}
 
     def answer_by_few_runs(
-        self, vehicle: Vehicle, seed: int, event: Event, simulations: int = FEW
+        self, vehicle: Vehicle, seed: int, event: Event, replays: Replays, simulations: int = FEW
     ) -> dict[str, pd.DataFrame]:
         """Estimate the probability of an event for a slow vehicle from few simulations.
 
@@ -255,6 +258,8 @@ class ScenarioStudy:
             Root seed of the study.
         event
             The event.
+        replays
+            The vehicle's replays of the records, which guide the sampler if some ended with the event.
         simulations
             Largest number of simulations.
 
@@ -281,6 +286,7 @@ class ScenarioStudy:
             filled=event.filled,
             deterministic=repeats_itself(vehicle),
             repeat=responder(self.scenario, vehicle, event, again=True),
+            known=partial(known_runs, replays),
         )
         if posterior is None:
             raise InputError(

@@ -10,58 +10,23 @@ import pandas as pd
 
 from accelerated_evaluation.answer.averaged import answer_in_words, budget_in_words
 from accelerated_evaluation.answer.chosen_law import ANSWER
+from accelerated_evaluation.answer.evidence import Evidence, evidence_on, largest, replays_of
 from accelerated_evaluation.answer.joint.scores import Candidate
 from accelerated_evaluation.answer.scenario import ScenarioStudy, clustered_records
 from accelerated_evaluation.answer.scenario_methods import METHODS_OF_SCORES, compare_methods
-from accelerated_evaluation.base.arrays import Array
 from accelerated_evaluation.base.errors import InputError
 from accelerated_evaluation.base.randomness import child_generator
 from accelerated_evaluation.laws.joint import JOINT_LAWS, JointLaw
+from accelerated_evaluation.laws.joint.files import read_verdict
 from accelerated_evaluation.problem import read_scenario_law
+from accelerated_evaluation.records.verdict import Verdict, verdict_on
 from accelerated_evaluation.scenarios import SCENARIOS
-from accelerated_evaluation.scenarios.protocol import ENDED, Scenario
-from accelerated_evaluation.scenarios.record_table import read_scenario_records
+from accelerated_evaluation.scenarios.protocol import FITTED, Scenario
+from accelerated_evaluation.scenarios.record_table import configured_records, read_scenario_records
 from accelerated_evaluation.vehicles.events import event_named
 from accelerated_evaluation.vehicles.external.slow import loaded_for
+from accelerated_evaluation.vehicles.external.watched import WatchedVehicle
 from accelerated_evaluation.vehicles.loading import load_vehicle
-from accelerated_evaluation.vehicles.protocol import Vehicle
-
-
-class CountedVehicle:
-    """A vehicle with a count of its simulations that were stopped at their time limit.
-
-    The outcome of such a simulation is not known; an estimate treats it as a simulation without the event.
-
-    Attributes
-    ----------
-    vehicle
-        The vehicle. All attributes except ``simulate`` are those of this vehicle.
-    not_ended
-        Number of simulations that were stopped at their time limit.
-    """
-
-    def __init__(self, vehicle: Vehicle) -> None:
-        self.vehicle, self.not_ended = vehicle, 0
-
-    def simulate(self, *columns: Array) -> Any:  # noqa: ANN401
-        """Simulate encounters, count the simulations that reach their time limit, and return the outcomes.
-
-        Parameters
-        ----------
-        columns
-            Values of each variable of the scenario, each of shape (n,).
-        """
-        outcomes = self.vehicle.simulate(*columns)
-        self.not_ended += int(np.count_nonzero(~getattr(outcomes, ENDED, np.array([], bool))))
-        return outcomes
-
-    def __getattr__(self, name: str) -> Any:  # noqa: ANN401
-        """Return an attribute of the vehicle."""
-        return getattr(self.vehicle, name)
-
-    def __repr__(self) -> str:
-        """Return the description of the vehicle, which identifies its runs."""
-        return repr(self.vehicle)
 
 
 @dataclass(frozen=True)
@@ -79,19 +44,27 @@ class ScenarioEstimate:
         Number of simulations that were stopped at their time limit.
     event
         The event in words.
+    verdict
+        The verdict on the records.
+    evidence
+        What repetitions in another process and replays of records say about the estimate.
     """
 
     tables: Mapping[str, pd.DataFrame]
     law: JointLaw
     not_ended: int
     event: str
+    verdict: Verdict
+    evidence: Evidence
 
     def lines(self) -> list[str]:
         """Return the lines of text that describe the estimate."""
+        doubts = [f"warning: {doubt}" for doubt in self.evidence.doubts]
+        lines = [*self.verdict.lines(), *doubts, *self._estimates(), self.evidence.in_words]
         if not self.not_ended:
-            return self._estimates()
+            return lines
         runs = f"{self.not_ended:,} {'run' if self.not_ended == 1 else 'runs'}"
-        return [*self._estimates(), f"warning: {runs} did not end, and count as runs without the event"]
+        return [*lines, f"warning: {runs} did not end, and count as runs without the event"]
 
     def _estimates(self) -> list[str]:
         if "answer" in self.tables:
@@ -141,8 +114,8 @@ def estimate_scenario(
     Raises
     ------
     InputError
-        If the records, the law, the method, the event or the vehicle cannot be used, or no run ended in the
-        event.
+        If the records, the law, the method, the event or the vehicle cannot be used, if a check of the
+        records has the verdict ``stop`` and is not accepted, or if no run ended in the event.
     """
     if method not in METHODS_OF_SCORES:
         raise InputError(
@@ -161,21 +134,27 @@ def estimate_scenario(
     scenario, seed = SCENARIOS[config["scenario"]["name"]], config["seed"]
     event = event_named(config["scenario"]["event"], scenario, where="scenario.event")
     named = scenario.event_in_words(event)
+    verdict = verdict_on_law(scenario, law, config)
+    records = read_scenario_records(scenario, config["scenario"]["records"])
     with loaded_for(config["vehicle"], config["simulations"], scenario) as loaded:
-        vehicle = CountedVehicle(loaded)
+        vehicle = WatchedVehicle(loaded, scenario)
+        x = scenario.as_in_law(records.loc[records[FITTED], list(scenario.names)].to_numpy(float)).T
+        replays = replays_of(vehicle, x, event, child_generator(seed, "replays"))
         if law == ANSWER:
-            records = read_scenario_records(scenario, config["scenario"]["records"])
             known = load_vehicle(scenario.default_vehicle, scenario)
             study = ScenarioStudy.of(scenario, records, known, seed, config["scenario"]["draws"])
-            tables = study.answer_by_few_runs(vehicle, seed, event)
-            return ScenarioEstimate(tables | {"laws": study.table}, study.heaviest, vehicle.not_ended, named)
-        chosen = chosen_law(scenario, law, config)
+            tables = study.answer_by_few_runs(vehicle, seed, event, replays)
+            evidence = evidence_on(vehicle, replays, event, largest(tables["answer"]["high95"]))
+            tables = verdict.added_to_answers(evidence.added_to({**tables, "laws": study.table}))
+            return ScenarioEstimate(tables, study.heaviest, vehicle.not_ended, named, verdict, evidence)
+        chosen = chosen_law(scenario, law, records, seed)
         repeated = {
             name: {**config[name], "replicates": replicates} for name in ("importance_sampling", "surrogate")
         }
         settings = {**config, **repeated}
         made = compare_methods(scenario, {law: chosen}, vehicle, settings, [method], predecessor)
-    estimate = made.pop("estimates")
+        estimate = made.pop("estimates")
+        evidence = evidence_on(vehicle, replays, event, largest(estimate["ci_high"]))
     if not estimate["events"].any():
         runs = int((estimate["learning"] + estimate["estimating"]).sum())
         raise InputError(
@@ -184,10 +163,27 @@ def estimate_scenario(
             expected="a law with probability where the event happens",
             change="Name another law, check its limits, or allow more runs (surrogate.maximum_calls).",
         )
-    return ScenarioEstimate(made | {"estimate": estimate}, chosen, vehicle.not_ended, named)
+    tables = verdict.added_to_answers(evidence.added_to(made | {"estimate": estimate}))
+    return ScenarioEstimate(tables, chosen, vehicle.not_ended, named, verdict, evidence)
 
 
-def chosen_law(scenario: Scenario, law: str, config: Mapping[str, Any]) -> JointLaw:
+def verdict_on_law(scenario: Scenario, law: str, config: Mapping[str, Any]) -> Verdict:
+    """Return the verdict on the records of a law, which a file of a law contains; see `chosen_law`.
+
+    Raises
+    ------
+    InputError
+        If a check has the verdict ``stop`` and ``data.accepted_warnings`` does not name it.
+    """
+    accepted = config["data"]["accepted_warnings"]
+    if law.endswith(".json"):
+        return read_verdict(law, accepted)
+    known = load_vehicle(scenario.default_vehicle, scenario)
+    where = config["scenario"]["records"] or f"records of the scenario {scenario.name} in the project"
+    return verdict_on(configured_records(config, known.simulate), str(where), accepted)
+
+
+def chosen_law(scenario: Scenario, law: str, records: pd.DataFrame, seed: int) -> JointLaw:
     """Return the joint law that a user has chosen.
 
     Parameters
@@ -196,9 +192,11 @@ def chosen_law(scenario: Scenario, law: str, config: Mapping[str, Any]) -> Joint
         The scenario.
     law
         Path of the file of a joint law, which ends in ``.json``, or the name of a kind of joint law, which is
-        fitted to the records of the configuration.
-    config
-        A complete, valid configuration.
+        fitted to the records.
+    records
+        Table of the records.
+    seed
+        Root seed.
 
     Raises
     ------
@@ -214,5 +212,5 @@ def chosen_law(scenario: Scenario, law: str, config: Mapping[str, Any]) -> Joint
             expected=f"{ANSWER}, {', '.join(JOINT_LAWS)} or the file of a joint law (.json)",
             change="Name one of these.",
         )
-    records = clustered_records(scenario, read_scenario_records(scenario, config["scenario"]["records"]))
-    return Candidate(law, law, {}).fit(records, child_generator(config["seed"], "scenario", "law", law))
+    generator = child_generator(seed, "scenario", "law", law)
+    return Candidate(law, law, {}).fit(clustered_records(scenario, records), generator)

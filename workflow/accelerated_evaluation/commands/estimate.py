@@ -166,7 +166,9 @@ class EstimateAlone:
     def run(arguments: argparse.Namespace) -> None:
         """Estimate the probability, write the tables, and print a summary."""
         from accelerated_evaluation.answer.averaged import SHARE
+        from accelerated_evaluation.answer.compared import require_estimate
         from accelerated_evaluation.answer.estimation import estimate_alone
+        from accelerated_evaluation.answer.references import reference_section
         from accelerated_evaluation.base.files import write_csv
         from accelerated_evaluation.laws.files import write_law
         from accelerated_evaluation.records.encounter_table import write_encounters
@@ -178,16 +180,20 @@ class EstimateAlone:
         if given and not arguments.config:
             given["study"] = arguments.scenario  # instead of the study in config/config.yaml
         config = load(arguments.config, given)
+        config["data"]["accepted_warnings"] = [*config["data"]["accepted_warnings"], *arguments.accept]
         if config["scenario"]["name"] != CUT_IN:
             _estimate_scenario(arguments, config)
             return
-        config["data"]["accepted_warnings"] = [*config["data"]["accepted_warnings"], *arguments.accept]
         config = resolved(config)
         if arguments.method is not None:
             _refuse("method", f"the scenario {CUT_IN}", "another scenario")
         event = CRASH if arguments.event is None else event_named(arguments.event)
         if event != CRASH and arguments.reference:
             _refuse("reference", f"the event {arguments.event}", CRASH.quantity)
+        for name in arguments.reference:  # before the simulations, which would otherwise be in vain
+            reference_section(name, config)
+        for other in arguments.compare:
+            require_estimate(other)
         found = estimate_alone(
             config,
             arguments.replicates,
@@ -218,7 +224,7 @@ def _estimate_scenario(arguments: argparse.Namespace, config: dict[str, Any]) ->
     from accelerated_evaluation.vehicles.events import event_named
 
     name = config["scenario"]["name"]
-    for option in ("compare", "reference", "accept", "sampling_share"):
+    for option in ("compare", "reference", "sampling_share"):
         if getattr(arguments, option) not in (None, []):
             _refuse(option, f"the scenario {name}", CUT_IN)
     if arguments.law == ANSWER:
@@ -233,7 +239,7 @@ def _estimate_scenario(arguments: argparse.Namespace, config: dict[str, Any]) ->
     folder = Path("results", config["study"], "estimate")
     for table, rows in found.tables.items():
         write_csv(folder / f"{table}.csv", rows)
-    write_joint_law(folder / "law.json", found.law, f"records of the scenario {name}")
+    write_joint_law(folder / "law.json", found.law, f"records of the scenario {name}", found.verdict)
     print(*found.lines(), f"tables: {folder}", sep="\n")
 
 
@@ -273,9 +279,9 @@ def _in_words(found: "Alone", level: float) -> str:
     from accelerated_evaluation.answer.study import event_name
     from accelerated_evaluation.methods.surrogate_words import chance_in_words, unseen_in_words
 
-    lines = [*found.verdict.lines(), *_answers(found), f"law of cut-ins: {found.name}"]
-    if found.warning is not None:
-        lines.insert(0, f"warning: {found.warning}")
+    doubts = [f"warning: {doubt}" for doubt in found.evidence.doubts]
+    lines = [*found.verdict.lines(), *doubts, *_answers(found), f"law of cut-ins: {found.name}"]
+    lines.append(found.evidence.in_words)
     what, ended = "crash probability", "crashes"
     if found.event.quantity != "crash":
         named = event_name(found.event)

@@ -44,6 +44,11 @@ class CutIns:
     inverse_range: Array
     inverse_ttc: Array
 
+    @property
+    def encounters(self) -> Array:
+        """Lead speed [m/s], range [m] and closing speed [m/s], before any cap, shape (n, 3)."""
+        return np.column_stack([self.lead_speed, self.range_, self.closing_speed])
+
     def __len__(self) -> int:
         """Return the number n of cut-ins."""
         return len(self.lead_speed)

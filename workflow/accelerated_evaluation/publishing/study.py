@@ -13,10 +13,10 @@ from accelerated_evaluation.laws.files import read_law
 from accelerated_evaluation.laws.paper.independent import IndependentLaw
 from accelerated_evaluation.publishing.study_tables import TABLES
 from accelerated_evaluation.publishing.tables.formats import as_markdown
-from accelerated_evaluation.records.checks import STOP
 from accelerated_evaluation.records.encounter_table import read_encounters
-from accelerated_evaluation.records.report import summary
+from accelerated_evaluation.records.report import read_report, summary
 from accelerated_evaluation.records.sources import describe
+from accelerated_evaluation.records.verdict import Verdict
 from accelerated_evaluation.scenarios import SCENARIOS
 from accelerated_evaluation.scenarios.cut_in import CUT_IN
 from accelerated_evaluation.scenarios.protocol import Scenario
@@ -131,13 +131,22 @@ class Study:
         """Study, scenario, vehicle and root seed as one line of Markdown."""
         vehicle, seed = self.config["vehicle"]["name"], self.config["seed"]
         what = as_markdown(self.scenario.description)
-        return f"Study **{self.name}**: {what}. Vehicle {as_markdown(vehicle)}. Root seed {seed}."
+        text = f"Study **{self.name}**: {what}. Vehicle {as_markdown(vehicle)}. Root seed {seed}."
+        return text + self._doubts
 
     @property
     def headline(self) -> str:
         """Study, data and root seed as one line of Markdown."""
-        study = f"Study **{self.name}**. Data: {as_markdown(self.source)}. Root seed {self.config['seed']}."
-        return f"{study} **{as_markdown(summary(self.records_report))}**" if self.stops else study
+        text = f"Study **{self.name}**. Data: {as_markdown(self.source)}. Root seed {self.config['seed']}."
+        return text + self._doubts
+
+    @property
+    def _doubts(self) -> str:
+        """What the checks of the records found, as Markdown that begins with a space; empty if nothing."""
+        verdict = self.verdict
+        if verdict.stops:
+            return f" **{as_markdown(summary(self.records_report))}**"
+        return f" Records: {as_markdown(verdict.in_short)}." if verdict.in_short else ""
 
     @property
     def alpha(self) -> float:
@@ -180,13 +189,12 @@ class Study:
     @cached_property
     def records_report(self) -> pd.DataFrame:
         """The results of the checks of the records."""
-        return pd.read_csv(self.path("records_report.csv"), keep_default_na=False)
+        return read_report(self.path("records_report.csv"))
 
     @property
-    def stops(self) -> list[str]:
-        """Names of the checks of the records whose verdict is "stop"."""
-        report = self.records_report
-        return report.loc[report["verdict"] == STOP, "check"].tolist()
+    def verdict(self) -> Verdict:
+        """The verdict on the records, which is shown with every answer."""
+        return Verdict.of(self.records_report)
 
     # The laws of cut-ins.
 

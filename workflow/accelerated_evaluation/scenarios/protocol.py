@@ -16,12 +16,13 @@ from numpy.typing import ArrayLike, NDArray
 
 from accelerated_evaluation.base.arrays import Array
 from accelerated_evaluation.base.errors import InputError
+from accelerated_evaluation.base.tables import CLUSTER as CLUSTER
 
 FLAG = "0 or 1"  # unit of an outcome that is true or false
 ENDED = "ended"  # name of the flag that is false for a run that was stopped at its longest duration
 FILLED = 0.25  # share of the encounters in a part of an event in which the event happens, unless stated
 UNLIMITED = 1e6  # limits this large are not mentioned in texts
-CLUSTER, FITTED = "cluster", "fitted"  # columns of every table of records, in addition to the variables
+FITTED = "fitted"  # flag in every table of records: laws are fitted to the row; see also `CLUSTER`
 
 Fault = tuple[NDArray[np.bool_], str, str]
 """Flags of the rows that break a rule, name of the column for the message, and what was expected."""

@@ -141,7 +141,9 @@ class StudyInputs:
             require_places(Path("results") / config["study"], Path("figures") / config["study"])
         require_file(path, "Correct scenario.records.")
         event_named(config["scenario"]["event"], scenario, where="scenario.event")
-        config = {**config, "scenario": {**config["scenario"], "records": str(path)}}
+        data = dict(config["data"])
+        require_checks(accepted := data.pop("accepted_warnings"))
+        config = {**config, "scenario": {**config["scenario"], "records": str(path)}, "data": data}
         with located("vehicle.name or vehicle.parameters"):
             files = section_files(config["vehicle"], scenario)
         require_plain([str(path), *files])
@@ -149,12 +151,18 @@ class StudyInputs:
         known = [scenario.records, scenario.experiments] if scenario.experiments else []
         experiments = [str(project / path) for path in known]
         vehicles = {UNDER_TEST: config["vehicle"]}, {UNDER_TEST: files}
-        return cls(config, [str(path)], *vehicles, [], verdicts, experiments)
+        return cls(config, [str(path)], *vehicles, accepted, verdicts, experiments)
 
     @property
     def source(self) -> dict[str, Any]:
         """Section of the configuration for the source of the records."""
         return self.config["data"][self.config["data"]["source"]]
+
+    @property
+    def place(self) -> str:
+        """File or folder of the records, as the configuration names it."""
+        is_cut_in = self.config["scenario"]["name"] == CUT_IN.name
+        return self.source["path"] if is_cut_in else self.config["scenario"]["records"]
 
     @property
     def description(self) -> str:

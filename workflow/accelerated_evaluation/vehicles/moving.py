@@ -9,6 +9,7 @@ from numpy.typing import ArrayLike
 from accelerated_evaluation.base.arrays import Array
 from accelerated_evaluation.base.errors import InputError
 from accelerated_evaluation.laws.motion import STATES, STEP
+from accelerated_evaluation.scenarios.cut_in import SPEED_LIMIT
 from accelerated_evaluation.vehicles.checks import checked_encounters
 from accelerated_evaluation.vehicles.protocol import MovingVehicle, Outcomes, RandomVehicle, Vehicle
 
@@ -131,6 +132,7 @@ def checked_lead_speeds(lead_speeds: ArrayLike, lead_speed: Array) -> Array:
     for wrong, expected in (
         (~np.isfinite(speeds), "a finite speed"),
         (speeds < 0, "a speed of 0 m/s or more"),
+        (speeds > SPEED_LIMIT, "a speed below that of light"),
         (starts_elsewhere, START),
     ):
         if wrong.any():
@@ -167,7 +169,7 @@ def speeds_in(columns: Mapping[str, Sequence[float]], rows: Sequence[object], wh
     Raises
     ------
     InputError
-        If a speed is negative or not finite, or if the columns do not reach 8 s.
+        If a speed is negative, not finite or impossible, or if the columns do not cover 8 s.
     """
     import pandas as pd  # imported here, because this and the next import take long
 
@@ -184,4 +186,4 @@ def speeds_in(columns: Mapping[str, Sequence[float]], rows: Sequence[object], wh
             expected="a finite speed of 0 m/s or more",
             change="Correct the lead motion of this encounter.",
         )
-    return recorded_courses(table, where)
+    return recorded_courses(table, where, [f"row {row}" for row in rows])

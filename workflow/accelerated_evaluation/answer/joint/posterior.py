@@ -6,13 +6,14 @@ are made under one law, and are reweighted for every draw.
 """
 
 import sys
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
 import pandas as pd
 from fewruns.constants import ENOUGH_DRAWS
 from fewruns.estimates import Stopping
+from fewruns.predecessor import Predecessor
 from fewruns.problems import Response
 from fewruns.running import run_batches
 from fewruns.sampler import Sampler
@@ -214,6 +215,7 @@ def surrogate_posterior(
     filled: float = FILLED,
     deterministic: bool | None = True,
     repeat: Respond | None = None,
+    known: Callable[[Callable[[Array], Array]], Predecessor | None] = lambda _: None,
 ) -> tuple[SampledPosterior | None, Sampler, bool]:
     """Estimate the probability of the event under each draw of the law, from few simulations.
 
@@ -244,6 +246,8 @@ def surrogate_posterior(
         repeated.
     repeat
         Function that simulates the vehicle again, even if outcomes are stored; by default ``respond``.
+    known
+        Function that returns known runs for the sampler, or None, given the map from normal scores to points.
 
     Returns
     -------
@@ -261,6 +265,7 @@ def surrogate_posterior(
         law.dimension,
         generator,
         fingerprint="mean of the draws of the law",
+        predecessor=known(law.from_normal_scores),
         deterministic=deterministic,
         enough_draws=ENOUGH_DRAWS,
         **rules_of_joint_laws(filled),

@@ -14,6 +14,7 @@ import numpy as np
 from accelerated_evaluation.base.arrays import Array
 from accelerated_evaluation.laws.joint import JOINT_LAWS
 from accelerated_evaluation.laws.joint.protocol import Box, JointLaw, normalised
+from accelerated_evaluation.laws.joint.truncated import symmetric
 from accelerated_evaluation.laws.joint.truncated_normals import TruncatedNormalMixture
 
 MARGIN_COMPONENTS = (1, 2, 3, 4)  # numbers of components that are fitted; the smallest BIC decides
@@ -121,7 +122,7 @@ class GaussianCopula(JointLaw):
             TruncatedNormalMixture.from_content(part, side(box, j))
             for j, part in enumerate(content["margins"])
         )
-        return cls(box, margins, np.array(content["correlation"], float))
+        return cls(box, margins, symmetric(content["correlation"]))
 
 
 @JOINT_LAWS.add("independent_variables")

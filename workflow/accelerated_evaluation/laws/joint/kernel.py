@@ -12,10 +12,10 @@ from typing import Any, ClassVar, Self
 import numpy as np
 from scipy.special import logsumexp
 
-from accelerated_evaluation.base.arrays import Array
+from accelerated_evaluation.base.arrays import Array, numbers_in
 from accelerated_evaluation.laws.joint import JOINT_LAWS
 from accelerated_evaluation.laws.joint.protocol import Box, normalised
-from accelerated_evaluation.laws.joint.truncated import Normals
+from accelerated_evaluation.laws.joint.truncated import Normals, shares_of_one, symmetric
 from accelerated_evaluation.laws.joint.truncated_normals import TruncatedNormalMixture
 
 FACTORS = (0.3, 0.4, 0.5, 0.6, 0.75, 0.9, 1.1, 1.4)  # multiples of Scott's bandwidth, n^(-1 / (d + 4))
@@ -65,9 +65,10 @@ class KernelLaw(TruncatedNormalMixture):
     @classmethod
     def from_content(cls, content: Mapping[str, Any], box: Box) -> Self:
         """Build a law from the value that `content` returned, and from its box."""
-        names = ("shares", "centres", "covariance")
-        shares, centres, covariance = (np.array(content[name], float) for name in names)
-        return cls(shares, _kernels(centres, covariance, box))
+        covariance = symmetric(content["covariance"])
+        return cls(
+            shares_of_one(content["shares"]), _kernels(numbers_in(content["centres"]), covariance, box)
+        )
 
 
 def _kernels(x: Array, covariance: Array, box: Box) -> Normals:

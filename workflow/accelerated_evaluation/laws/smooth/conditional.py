@@ -19,7 +19,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
-from accelerated_evaluation.base.arrays import Array
+from accelerated_evaluation.base.arrays import Array, numbers_in
 from accelerated_evaluation.laws.smooth.excess import Excess
 from accelerated_evaluation.laws.smooth.smooth_hazard import Cumulative, HazardGrid, SmoothHazard
 from accelerated_evaluation.laws.smooth.splines import Basis, Constant
@@ -186,7 +186,10 @@ class Threshold:
 
         The nodes are the edges of the bins of lead speed and root of the range in the grid.
         """
-        return cls(content["level"], *grid.edges[:2], np.array(content["table"]))
+        table, nodes = numbers_in(content["table"]), grid.edges[:2]
+        if table.shape != tuple(map(len, nodes)):
+            raise ValueError(f"a table of thresholds of shape {table.shape}")
+        return cls(float(content["level"]), *nodes, table)
 
 
 def _between(nodes: Array, x: Array) -> tuple[Array, Array]:

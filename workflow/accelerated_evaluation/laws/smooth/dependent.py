@@ -9,7 +9,7 @@ import numpy as np
 import pandas as pd
 from numpy.typing import ArrayLike
 
-from accelerated_evaluation.base.arrays import Array
+from accelerated_evaluation.base.arrays import Array, numbers_in
 from accelerated_evaluation.distributions import Empirical
 from accelerated_evaluation.distributions.tails import interval_probability
 from accelerated_evaluation.laws import LAWS
@@ -189,7 +189,7 @@ class DependentLaw(SmoothLaw):
         support = Support.of(content["support"])
         grids = range_grid(support), speed_grid(support)
         ranges, body = (
-            SmoothHazard(grid, np.array(content[name]["log_hazard"]))
+            SmoothHazard(grid, numbers_in(content[name]["log_hazard"]))
             for grid, name in zip(grids, ("range", "closing_speed"), strict=True)
         )
         speeds = SpeedLaw(body)

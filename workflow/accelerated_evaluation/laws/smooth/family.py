@@ -91,6 +91,11 @@ class DistinctRecords:
         return self.lead_speed.size
 
     @property
+    def encounters(self) -> Array:
+        """Lead speeds [m/s], ranges [m] and closing speeds [m/s] of the records, shape (3, n)."""
+        return np.array([self.lead_speed, self.range_, self.closing_speed])
+
+    @property
     def places(self) -> Places:
         """The lead speeds and ranges of the records, at which laws of the closing speed are evaluated."""
         return Places.of(self.lead_speed, self.range_, self.support)

@@ -21,7 +21,7 @@ import pandas as pd
 from numpy.typing import ArrayLike, NDArray
 from scipy.special import logsumexp
 
-from accelerated_evaluation.base.arrays import Array
+from accelerated_evaluation.base.arrays import Array, numbers_in
 from accelerated_evaluation.distributions import Empirical
 from accelerated_evaluation.laws import LAWS
 from accelerated_evaluation.laws.paper.independent import recorded_lead_speeds
@@ -297,7 +297,7 @@ class MeanLaw(SmoothLaw):
         support = Support.of(content["support"])
         grids = range_grid(support), speed_grid(support)
         ranges, bodies = (
-            tuple(SmoothHazard(grid, np.array(part["log_hazard"])) for part in content[name])
+            tuple(SmoothHazard(grid, numbers_in(part["log_hazard"])) for part in content[name])
             for grid, name in zip(grids, ("range", "closing_speed"), strict=True)
         )
         surfaces = {part["level"]: Threshold.from_content(part, grids[1]) for part in content["thresholds"]}

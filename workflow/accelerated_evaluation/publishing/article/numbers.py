@@ -72,6 +72,8 @@ def _records(tables: Tables) -> dict[str, Any]:
     account = tables["encounters_account"]
     repeated = account[account["step"] == "repeated"].iloc[0]
     report = tables["records_report"]
+    if report.empty:
+        raise ValueError("no check of the records")
     return {
         "read": account["rows_in"].iloc[0],
         "kept": account["rows_kept"].iloc[-1],

@@ -3,6 +3,7 @@
 import pandas as pd
 
 from accelerated_evaluation.publishing.published import result_table, table
+from accelerated_evaluation.records.verdict import Verdict
 
 DIGITS = 3
 
@@ -13,8 +14,20 @@ records_table = result_table("scenario_records", digits=DIGITS)
 # The laws with their criteria, held-out scores and weights.
 laws_table = result_table("scenario_laws", digits=6)
 
-# The probability of each event with its intervals.
-answer_table = result_table("scenario_answer", digits=DIGITS)
+
+@table("scenario_answer", digits=DIGITS)
+def answer_table(scenario_answer: pd.DataFrame, verdict: Verdict) -> pd.DataFrame:
+    """Return the probability of each event with its intervals, and the verdict on the records.
+
+    Parameters
+    ----------
+    scenario_answer
+        ``scenario/answer.csv`` of a study.
+    verdict
+        The verdict on the records. If a check found a fault, a column ``records`` names it.
+    """
+    return verdict.added_to(scenario_answer)
+
 
 # Where the uncertainty of the crash probability comes from.
 budget_table = result_table("scenario_budget", digits=DIGITS)
