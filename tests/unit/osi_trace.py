@@ -55,7 +55,8 @@ def open_drive(heights, pieces, angle):
     top = max(heights.values()) + LANE_WIDTH / 2
     drawn = {round((top - height) / LANE_WIDTH + 0.5): "driving" for height in heights.values()}
     lanes = "".join(
-        f"<lane id='{-place}' type='{drawn.get(place, 'none')}'><width sOffset='0' a='{LANE_WIDTH}' b='0' c='0' d='0'/>"
+        f"<lane id='{-place}' type='{drawn.get(place, 'none')}'>"
+        f"<width sOffset='0' a='{LANE_WIDTH}' b='0' c='0' d='0'/>"
         f"<link><predecessor id='{-place}'/><successor id='{-place}'/></link></lane>"
         for place in range(1, max(drawn) + 1)
     )

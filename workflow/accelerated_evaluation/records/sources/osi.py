@@ -113,8 +113,8 @@ def _require_use(where: str, counts: Mapping[str, float]) -> None:
         raise InputError(
             where,
             seen=f"{counts['read']:,.0f} positions of vehicles, of which none is complete",
-            expected="vehicles with position, velocity and orientation, and either assigned_lane_id, or lanes "
-            "with centre lines or an OpenDRIVE map on which the vehicles drive",
+            expected="vehicles with position, velocity and orientation, and either assigned_lane_id, or "
+            "lanes with centre lines or an OpenDRIVE map on which the vehicles drive",
             change="Configure the tool that wrote the trace to write them.",
         )
     require_agreement(
