@@ -7,11 +7,11 @@ from typing import ClassVar, Self
 
 import numpy as np
 import pandas as pd
-from numba import njit
 from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
 from accelerated_evaluation.base.arrays import Array
+from accelerated_evaluation.base.compiling import cached_njit
 from accelerated_evaluation.base.errors import InputError
 from accelerated_evaluation.base.tables import read_parquet, require_file
 from accelerated_evaluation.laws.motion import COURSE_COLUMN, MOTIONS, STATES, STEP
@@ -122,7 +122,7 @@ class Recorded:
         return np.maximum(encounters[0][:, None] + (course - course[:, :1]), 0.0)
 
 
-@njit(cache=True)
+@cached_njit()
 def _balanced(weights: Array, offsets: Array) -> Array:
     """Return weights of neighbours whose mean is nearly the place of which they are neighbours.
 

@@ -12,7 +12,6 @@ from dataclasses import dataclass
 from operator import itemgetter
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 from scipy.linalg.lapack import dpotrf, dpotrs, dtrtri, dtrtrs
 from scipy.optimize import minimize
@@ -20,6 +19,7 @@ from scipy.spatial import cKDTree
 from scipy.special import log_ndtr, ndtr
 
 from accelerated_evaluation.base.arrays import Array
+from accelerated_evaluation.base.compiling import cached_njit
 from accelerated_evaluation.base.errors import InputError
 from accelerated_evaluation.methods.surrogate.constants import (
     AMPLITUDE,
@@ -51,7 +51,7 @@ from accelerated_evaluation.methods.surrogate.kernel import (
 LOG_ROOT_2PI = 0.5 * math.log(2 * math.pi)
 
 
-@njit(cache=True)
+@cached_njit()
 def _scale_both_sides(covariance: Array, root: Array, scaled: Array) -> None:
     """Write the lower triangle of I + S^1/2 K S^1/2 to ``scaled``, for a diagonal S^1/2 in ``root``."""
     for i in range(len(root)):

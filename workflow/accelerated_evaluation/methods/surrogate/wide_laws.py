@@ -5,10 +5,10 @@ from dataclasses import dataclass
 from typing import Self
 
 import numpy as np
-from numba import njit
 from scipy.special import chdtr, chdtrc, chdtri, gammaincinv, gammaln
 
 from accelerated_evaluation.base.arrays import Array
+from accelerated_evaluation.base.compiling import cached_njit
 from accelerated_evaluation.methods.surrogate.constants import (
     FREQUENT_REACH,
     FREQUENT_START,
@@ -185,7 +185,7 @@ class KernelMixture:
         return normal - np.logaddexp(wide, kernels)
 
 
-@njit(cache=True)
+@cached_njit()
 def _mean_kernel(a: Array, b: Array) -> Array:
     """Return the mean over the rows of b of (1 + |a - b|^2)^-d, for each row of a, shape (len(a),)."""
     n, d = a.shape
