@@ -153,6 +153,8 @@ def main() -> None:
     for name in ("study", "europe", "table"):
         parser.add_argument(name, type=Path)
     given = parser.parse_args()
+    answer = pd.read_csv(given.europe / "laws" / "answer.csv")
+    rate = cut_in_rate(pd.read_csv(given.study / "laws" / "exposure.csv"))
     config = load()
     records = DistinctRecords.of(read_records(config)[0], support := Support.configured(config))
     generator = child_generator(config["seed"], "europe")
@@ -163,13 +165,12 @@ def main() -> None:
     low, high, farthest = (config["filters"][key] for key in LIMITS)
     inside = cut_ins["lead_speed"].between(low, high, inclusive="left") & (cut_ins["range"] <= farthest)
     closing = cut_ins[inside & (cut_ins["closing_speed"] > 0)]
-    rate = cut_in_rate(pd.read_csv(given.study / "laws" / "exposure.csv"))
     rows = [
         *of_cut_ins(cut_ins, followed),
         *of_closing_speeds(closing, weighted.family.law(weighted.heaviest), support),
         *of_reaction(records, weighted, grid, rate),
         *(of_lead_motion(name, followed, records, weighted, grid) for name in MOVING),
-        *of_answer(pd.read_csv(given.europe / "laws" / "answer.csv"), len(closing)),
+        *of_answer(answer, len(closing)),
     ]
     write_csv(given.table, pd.DataFrame(rows))
 

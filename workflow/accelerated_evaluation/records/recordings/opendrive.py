@@ -22,7 +22,7 @@ Lane = tuple[str, int, int]  # road, section of the road (counted from 0; -1 is 
 Connections = dict[tuple[str, str, int], list[Lane]]  # by junction, incoming road and lane of this road
 
 
-def lanes_of_map(text: str, where: str) -> list[Piece]:
+def lanes_of_map(text: str | bytes, where: str) -> list[Piece]:
     """Return the lanes of a map in which cars may drive; a lane has a piece in each section of a road.
 
     Heights and inclinations are ignored.

@@ -103,5 +103,5 @@ def _lanes_of_map(file: Path, reference: str) -> list[Piece]:
             return lanes_of_map(message.open_drive_xml_content, f"{file}, OpenDRIVE map")
     beside = file.parent / Path(reference).name
     return (
-        lanes_of_map(beside.read_text(), str(beside)) if beside.suffix == ".xodr" and beside.is_file() else []
+        lanes_of_map(beside.read_bytes(), str(beside)) if beside.suffix == ".xodr" and beside.is_file() else []
     )
