@@ -102,6 +102,6 @@ def _lanes_of_map(file: Path, reference: str) -> list[Piece]:
         for message in betterosi.read(str(file), mcap_topics=MAP_TOPICS):
             return lanes_of_map(message.open_drive_xml_content, f"{file}, OpenDRIVE map")
     beside = file.parent / Path(reference).name
-    return (
-        lanes_of_map(beside.read_bytes(), str(beside)) if beside.suffix == ".xodr" and beside.is_file() else []
-    )
+    if beside.suffix == ".xodr" and beside.is_file():
+        return lanes_of_map(beside.read_bytes(), str(beside))
+    return []
