@@ -18,8 +18,8 @@ End = tuple[int, int]  # number of a piece, and 0 for its first or -1 for its la
 
 MEETING = 1.0  # [m], largest distance of the ends of two pieces that meet
 SPACING = 0.5  # [m] between the points of a centre line to which vehicles are compared
-REACH = 5.0  # [m] from a vehicle to the points that are considered; at least the largest `BESIDE` half-widths
-BESIDE = 1.25  # largest distance of a vehicle from the centre line of its lane, in half-widths of the lane
+REACH = 5.0  # [m] from a vehicle to the points that are considered; lanes are less than 8 m wide
+FARTHEST = 1.25  # largest distance of a vehicle from the centre line of its lane, in half-widths of the lane
 ALIGNED = np.cos(np.pi / 4)  # smallest |cosine| of the angle between a vehicle and its lane
 USUAL_HALF_WIDTH = 1.75  # [m], of a lane whose width is unknown
 
@@ -33,11 +33,11 @@ class Piece:
     number
         Number of the piece in the map.
     line
-        Points of the centre line [m], shape (n, 2).
+        Points of the centre line [m], shape (n, 2); empty if it is unknown.
     before, after
         Numbers of the pieces that continue it at the first and at the last point, as the piece itself says.
     half_width
-        Half of the width of the lane at the points [m], shape (n,).
+        Half of the width of the lane at the points [m], shape (n,); empty if it is unknown.
     """
 
     number: int
@@ -128,7 +128,7 @@ class CentreLines:
             distance = across / self._half_widths[near]
             within = np.abs((offsets * directions).sum(axis=1)) <= MEETING
             distance[~within | (np.abs(directions @ headings[i]) < ALIGNED)] = np.inf
-            if distance.min(initial=np.inf) <= BESIDE:
+            if distance.min(initial=np.inf) <= FARTHEST:
                 found[i] = int(self._numbers[near][distance.argmin()])
         return found
 
