@@ -232,7 +232,7 @@ class Fenced(From):
 def test_no_input_outside_of_the_law_is_simulated(batch_size):
     """OpenTURNS issue 1405: importance sampling around a design point passes negative counts to the model."""
     sampler, problem = METHODS["surrogate"](batch_size=batch_size), before(Fenced(0.5), cap=24.0)
-    found = sampler.estimate(problem, Stopping(maximum_simulations=150), np.random.default_rng(2))
+    found = sampler.estimate(problem, Stopping(maximum_simulations=80), np.random.default_rng(2))
     assert found.events > 0
 
 
