@@ -9,7 +9,7 @@ import re
 import numpy as np
 import pandas as pd
 from accelerated_evaluation.methods import METHODS
-from accelerated_evaluation.publishing.readme import CAUSES, ROOT, WORLDS, Table, markdown, update
+from accelerated_evaluation.publishing.readme import CAUSES, EUROPE, ROOT, WORLDS, Table, markdown, update
 
 RESULTS = ROOT / "benchmarks" / "results"
 STUDIES = ROOT / "figures"
@@ -409,6 +409,19 @@ def of_scenario(name: str, table: str, make) -> Table:
     return Table(JOINT_LAWS, STUDIES / name / "tables" / f"{table}.csv", make, COMMAND)
 
 
+def europe_table(europe: pd.DataFrame) -> str:
+    """Return a Markdown table of what the European cut-ins say, with the limits where there are any."""
+    cells = {
+        "quantity": "{what}",
+        "cut-ins, or vehicle": "{group}",
+        "number": "{count:,.0f}",
+        "value": "{value:.2g}",
+        "from": "{low:.2g}",
+        "to": "{high:.2g}",
+    }
+    return formatted(europe, cells)
+
+
 TABLES = {
     "left_turn": of_scenario("left_turn", "scenario_answer", scenario_answers),
     "pedestrian": of_scenario("pedestrian", "scenario_answer", scenario_answers),
@@ -424,6 +437,7 @@ TABLES = {
     "causes": Table(BENCHMARKS, CAUSES, causes_table, COMMAND),
     "recordings": result(BENCHMARKS, "recordings", recordings_table),
     "size": result(YOUR_RECORDS, "recordings", recordings_table),
+    "europe": Table(YOUR_RECORDS, EUROPE, europe_table, COMMAND),
     "certificates": result(BENCHMARKS, "certificates", certificates_table),
     "chance": result(BENCHMARKS, "chance", chance_table),
     "checks": result(BENCHMARKS, "checks", checks_table),

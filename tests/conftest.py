@@ -31,6 +31,7 @@ BENCHMARKS = (
     "worlds_causes",
     "motorway",
     "motorway_chain",
+    "europe",
     "samplers",
     "successors",
     "answers",

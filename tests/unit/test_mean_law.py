@@ -54,6 +54,13 @@ def cut_ins(law):
     return law.from_normal_scores(np.random.default_rng(3).normal(size=(700, 3)) * [1, 1.5, 1.5])
 
 
+def test_the_rarest_coordinates_are_ranges_above_zero(law):
+    stratum, far = next(iter(law.strata.values())), np.array([1e3, 1e5])
+    found = stratum.cut_ins(np.full(2, 10.0), far, np.ones(2))
+    assert (found.range_ > 0).all()
+    assert np.isfinite(found.closing_speed).all()
+
+
 def each(law, cut_ins):
     """Return ranges' survival and density, and closing speeds' survival and density, of every draw."""
     draws = law.draws

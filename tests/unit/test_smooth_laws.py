@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 from accelerated_evaluation.base.errors import ConvergenceError
 from accelerated_evaluation.laws.smooth import excess as excess_module
+from accelerated_evaluation.laws.smooth import regressions as regressions_module
 from accelerated_evaluation.laws.smooth.conditional import Places, Threshold, range_grid, speed_grid
 from accelerated_evaluation.laws.smooth.excess import fit_excess, unit_information
 from accelerated_evaluation.laws.smooth.family import DistinctRecords, Fitter, members_at
@@ -15,6 +16,7 @@ from accelerated_evaluation.laws.smooth.smooth_hazard import Binned, Cumulative,
 from accelerated_evaluation.laws.smooth.splines import Basis, Constant, Penalty, Tensor
 from accelerated_evaluation.laws.smooth.support import SUPPORT, Support
 from scipy import stats
+from scipy.linalg import LinAlgError
 
 SIZE = 12_000
 PARAMETERS = {
@@ -277,6 +279,17 @@ def test_fits_of_a_regression_end_at_one_point_from_wherever_they_start(records,
     one, two = (fit.given(places).log_density(c) for fit in (fitted, again))
     assert two.sum() == pytest.approx(one.sum(), abs=1e-6)
     assert moved.given(places).log_density(c).sum() != pytest.approx(one.sum(), abs=1e-2)
+
+
+def test_a_regression_whose_information_no_damping_mends_has_not_converged(records, monkeypatch):
+    """With 57 records, the regression of two kinds of drivers ended in an error of the linear algebra."""
+    indefinite = np.array([[0.0, 1.0], [1.0, 0.0]])
+    with pytest.raises(LinAlgError, match="no damping"):
+        regressions_module._ascent(indefinite, np.ones(2))
+    ascent = regressions_module._ascent
+    monkeypatch.setattr(regressions_module, "_ascent", lambda *_: ascent(indefinite, np.ones(2)))
+    with pytest.raises(ConvergenceError, match="did not converge"):
+        fit_regression(REGRESSIONS[0], records)
 
 
 def test_few_rounded_records_are_fitted_with_and_without_a_block():

@@ -5,11 +5,11 @@ from dataclasses import dataclass
 
 import numpy as np
 import pandas as pd
+from fewruns.constants import FEW
+from fewruns.predecessor import Predecessor
 
 from accelerated_evaluation.answer.replays import LEVEL, Replays, replay
 from accelerated_evaluation.base.arrays import Array
-from fewruns.constants import FEW
-from fewruns.predecessor import Predecessor
 from accelerated_evaluation.problem.inverse import normal_scores
 from accelerated_evaluation.scenarios.protocol import Event
 from accelerated_evaluation.vehicles.external.elsewhere import difference_elsewhere

@@ -20,6 +20,7 @@ WORLDS = ROOT / "benchmarks" / "results" / "worlds.csv"
 CAUSES = ROOT / "benchmarks" / "results" / "worlds_causes.csv"
 MOTORWAY = ROOT / "benchmarks" / "results" / "motorway.csv"
 MOTORWAY_CHAIN = ROOT / "benchmarks" / "results" / "motorway_chain.csv"
+EUROPE = ROOT / "benchmarks" / "results" / "europe.csv"
 README = ROOT / "README.md"
 COMMAND = "python -m accelerated_evaluation.publishing.readme"
 SHOWN = (

@@ -8,7 +8,7 @@ from typing import Any
 
 import numba
 import numpy as np
-from numba import njit
+from fewruns.compiling import cached_njit
 
 from accelerated_evaluation.base.arrays import Array
 from accelerated_evaluation.scenarios.protocol import Scenario
@@ -18,13 +18,7 @@ from accelerated_evaluation.scenarios.protocol import Scenario
 SLICE_FOR_A_THREAD = 16_384
 
 
-def compiled(function: Callable) -> Callable:
-    """Return a function compiled with numba; the code is cached on disk if numba finds a writable folder."""
-    options = {"error_model": "numpy", "nogil": True}
-    try:
-        return njit(cache=True, **options)(function)
-    except RuntimeError:  # no writable folder
-        return njit(**options)(function)
+compiled = cached_njit(error_model="numpy", nogil=True)
 
 
 def simulate_in_slices(

@@ -189,13 +189,15 @@ def _storyboard(scenario: ConcreteScenario) -> "xosc.StoryBoard":
 def _motion(scenario: ConcreteScenario) -> "xosc.Maneuver":
     """Return the manoeuvre that changes the lead speed from the moment of the cut-in on.
 
-    The time of each entry of a speed profile is relative to the preceding entry. The profile is in a
-    manoeuvre of its own, because an event may end other events of its manoeuvre.
+    The time of each entry of a speed profile is relative to the preceding entry. The first entry, at 0 s, is
+    the speed at the cut-in, because players differ in what they assume before the first entry. The profile is
+    in a manoeuvre of its own, because an event may end other events of its manoeuvre.
     """
     from scenariogeneration import xosc
 
-    speeds = [float(speed) for speed in scenario.later_speeds]
-    profile = xosc.SpeedProfileAction(speeds, xosc.FollowingMode.position, [STEP] * len(speeds))
+    speeds = [float(speed) for speed in (scenario.lead_speed, *scenario.later_speeds)]
+    times = [0.0] + [STEP] * len(scenario.later_speeds)
+    profile = xosc.SpeedProfileAction(speeds, xosc.FollowingMode.position, times)
     changes = xosc.Event("lead_motion", xosc.Priority.override)
     changes.add_action("change_speed", profile)
     changes.add_trigger(_after("moment_of_the_cut_in", RUN_UP))

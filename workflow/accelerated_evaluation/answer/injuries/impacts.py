@@ -22,6 +22,7 @@ from accelerated_evaluation.answer.injuries.sources import published_curves
 from accelerated_evaluation.base.arrays import Array
 from accelerated_evaluation.crash_map.lines import CrashLines
 from accelerated_evaluation.laws.smooth.conditional import SpeedLaw
+from accelerated_evaluation.scenarios.cut_in import SPEED_LIMIT
 from accelerated_evaluation.vehicles.protocol import Vehicle
 
 # 5 and 95 % of the cars sold in the United States in 2017 are lighter than this [lb] (Stolle and others 2020,
@@ -116,7 +117,8 @@ class ImpactSpeeds:
         divided = _whole(_only(lines, ~wide)), _divided(_only(lines, wide), law)
         row, start, end, points = (np.concatenate(column) for column in zip(*divided, strict=True))
         place = np.repeat(row, POINTS)
-        outcomes = lines.simulate(vehicle, place, points.ravel())
+        # With few records, quantiles of the laws may exceed any speed that a vehicle accepts.
+        outcomes = lines.simulate(vehicle, place, np.minimum(points.ravel(), SPEED_LIMIT))
         speed = np.where(outcomes.crash, outcomes.impact_speed, np.nan).reshape(points.shape)
         return cls(replace(lines, row=row, start=start, end=end), speed)
 

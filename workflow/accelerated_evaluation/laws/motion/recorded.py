@@ -8,7 +8,7 @@ from typing import ClassVar, Self
 
 import numpy as np
 import pandas as pd
-from numba import njit
+from fewruns.compiling import cached_njit
 from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
@@ -135,7 +135,7 @@ class Recorded:
         return np.maximum(encounters[0][:, None] + (course - course[:, :1]), 0.0)
 
 
-@njit(cache=True)
+@cached_njit()
 def _balanced(weights: Array, offsets: Array) -> Array:
     """Return weights of neighbours whose mean is nearly the place of which they are neighbours.
 

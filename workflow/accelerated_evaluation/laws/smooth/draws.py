@@ -14,7 +14,7 @@ from functools import cached_property
 from typing import Self
 
 import numpy as np
-from numba import njit
+from fewruns.compiling import cached_njit
 from numpy.typing import NDArray
 
 from accelerated_evaluation.base.arrays import Array
@@ -257,7 +257,7 @@ class Hazards:
         return self.table[:, row, bin_] + rate * (value - self.edges[bin_]), rate
 
 
-@njit(cache=True)
+@cached_njit()
 def _integrated(hazard: Array, widths: Array) -> Array:
     """Return the cumulative hazard at the edges of bins with given widths, which is 0 at the first edge.
 

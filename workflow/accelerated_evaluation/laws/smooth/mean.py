@@ -42,6 +42,7 @@ from accelerated_evaluation.laws.smooth.smooth_hazard import SmoothHazard
 from accelerated_evaluation.laws.smooth.support import Support
 
 PLACES_AT_ONCE = 400  # limits the memory to about 100 MB with 500 draws
+LARGEST_LOGARITHM = 50.0  # of R_max / R; the range would otherwise underflow where few records are near
 
 
 @dataclass(frozen=True)
@@ -65,7 +66,7 @@ class MeanStratum(SmoothStratum):
             lead = lead_speed[part]
             ranges = self._mixture(self.places(lead, np.full(lead.size, farthest)))
             value = solve(ranges.score, first[part], np.ones(lead.size))
-            range_[part] = farthest * np.exp(-value)
+            range_[part] = farthest * np.exp(-np.minimum(value, LARGEST_LOGARITHM))
             speeds, log_weight = self._speeds(lead, range_[part], ranges, value)
             start = self.draws.laws[0].given(self.places(lead, range_[part])).inverse(second[part])
             speed[part] = solve(

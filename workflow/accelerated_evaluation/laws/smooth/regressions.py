@@ -28,6 +28,7 @@ TOLERANCE = 1e-6  # the iterations end if a Newton step is expected to gain less
 SMALLEST_STEP = 1e-6  # smallest factor of a Newton step
 ROUNDING = 1e-12  # relative rounding error of the log likelihood
 FIRST_DAMPING = 1e-3  # first damping of Newton steps, relative to the diagonal of the information
+LARGEST_DAMPING = 1e8  # above which it is given up
 
 
 @dataclass(frozen=True)
@@ -281,7 +282,10 @@ class _Problem:
         for _ in range(ITERATIONS):
             if not (np.isfinite(objective) and np.isfinite(score).all() and np.isfinite(information).all()):
                 break  # parameters that the records do not determine may overflow
-            step = _ascent(information, score)
+            try:
+                step = _ascent(information, score)
+            except LinAlgError:
+                break
             gain, size = float(step @ score), 1.0
             trial = self._at(values + step)
             while not trial[0] >= objective - ROUNDING * abs(objective) and size > SMALLEST_STEP:
@@ -318,13 +322,17 @@ class _Problem:
 
 
 def _ascent(information: Array, score: Array) -> Array:
-    """Return the Newton step; the information matrix is damped until it is positive definite."""
+    """Return the Newton step; the information matrix is damped until it is positive definite.
+
+    LinAlgError is raised if no damping makes it so, which happens with few records.
+    """
     damping, scale = 0.0, np.abs(np.diag(information))
-    while True:
+    while damping <= LARGEST_DAMPING and np.isfinite(damping * scale.max()):
         try:
             return cho_solve(cho_factor(information + np.diag(damping * scale)), score)
         except LinAlgError:
             damping = max(FIRST_DAMPING, 10 * damping)
+    raise LinAlgError("no damping makes the information matrix positive definite")
 
 
 def _cells(records: DistinctRecords) -> tuple[NDArray[np.intp], Array]:
