@@ -145,11 +145,13 @@ def _squared_mass(f: Distribution, proposal: Distribution, start: Array, end: Ar
     log_pieces = _log_square(f, proposal, grid[:-1, None] + half * (1 + _NODES))
     if log_pieces[-1, -1] > log_pieces[0].max() - 1:
         return np.full(start.shape, np.inf)
-    tail = np.cumsum(((np.exp(log_pieces) @ _NODE_WEIGHTS) * half[:, 0])[::-1])[::-1]
+    with np.errstate(over="ignore"):
+        tail = np.cumsum(((np.exp(log_pieces) @ _NODE_WEIGHTS) * half[:, 0])[::-1])[::-1]
     # The tail is nearly exponential between the points of the grid, so its logarithm is interpolated.
     log_tail = np.log(np.maximum(tail, np.finfo(float).tiny))
     above = [np.exp(np.interp(x, grid[:-1], log_tail)) * (x < far) for x in (np.maximum(start, low), end)]
-    return np.maximum(above[0] - above[1], 0)
+    with np.errstate(invalid="ignore"):
+        return np.where(np.isinf(above[0]), np.inf, np.maximum(above[0] - above[1], 0))
 
 
 def _edges(law: Distribution) -> set[float]:
