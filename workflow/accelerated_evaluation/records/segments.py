@@ -1,5 +1,6 @@
 """Segments of lead speed, and tests that variables are independent in them and that they are similar."""
 
+import math
 from collections.abc import Callable, Sequence
 from itertools import combinations, pairwise
 
@@ -183,12 +184,14 @@ def similarity(encounters: pd.DataFrame, confidence: float = 0.95) -> pd.DataFra
     pandas.DataFrame
         Columns ``quantile``; ``largest_in`` and ``smallest_in``, the segments with its largest and smallest
         value; ``largest`` and ``smallest`` [1/s]; their ``ratio``, and its interval ``ci_low`` to ``ci_high``
-        from the errors of `jackknife` of both logarithms.
+        from the errors of `jackknife` of both logarithms. The interval allows for the choice of the two
+        segments among all pairs (Bonferroni).
     """
     from scipy.stats import t
 
     of_segments = {name: rows["inverse_ttc"].to_numpy() for name, rows in encounters.groupby("segment")}
-    reach, table = t.ppf((1 + confidence) / 2, BLOCKS - 1), []
+    pairs = max(math.comb(len(of_segments), 2), 1)
+    reach, table = t.ppf(1 - (1 - confidence) / (2 * pairs), BLOCKS - 1), []
     for level in QUANTILES:
         found = {
             name: jackknife(lambda kept, x=x, level=level: np.log(np.quantile(x[kept], level)), len(x))
