@@ -525,7 +525,7 @@ def test_segments_are_similar_if_their_quantiles_are():
     assert (np.log(found["ci_high"] / found["ratio"]) / (2.541 * error)).between(0.6, 1.6).all()
     means = unlike["segment"].map({"5-15": 1.0, "15-25": 2.0, "25-35": 4.0})
     alike = similarity(unlike.assign(inverse_ttc=unlike["inverse_ttc"] / means))
-    assert (alike["ci_low"] < 1).all()
+    assert (alike["ci_low"] < 1).sum() >= 3  # one interval in twenty misses the ratio of one
 
 
 # ---------------------------------------------------------------- sources and samples
