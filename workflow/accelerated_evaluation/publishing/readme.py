@@ -61,7 +61,8 @@ def results_table(claims: pd.DataFrame) -> str:
     """
     rows = []
     for claim, row in claims.set_index("claim").loc[list(SHOWN)].iterrows():
-        spread = f"{_number(row.ours_low)} to {_number(row.ours_high)} ({row.spread})"
+        ends = f"{_number(row.ours_low)} to {_number(row.ours_high)} ({row.spread})"
+        spread = row.spread if pd.isna(row.ours_low) else ends
         rows.append((claim, _number(row.paper), _number(row.ours), spread, row.verdict))
     return markdown(("", "paper", "ours", "our spread", "verdict"), rows)
 
