@@ -20,6 +20,7 @@ from accelerated_evaluation.publishing.tables.paper_claims import (
     STATEMENTS,
     Claim,
 )
+from accelerated_evaluation.publishing.tables.readings import readings_table
 from accelerated_evaluation.publishing.tables.spreads import Spread, exactly
 from accelerated_evaluation.study.configuration import load
 
@@ -263,6 +264,25 @@ def test_every_row_is_complete(study):
         assert set(claims.loc[kinds == kind, "verdict"]) <= {kind, "not comparable"}
     assert claims["claim"].is_unique
     assert (claims["why"].str.len() > 0).all()
+
+
+def test_readings_give_the_effects_of_the_study(study):
+    choices = [("model", "single", 6e-6), ("knot of TTC^-1", "0.9", 3e-7), ("knot of TTC^-1", "0.99", 3e-6)]
+    sensitivity = pd.DataFrame(choices, columns=["choice", "value", "probability"])
+    trace = pd.DataFrame({"threshold_ttc_s": [math.nan, 2.0, 0.0], "simulations": [0, 1000, 3000]})
+    estimates = study["estimates"].assign(events=[130, 120, 110, 100])
+    estimates.loc[3, "converged"] = False
+    tables = {"trace": trace, "estimates": estimates, "sensitivity": sensitivity}
+    names = ("exact", "repeated_searches", "config")
+    effects = readings_table(**tables, **{name: study[name] for name in names})["effect"].tolist()
+    for expected in (
+        "knot of TTC^-1: probability x0.4 to x4",
+        "under the single f: probability x8",
+        "1 of 2 iterations simulated more than N",
+        "after 12 instead of 2 updates, piecewise needs x1 simulations",
+        "piecewise and single stopped with at least 110 crashes",
+    ):
+        assert expected in effects
 
 
 def test_the_papers_derived_numbers_follow_from_its_others():
