@@ -92,7 +92,8 @@ def _records(tables: Tables) -> dict[str, Any]:
 
 
 def _claims(tables: Tables) -> dict[str, Any]:
-    claims = tables["claims"].assign(paper=lambda table: table["paper"].astype(float)).set_axis(list(CLAIMS))
+    claims = tables["claims"].set_axis(list(CLAIMS))
+    claims = claims.assign(paper=claims["paper"].astype(float), claim=claims["claim"].map(typeset))
     keys = ("claim", "source", "paper", "ours", "ours_low", "ours_high", "verdict")
     unlike = claims[claims["verdict"].isin(["differs", "undecided", "not comparable"])]
     reasons = unlike.assign(why=unlike["why"].map(_reason)).groupby("why", sort=False)
