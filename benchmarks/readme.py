@@ -58,7 +58,7 @@ def ours_and_others(samplers: pd.DataFrame) -> list[tuple[pd.Series, pd.DataFram
 
 
 def samplers_table(samplers: pd.DataFrame) -> str:
-    """Return the simulations that this sampler, Cross-Entropy searches and public tools need for each problem.
+    """Return the simulations that this sampler, Cross-Entropy searches and public tools need by problem.
 
     Of the other methods that rarely fail, the one with the fewest effective simulations is shown.
     """
