@@ -276,13 +276,17 @@ def test_readings_give_the_effects_of_the_study(study):
     names = ("exact", "repeated_searches", "config")
     effects = readings_table(**tables, **{name: study[name] for name in names})["effect"].tolist()
     for expected in (
-        "knot of TTC^-1: probability x0.4 to x4",
+        "knot of TTC^-1: probability x0.40 to x4",
         "under the single f: probability x8",
         "1 of 2 iterations simulated more than N",
         "after 12 instead of 2 updates, piecewise needs x1 simulations",
         "piecewise and single stopped with at least 110 crashes",
     ):
         assert expected in effects
+    study["exact"]["probability"] = 0.0
+    estimates["converged"] = False
+    never = readings_table(**tables, **{name: study[name] for name in names})["effect"]
+    assert not never.str.contains("nan|inf").any()
 
 
 def test_the_papers_derived_numbers_follow_from_its_others():

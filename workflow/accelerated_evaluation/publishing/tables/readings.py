@@ -7,6 +7,7 @@ from typing import Any
 import pandas as pd
 
 from accelerated_evaluation.publishing.published import table
+from accelerated_evaluation.publishing.tables.formats import readable
 
 # Where in the paper; what it says; what is done here; and the effect in the study.
 READINGS = (
@@ -27,7 +28,7 @@ READINGS = (
         "section VI",
         "the f under which the single method estimates is not stated",
         "both methods estimate under the piecewise f, as the common estimate in figure 12 suggests",
-        "under the single f: probability x{single:.3g}",
+        "under the single f: probability x{single}",
     ),
     (
         "section VI",
@@ -46,7 +47,7 @@ READINGS = (
         "N is adjusted for each piece with a large portion; no numbers",
         "a portion from 0.1 needs {search[minimum_piece_events]} events, and all together "
         "{search[minimum_events]}; at most {search[maximum_batches]} N",
-        "{longer:,} of {updates:,} iterations simulated more than N",
+        "{longer} of {updates} iterations simulated more than N",
     ),
     (
         "section V.C.3",
@@ -72,13 +73,13 @@ READINGS = (
         "appendix C",
         "the search ends when theta converges",
         "it ends after {search[crash_iterations]} updates in a row with the crash itself",
-        "after {most} instead of {least} updates, piecewise needs x{needed:.3g} simulations",
+        "after {most} instead of {least} updates, piecewise needs x{needed} simulations",
     ),
     (
         "section VI.C",
         "converged if the relative half-width is at most beta",
         "and at least {sampling[minimum_events]} crashes were seen",
-        "piecewise and single stopped with at least {fewest:,.0f} crashes",
+        "piecewise and single stopped with at least {fewest} crashes",
     ),
     (
         "section VI.C",
@@ -117,8 +118,9 @@ def readings_table(
         "sampling": config["importance_sampling"],
         "cap": config["models"]["closing_speed_max"],
     }
-    values = settings | _of_searches(trace, repeated_searches, settings["search"]["sample_size"])
+    values = _of_searches(trace, repeated_searches, settings["search"]["sample_size"])
     values |= _of_probability(sensitivity, exact) | {"fewest": _fewest_crashes(estimates)}
+    values = settings | {name: readable(value) for name, value in values.items()}
     rows = [[text.format(**values) for text in reading] for reading in READINGS]
     return pd.DataFrame(rows, columns=["place", "paper", "here", "effect"])
 
@@ -136,14 +138,14 @@ def _of_searches(trace: pd.DataFrame, repeated: pd.DataFrame, sample_size: int) 
     }
 
 
-def _of_probability(sensitivity: pd.DataFrame, exact: pd.DataFrame) -> dict[str, Any]:
+def _of_probability(sensitivity: pd.DataFrame, exact: pd.DataFrame) -> dict[str, float | str]:
     """Return ratios of probabilities with other choices to the exact one; NaN if nothing crashes."""
     probability = exact.set_index("segment").loc["all", "probability"] or math.nan
     ratios = sensitivity.set_index(["choice", "value"])["probability"] / probability
     found = {"single": ratios["model", "single"]}
     for name, choice in (("knot", "knot of TTC^-1"), ("caps", "closing-speed cap [m/s]")):
         of_choice = ratios[ratios.index.get_level_values("choice") == choice]
-        found[name] = f"{of_choice.min():.2g} to x{of_choice.max():.2g}"
+        found[name] = " to x".join(str(readable(end, 2)) for end in (of_choice.min(), of_choice.max()))
     return found
 
 
