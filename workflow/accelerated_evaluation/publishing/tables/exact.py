@@ -21,7 +21,6 @@ EVENTS = {
 SURE = 4  # half-width, in standard errors, of the range in which the true probability may lie
 CONTRADICTED = 1e-4  # p-value below which simulations contradict all values in this range
 HEAVY = 10  # factor of the rarest crashes in a coefficient of variation that simulations do not show
-SIZES = ("simulations", "simulations_low", "simulations_high")
 
 
 @table("needed", digits=3)
@@ -50,14 +49,15 @@ def needed_simulations(
     rows = []
     for (scope, method), found in variation.groupby(["segment", "method"], sort=False):
         sizes = (ndtri(alpha / 2) * found["variation_trimmed"] / beta) ** 2
+        hidden = np.isinf(found["variation"]) | (found["variation"] > HEAVY * found["variation_trimmed"])
         rows.append(
             {
                 "scope": scope,
                 "method": method,
                 "searches": len(found),
                 "infinite": int((found["decay"] > 2).sum()),
-                "decay": found["decay"].max(),
-                "hidden": int((found["variation"] > HEAVY * found["variation_trimmed"]).sum()),
+                "decay": found["decay"].max().round(6),
+                "hidden": int(hidden.sum()),
                 "variation": found["variation_trimmed"].mean(),
                 "simulations": sizes.mean(),
                 "simulations_low": sizes.min(),
@@ -66,11 +66,9 @@ def needed_simulations(
         )
     for scope, probability in exact.set_index("segment")["probability"].items():
         if probability > 0:
-            of_crude = {"variation": math.sqrt(1 / probability - 1)}
-            of_crude |= dict.fromkeys(SIZES, crude_simulations(probability, alpha, beta))
-            rows.append(
-                {"scope": scope, "method": "crude", "searches": 0, "infinite": 0, "hidden": 0} | of_crude
-            )
+            variation, size = math.sqrt(1 / probability - 1), crude_simulations(probability, alpha, beta)
+            row = {"scope": scope, "method": "crude", "searches": 0, "infinite": 0, "hidden": 0}
+            rows.append(row | {"variation": variation, "simulations": size})
     needed = pd.DataFrame(rows)
     paper = needed["method"].map(PAPER_SIMULATIONS).where(needed["scope"] == "all")
     return needed.assign(paper_simulations=paper)
