@@ -32,7 +32,7 @@ EDITS = {
         {
             "fit_candidates": {"laws/paper/candidate_families.py", "laws/paper/comparison.py"},
             "bootstrap_uncertainty": {"crash_map/uncertainty.py"},
-            "run_07_conclusions": {"publishing/tables/claims.py"},
+            "run_13_what_happened": {"publishing/figures/preventable.py"},
         },
         {"fit_candidates", "collect_candidates", "bootstrap_uncertainty", *END},
     ),

@@ -214,9 +214,9 @@ def _samples(estimates: pd.DataFrame, coverage: pd.DataFrame) -> dict[str, Sprea
 def _probability(course: pd.DataFrame, exact: pd.DataFrame, alpha: float, beta: float) -> dict[str, Spread]:
     row, pooled = exact.set_index("segment").loc["all"], pooled_probability(course, "piecewise", alpha)
     value, end = float(row["probability"]), f"none, an end of the {pooled.of}"
-    share = 100 * row["standard_error"] / value if value else math.nan
+    error = f"{100 * row['standard_error'] / value:.2g} %" if value else "0"
     return {
-        "probability": exactly(value, f"none, exact for the model; standard error {share:.2g} %"),
+        "probability": exactly(value, f"none, exact for the model; standard error {error}"),
         "probability_low": exactly(pooled.low, end),
         "probability_high": exactly(pooled.high, end),
         "crude": crude_sample_size(exact, alpha, beta),
