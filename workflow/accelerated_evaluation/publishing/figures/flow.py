@@ -30,8 +30,8 @@ FLOW_BOXES = {
         question=True,
     ),
     "more": Box(
-        "draw on, to {minimum_events}\ncrashes or {maximum_batches} N;\nheuristic: if t has\n"
-        "< {minimum_events} events,\nmove knots first;\ntake the {minimum_events}th\nsmallest t",
+        "draw on, to {minimum_events}\ncrashes or {maximum_batches} N;\nheuristic: if < {minimum_events}\n"
+        "reach the last\n$t_{{TTC}}$, move knots;\ntake the {minimum_events}th\nsmallest t",
         *(2.97, 3.31, 0.86, 0.92),
     ),
     "event": Box(
