@@ -57,7 +57,7 @@ def ours_and_others(samplers: pd.DataFrame) -> list[tuple[pd.Series, pd.DataFram
 
 
 def samplers_table(samplers: pd.DataFrame) -> str:
-    """Return the simulations that this sampler, the paper's methods and public tools need for each problem.
+    """Return the simulations that this sampler, Cross-Entropy searches and public tools need by problem.
 
     Of the other methods that rarely fail, the one with the fewest effective simulations is shown.
     """
@@ -84,7 +84,7 @@ def samplers_table(samplers: pd.DataFrame) -> str:
             "its true error": "{error:.2f}",
             "its 80 % intervals cover": "{coverage80:.0%}",
             "failed": "{failed:.0f} of {seeds:,.0f}",
-            "best of the paper's methods": "{paper}",
+            "best Cross-Entropy search": "{paper}",
             "best public tool": "{public}",
         },
     )

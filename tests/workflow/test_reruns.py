@@ -19,9 +19,9 @@ EDIT = "\n# edited\n"
 FIT = {"ingest_encounters", "describe_encounters", "fit_models", "fit_candidates", "collect_candidates"}
 SEARCH = {"search_proposals", "collect_traces"}
 ESTIMATE = {"estimate_single", "estimate_piecewise", "estimate_heuristic", "estimate_surrogate"}
-ESTIMATE |= {"estimate_toy_method"}
+ESTIMATE |= {"estimate_shifted", "estimate_toy_method"}
 JUDGE = {"run_crude_monte_carlo", "study_coverage", "collect_coverage"}
-TRUTH = {"compute_exact", "bootstrap_uncertainty", "study_sensitivity"}
+TRUTH = {"compute_exact", "repeat_searches", "bootstrap_uncertainty", "study_sensitivity"}
 LAWS = {"fit_family", "study_laws", "compare_laws", "compare_record_variants", "replay_encounters"}
 LAWS |= {"count_crashes", "predict_humans", "study_lead_motion", "explorer"}
 END = {"accept_records", "book", "all"}
@@ -32,7 +32,7 @@ EDITS = {
         {
             "fit_candidates": {"laws/paper/candidate_families.py", "laws/paper/comparison.py"},
             "bootstrap_uncertainty": {"crash_map/uncertainty.py"},
-            "run_07_conclusions": {"publishing/tables/claims.py"},
+            "run_13_what_happened": {"publishing/figures/preventable.py"},
         },
         {"fit_candidates", "collect_candidates", "bootstrap_uncertainty", *END},
     ),

@@ -1,7 +1,7 @@
 # Ground truth: the exact crash probability, its sensitivity and its uncertainty (beyond the paper).
 #
 # In: the vehicle, the models, the encounters, f* of every search. Out: the crash map, exact probabilities with
-# their error, the exact variation of every f*, severity, sensitivity and the budget of uncertainty.
+# their error, the exact variation of every f*, severity, sensitivity and the budget of uncertainty; longer searches.
 
 
 MAPPED = INPUTS.mapped("under_test", config["crash_map"])
@@ -68,6 +68,39 @@ rule compute_exact:
         "Computing exact probabilities"
     script:
         "../scripts/compute_exact.py"
+
+
+rule repeat_searches:
+    """Search f* of the first segment with more seeds and more updates, and judge it by its exact variance."""
+    input:
+        encounters=rules.ingest_encounters.output.encounters,
+        model=rules.fit_models.output[MODEL],
+        quarter=rules.map_crashes.output.quarter,
+        vehicle=ancient(VEHICLE_FILES),
+        library=modules_of(
+            "repeat_searches.py", members=OF_VEHICLE | {"methods": SEARCHING}
+        ),
+    output:
+        repeated=result("repeated_searches.csv"),
+    log:
+        log_of("repeat_searches.log"),
+    benchmark:
+        benchmark_of("repeat_searches.tsv")
+    threads: WORKERS
+    resources:
+        mem_mb=1000,
+    params:
+        seed=config["seed"],
+        segment=SEGMENTS[0],
+        methods=SEARCHING,
+        vehicle=config["vehicle"],
+        vehicle_content=VEHICLE_CONTENT,
+        simulations=SIMULATIONS,
+        settings=part(config, "cross_entropy", "importance_sampling"),
+    message:
+        "Cross-Entropy searches with more updates, segment {params.segment}"
+    script:
+        "../scripts/repeat_searches.py"
 
 
 rule study_sensitivity:

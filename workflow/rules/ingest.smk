@@ -35,13 +35,14 @@ rule ingest_encounters:
 
 
 rule describe_encounters:
-    """Count the segments and test whether the variables are independent inside them."""
+    """Count the segments, and test whether variables are independent inside them and whether they are similar."""
     input:
         encounters=rules.ingest_encounters.output.encounters,
         library=modules_of("describe_encounters.py"),
     output:
         segments=result("segments.csv"),
         dependence=result("dependence.csv"),
+        similarity=result("similarity.csv"),
     log:
         log_of("describe_encounters.log"),
     benchmark:
@@ -50,6 +51,6 @@ rule describe_encounters:
     resources:
         mem_mb=1000,
     message:
-        "Testing the independence of v_L, R^-1 and TTC^-1"
+        "Testing the independence of v_L, R^-1 and TTC^-1, and the similarity of the segments"
     script:
         "../scripts/describe_encounters.py"

@@ -5,6 +5,8 @@ TABLES = {
     "segment_counts": "segments.csv",
     # Kendall's tau of each pair of variables, inside each segment.
     "dependence": "dependence.csv",
+    # Ratio of the largest to the smallest quantile of TTC^-1 of the segments.
+    "similarity": "similarity.csv",
     # Log-likelihood, AIC and rank of all candidate families.
     "candidates": "candidates.csv",
     # Every iteration of every Cross-Entropy search.
@@ -21,6 +23,8 @@ TABLES = {
     "convergence": "convergence.csv",
     # Exact coefficient of variation of the weight of a simulation under each f*.
     "variation": "variation.csv",
+    # Searches of the first segment with more seeds and more updates, and how good their f* are.
+    "repeated_searches": "repeated_searches.csv",
     # Probabilities of crashes above impact speeds, and of near misses.
     "severity": "severity.csv",
     # Mean and quantiles of the impact speed of crashes.

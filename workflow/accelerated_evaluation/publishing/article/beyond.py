@@ -1,5 +1,6 @@
 """The numbers of the article that the paper does not have: laws, answer, coverage, vehicles, injuries."""
 
+import math
 from collections.abc import Iterable, Mapping
 from typing import Any
 
@@ -97,19 +98,18 @@ def _answer(tables: Tables) -> dict[str, Any]:
 
 
 def _second_set(answer: pd.DataFrame, size: int) -> dict[str, Any]:
-    """Return limits for the number of near misses in a second data set of the same size.
+    """Return which numbers of replayed crashes in other records would refute the answer.
 
-    The event is the most frequent near miss. Its number of occurrences among ``size`` cut-ins is a Poisson
-    variable with mean ``size`` times the probability. The limits are the 2.5 % quantile for the lower end of
-    the answer's 95 % interval and the 97.5 % quantile for the upper end.
+    The number among n cut-ins is a Poisson variable. ``most`` is its 97.5 % quantile for ``size`` cut-ins at
+    the upper end of the 95 % interval. ``none`` is the number of cut-ins of which at least one crashes with a
+    probability of 97.5 % at the lower end, None if this is 0.
     """
-    nearest = answer[answer["event"] != "crash"].nlargest(1, "probability").iloc[0]
-    low, high = size * nearest["low95"], size * nearest["high95"]
+    crash = answer.set_index("event").loc["crash"]
+    low, high = crash["low95"], crash["high95"]
     return {
-        "event": nearest["event"],
         "size": size,
-        "low": int(poisson.ppf(0.025, low)) if low > 0 else 0,
-        "high": int(poisson.ppf(0.975, high)) if high > 0 else 0,
+        "most": int(poisson.ppf(0.975, size * high)) if high > 0 else 0,
+        "none": math.ceil(-math.log(0.025) / low) if low > 0 else None,
     }
 
 
