@@ -1,6 +1,5 @@
 """The page of the explorer: the templates in ``workflow/explorer``, filled with the data of a study."""
 
-import base64
 from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
@@ -16,8 +15,7 @@ from accelerated_evaluation.answer.weighted_family import WeightedLaws
 from accelerated_evaluation.base.errors import StudyError
 from accelerated_evaluation.crash_map.maps import CrashMap
 from accelerated_evaluation.publishing.explorer import payload as parts
-from accelerated_evaluation.publishing.explorer.kernels import translated_kernels
-from accelerated_evaluation.publishing.explorer.vehicles import TITLES, compiled_vehicles, pilots
+from accelerated_evaluation.publishing.explorer.vehicles import TITLES, described_vehicles, pilots
 from accelerated_evaluation.vehicles.events import events_from
 
 LARGEST = 3_000_000  # largest size of a page in bytes
@@ -68,7 +66,7 @@ class Explored:
         return self.config["vehicle"]
 
     @property
-    def is_compiled(self) -> bool:
+    def is_simulated(self) -> bool:
         """Whether the page can simulate the vehicle under test."""
         return self.tested["name"] in TITLES
 
@@ -97,8 +95,7 @@ def write_page(explored: Explored, templates: Path, path: Path, generator: np.ra
     for place, name in PLACES.items():
         page = page.replace(place, (templates / name).read_text(encoding="utf-8"))
     payload = _payload(explored, generator)
-    code = base64.b64encode(translated_kernels().module).decode()
-    for place, text in {"/*DATA*/": payload.json, "/*ARRAYS*/": payload.block, "/*KERNELS*/": code}.items():
+    for place, text in {"/*DATA*/": payload.json, "/*ARRAYS*/": payload.block}.items():
         page = page.replace(place, text)
     size = len(page.encode())
     if size > LARGEST:
@@ -116,7 +113,7 @@ def _payload(explored: Explored, generator: np.random.Generator) -> parts.Payloa
             "study": explored.config["study"],
             "tested": explored.tested["name"],
             "reference": REFERENCES[""],
-            "vehicles": compiled_vehicles(explored.tested),
+            "vehicles": described_vehicles(explored.tested),
             "events": [{"name": event_name(event), "threshold": event.threshold} for event in shown],
             "lead_speeds": list(support.lead_speeds),
             "range_max": support.range_max,
@@ -125,14 +122,13 @@ def _payload(explored: Explored, generator: np.random.Generator) -> parts.Payloa
                 "answer": parts.published_of(explored.answer, "event"),
                 "vehicles": parts.published_of(explored.vehicles, "vehicle"),
             },
-            "kernels": translated_kernels().layout,
         }
     )
     parts.add_lines(payload, explored_lines(drawn, records.lead_speed, support, pilots(), generator))
     parts.add_laws(payload, explored.weighted, drawn, log_ratios(drawn, support))
     parts.add_records(payload, records, generator)
-    if not explored.is_compiled and explored.crash_map is not None:
+    if not explored.is_simulated and explored.crash_map is not None:
         parts.add_map(payload, explored.crash_map, SHOWN_EVENTS, generator)
-    if not explored.is_compiled and explored.runs is not None:
+    if not explored.is_simulated and explored.runs is not None:
         parts.add_runs(payload, explored.runs)
     return payload

@@ -1,6 +1,6 @@
-"""The vehicles of the explorer: their sliders, and the parameters of the compiled code at each position.
+"""The vehicles of the explorer: their sliders, and the parameters of the simulation at each position.
 
-Python computes, for every position of every slider, which of the numbers that the compiled code reads are
+Python computes, for every position of every slider, which of the numbers that the simulation reads are
 changed. The page only inserts these numbers. No two sliders of a vehicle may change the same number, which is
 checked.
 """
@@ -15,6 +15,8 @@ import numpy as np
 from accelerated_evaluation.base.errors import StudyError
 from accelerated_evaluation.scenarios.parameters import parameter_names
 from accelerated_evaluation.vehicles.builtin.acc_aeb import V60_TTC, AccAeb
+from accelerated_evaluation.vehicles.builtin.driver_numbers import Driver
+from accelerated_evaluation.vehicles.builtin.kernel import Car
 from accelerated_evaluation.vehicles.protocol import Vehicle
 from accelerated_evaluation.vehicles.registry import VEHICLES
 
@@ -104,21 +106,21 @@ TITLES = {
 }
 
 
-def compiled_vehicles(tested: Mapping[str, Any]) -> list[dict[str, Any]]:
-    """Describe every vehicle whose code the page contains.
+def described_vehicles(tested: Mapping[str, Any]) -> list[dict[str, Any]]:
+    """Describe every vehicle that the page can simulate.
 
     Parameters
     ----------
     tested
-        Section ``vehicle`` of the configuration. If the page contains this vehicle, its sliders start at
+        Section ``vehicle`` of the configuration. If the page can simulate this vehicle, its sliders start at
         these parameters; other vehicles start at their default parameters.
 
     Returns
     -------
     list
         For each vehicle its ``name``, ``title``, ``kernel`` (car or driver), ``striped`` (whether crashes lie
-        in such narrow stripes that a few lines are not enough), the ``numbers`` that the compiled code reads,
-        and its ``sliders``. Each stop of a slider has the ``changes`` to these numbers, by their position.
+        in such narrow stripes that a few lines are not enough), the ``numbers`` that the simulation reads, by
+        name, and its ``sliders``. Each stop of a slider has the ``changes`` to these numbers.
     """
     return [_described(name, tested["parameters"] if name == tested["name"] else {}) for name in SLIDERS]
 
@@ -127,7 +129,6 @@ def _described(name: str, parameters: Mapping[str, Any]) -> dict[str, Any]:
     vehicle_class: Callable[..., Any] = VEHICLES[name]
     vehicle = vehicle_class(**parameters)
     base = {field: getattr(vehicle, field) for field in parameter_names(vehicle_class)}
-    numbers = vehicle.compiled()
     sliders = [_stops(vehicle_class, base, slider) for slider in SLIDERS[name]]
     _require_own_numbers(name, sliders)
     return {
@@ -135,24 +136,20 @@ def _described(name: str, parameters: Mapping[str, Any]) -> dict[str, Any]:
         "title": TITLES[name],
         "kernel": "car" if isinstance(vehicle, AccAeb) else "driver",
         "striped": getattr(vehicle, "striped", False),
-        "numbers": [_as_text(number) for number in numbers],
+        "numbers": as_texts(vehicle.compiled()),
         "sliders": sliders,
     }
 
 
 def _stops(vehicle_class: Callable[..., Any], base: Mapping[str, Any], slider: Slider) -> dict[str, Any]:
-    """Return a slider for the page, with the changes of the compiled numbers at each of its stops."""
+    """Return a slider for the page, with the changes of the numbers at each of its stops."""
     start = base[slider.parameter]
     values = slider.values(start)
-    original = vehicle_class(**base).compiled()
+    original = as_texts(vehicle_class(**base).compiled())
     stops = []
     for value in values:
-        numbers = vehicle_class(**slider.parameters(base, value)).compiled()
-        changes = {
-            place: _as_text(new)
-            for place, (old, new) in enumerate(zip(original, numbers, strict=True))
-            if old != new
-        }
+        numbers = as_texts(vehicle_class(**slider.parameters(base, value)).compiled())
+        changes = {name: text for name, text in numbers.items() if text != original[name]}
         label = PUBLISHED_TTC if value is None else f"{value:.3g}"
         stops.append(
             {"value": "published" if value is None else f"{value:g}", "label": label, "changes": changes}
@@ -170,17 +167,18 @@ def _require_own_numbers(name: str, sliders: Sequence[Mapping[str, Any]]) -> Non
     """Raise StudyError if two sliders of a vehicle change the same number."""
     seen: set[int] = set()
     for slider in sliders:
-        own = {place for stop in slider["stops"] for place in stop["changes"]}
+        own = {number for stop in slider["stops"] for number in stop["changes"]}
         if own & seen:
-            raise StudyError(
-                f"Two sliders of {name} change the same compiled number; {slider['name']} is one."
-            )
+            raise StudyError(f"Two sliders of {name} change the same number; {slider['name']} is one.")
         seen |= own
 
 
-def _as_text(number: float | bool) -> str:
-    """Return a number as text from which JavaScript reads the same float, bit by bit; also for infinity."""
-    return "Infinity" if number == math.inf else repr(float(number))
+def as_texts(numbers: Car | Driver) -> dict[str, str]:
+    """Return a simulation's numbers by name, as texts from which JavaScript reads exactly the same floats."""
+    return {
+        name: "Infinity" if number == math.inf else repr(float(number))
+        for name, number in numbers._asdict().items()
+    }
 
 
 def pilots() -> list[Vehicle]:
