@@ -10,7 +10,6 @@ rule inspect_records:
     input:
         records=ancient(RECORDS),
         vehicle=ancient(VEHICLE_FILES),
-        library=modules_of("inspect_records.py", members=OF_VEHICLE),
     output:
         report=result("records_report.csv"),
     log:
@@ -31,6 +30,7 @@ rule inspect_records:
         vehicle_content=VEHICLE_CONTENT,
         simulations=SIMULATIONS,
         replays=not SLOW,
+        library=code_up_to("vehicles"),
     message:
         "Checking the records: {params.data[source]}"
     script:
@@ -41,7 +41,6 @@ rule ingest_encounters:
     """Read, filter and segment the lane changes, and account for every row."""
     input:
         records=ancient(RECORDS),
-        library=modules_of("ingest_encounters.py"),
     output:
         encounters=result("encounters.parquet"),
         account=result("encounters_account.csv"),
@@ -61,6 +60,7 @@ rule ingest_encounters:
         data=config["data"],
         filters=config["filters"],
         segments=config["segments"],
+        library=code_up_to("records"),
     message:
         "Ingesting lane changes: {params.data[source]}"
     script:
@@ -71,7 +71,6 @@ rule describe_encounters:
     """Count the segments and test whether the variables are independent inside them."""
     input:
         encounters=rules.ingest_encounters.output.encounters,
-        library=modules_of("describe_encounters.py"),
     output:
         segments=result("segments.csv"),
         dependence=result("dependence.csv"),
@@ -82,6 +81,8 @@ rule describe_encounters:
     threads: 1
     resources:
         mem_mb=1000,
+    params:
+        library=code_up_to("records"),
     message:
         "Testing the independence of v_L, R^-1 and TTC^-1"
     script:

@@ -4,10 +4,7 @@
 # their scores, the answer with its budget and draws, the law with the largest weight, the estimates of every method,
 # the agreement with the verdicts, the checks of stored experiments.
 
-OF_SCENARIO = {
-    "vehicles": [config["vehicle"]["name"]],
-    SCENARIO: [config["vehicle"]["name"]],
-}
+
 VERDICTS = INPUTS.verdicts
 EXPERIMENTS = INPUTS.experiments
 
@@ -17,7 +14,6 @@ rule study_scenario:
     input:
         records=ancient(RECORDS),
         vehicle=ancient(VEHICLE_FILES),
-        library=modules_of("study_scenario.py", members=OF_SCENARIO),
     output:
         encounters=result("scenario", "encounters.csv"),
         account=result("scenario", "records.csv"),
@@ -41,6 +37,7 @@ rule study_scenario:
         vehicle=config["vehicle"],
         vehicle_content=VEHICLE_CONTENT,
         simulations=SIMULATIONS,
+        library=code_up_to("answer"),
     message:
         "Weighting the laws of the scenario {params.scenario[name]}, and drawing the answer"
     script:
@@ -52,7 +49,6 @@ rule compare_scenario_methods:
     input:
         law=rules.study_scenario.output.law,
         vehicle=ancient(VEHICLE_FILES),
-        library=modules_of("compare_scenario_methods.py", members=OF_SCENARIO),
     output:
         estimates=result("scenario", "estimates.csv"),
         runs=result("scenario", "runs.csv"),
@@ -70,6 +66,7 @@ rule compare_scenario_methods:
         vehicle=config["vehicle"],
         vehicle_content=VEHICLE_CONTENT,
         simulations=SIMULATIONS,
+        library=code_up_to("answer"),
     message:
         "Comparing the methods on the scenario {params.config[scenario][name]}"
     script:
@@ -81,7 +78,6 @@ rule compare_verdicts:
     input:
         verdicts=ancient(VERDICTS),
         vehicle=ancient(VEHICLE_FILES),
-        library=modules_of("compare_verdicts.py", members=OF_SCENARIO),
     output:
         agreement=result("scenario", "agreement.csv"),
     log:
@@ -96,6 +92,7 @@ rule compare_verdicts:
         vehicle=config["vehicle"],
         vehicle_content=VEHICLE_CONTENT,
         simulations=SIMULATIONS,
+        library=code_up_to("answer"),
     message:
         "Comparing the vehicle with published verdicts"
     script:
@@ -108,7 +105,6 @@ rule check_experiments:
         records=ancient(EXPERIMENTS[:1]),
         published=ancient(EXPERIMENTS[1:]),
         verdicts=ancient(VERDICTS),
-        library=modules_of("check_experiments.py", members=OF_SCENARIO),
     output:
         experiments=result("scenario", "experiments.csv"),
     log:
@@ -120,6 +116,7 @@ rule check_experiments:
         mem_mb=1000,
     params:
         scenario=SCENARIO,
+        library=code_up_to("answer"),
     message:
         "Checking stored experiments by importance sampling"
     script:
