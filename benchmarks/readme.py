@@ -22,6 +22,7 @@ LEARNERS = ("ak_mcs", "ak_is", "two_stage", "kde_ais")  # as in benchmarks/sampl
 RELIABLE = 0.05  # share of failed seeds up to which another sampler is called the best
 COMMAND = "python benchmarks/readme.py"
 NOTHING = "–"
+YES = {True: "yes", False: "no"}
 MISSING = re.compile(r"\bnan\b")
 
 
@@ -383,10 +384,10 @@ def scenarios_table(scenarios: pd.DataFrame) -> str:
 
 
 def experiments_table(experiments: pd.DataFrame) -> str:
-    """Return the stored experiments with right weights, and which check warns of them."""
+    """Return the stored experiments of the left turn, and which check warns of them."""
     warnings = ["warns_events", "warns_mean", "warns_region"]
     return formatted(
-        experiments.replace({name: {True: "yes", False: "no"} for name in warnings}),
+        experiments.query("scenario == 'left_turn'").replace({name: YES for name in warnings}),
         {
             "experiment": "{experiment}",
             "weights": "{weights}",
@@ -413,7 +414,7 @@ def of_scenario(name: str, table: str, make) -> Table:
 TABLES = {
     "left_turn": of_scenario("left_turn", "scenario_answer", scenario_answers),
     "pedestrian": of_scenario("pedestrian", "scenario_answer", scenario_answers),
-    "experiments": of_scenario("left_turn", "scenario_experiments", experiments_table),
+    "experiments": result(JOINT_LAWS, "stored_experiments", experiments_table),
     "scenarios": result(JOINT_LAWS, "scenarios", scenarios_table),
     "answers": result(BENCHMARKS, "answers", answers_table),
     "samplers": result(BENCHMARKS, "samplers", samplers_table),

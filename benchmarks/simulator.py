@@ -12,9 +12,9 @@ from collections.abc import Callable
 
 import numpy as np
 from accelerated_evaluation.vehicles import AccAeb, Outcomes
-from accelerated_evaluation.vehicles.builtin import reference
 from accelerated_evaluation.vehicles.builtin.acc_aeb import simulate_encounters
 from accelerated_evaluation.vehicles.checks import OUTCOMES
+from reference_car import simulate as simulate_by_numpy
 
 SIZES = {"compiled, 1 core": 400_000, "compiled, 2 cores": 800_000, "NumPy": 20_000, "plain Python": 400}
 
@@ -87,7 +87,7 @@ def contenders() -> dict[str, Callable[[np.ndarray], Outcomes]]:
     return {
         "compiled, 1 core": lambda encounters: simulate_encounters(car, encounters, threads=1),
         "compiled, 2 cores": lambda encounters: simulate_encounters(car, encounters, threads=2),
-        "NumPy": lambda encounters: reference.simulate(car, *encounters),
+        "NumPy": lambda encounters: simulate_by_numpy(car, *encounters),
         "plain Python": plain_python,
     }
 

@@ -2,11 +2,10 @@
 #
 # In: the records and published verdicts of the scenario, the vehicle. Out: the account of the records, the laws with
 # their scores, the answer with its budget and draws, the law with the largest weight, the estimates of every method,
-# the agreement with the verdicts, the checks of stored experiments.
+# the agreement with the verdicts.
 
 
 VERDICTS = INPUTS.verdicts
-EXPERIMENTS = INPUTS.experiments
 
 
 rule study_scenario:
@@ -97,27 +96,3 @@ rule compare_verdicts:
         "Comparing the vehicle with published verdicts"
     script:
         "../scripts/compare_verdicts.py"
-
-
-rule check_experiments:
-    """Check the authors' stored experiments by importance sampling; an empty table if there are none."""
-    input:
-        records=ancient(EXPERIMENTS[:1]),
-        published=ancient(EXPERIMENTS[1:]),
-        verdicts=ancient(VERDICTS),
-    output:
-        experiments=result("scenario", "experiments.csv"),
-    log:
-        log_of("check_experiments.log"),
-    benchmark:
-        benchmark_of("check_experiments.tsv")
-    threads: 1
-    resources:
-        mem_mb=1000,
-    params:
-        scenario=SCENARIO,
-        library=code_up_to("answer"),
-    message:
-        "Checking stored experiments by importance sampling"
-    script:
-        "../scripts/check_experiments.py"

@@ -2,9 +2,9 @@
 
 The array ``state`` of a block has a row for each quantity and a column (a lane) for each encounter. The
 functions of a step update the first ``count`` lanes, and loops over lanes become vector instructions.
-`reference.py` is a readable version of the same calculation, and the tests require that both agree in every
-bit. All functions and constants of the compiled code are in this file, because numba's cache on disk only
-notices changes of the file itself.
+`benchmarks/reference_car.py` is a readable version of the same calculation, and the tests require that both
+agree in every bit. All functions and constants of the compiled code are in this file, because numba's cache
+on disk only notices changes of the file itself.
 
 Loops over lanes read the state first and write it last, because LLVM compiles an early write of a minimum to
 a masked store, which is slow. A step consists of three loops, because in a single loop the chain of
