@@ -16,7 +16,6 @@ from accelerated_evaluation.scenarios.compiled import available_threads
 from accelerated_evaluation.scenarios.parameters import required_names
 from accelerated_evaluation.vehicles import VEHICLES, AccAeb, Vehicle, load_vehicle
 from accelerated_evaluation.vehicles.builtin import kernel
-from accelerated_evaluation.vehicles.builtin.acc_aeb import simulate_encounters
 from accelerated_evaluation.vehicles.checks import INPUTS, OUTCOMES
 
 sys.path.append(str(Path(__file__).resolve().parents[2] / "benchmarks"))
@@ -204,9 +203,9 @@ def test_host_at_rest_is_safe_at_once(encounter):
 
 def test_same_bits_on_any_threads_in_any_batch():
     encounters = np.array(next(random_encounters()))
-    wanted = simulate_encounters(AccAeb(), encounters, threads=1)
+    wanted = AccAeb().outcomes(encounters, threads=1)
     for threads in (2, 3, 6):
-        assert_same_bits(simulate_encounters(AccAeb(), encounters, threads=threads), wanted)
+        assert_same_bits(AccAeb().outcomes(encounters, threads=threads), wanted)
     some = np.random.default_rng(4).permutation(encounters.shape[1])[: kernel.LANES + 7]
     alone = AccAeb().simulate(*encounters[:, some])
     for name in OUTCOMES:
