@@ -32,33 +32,17 @@ PLACES = {
 
 @dataclass(frozen=True)
 class Explored:
-    """The results of a study from which a page is made.
-
-    Attributes
-    ----------
-    config
-        Configuration of the study.
-    weighted, drawn
-        The laws with their weights, and random draws from them.
-    exposure
-        ``kilometres`` and ``hours`` of the records.
-    answer, vehicles
-        Tables of the published answer by event and by vehicle.
-    crash_map
-        Crash map of the vehicle under test, which the page shows if it cannot simulate the vehicle; None if
-        the study has no map.
-    runs
-        Simulations of a slow vehicle under test, ``sampled/runs.csv``; None if the vehicle is not slow.
-    """
+    """The results of a study from which a page is made."""
 
     config: Mapping[str, Any]
-    weighted: WeightedLaws
-    drawn: DrawnLaws
-    exposure: Mapping[str, float | None]
-    answer: pd.DataFrame
-    vehicles: pd.DataFrame
+    weighted: WeightedLaws  # the laws with their weights
+    drawn: DrawnLaws  # random draws from the laws
+    exposure: Mapping[str, float | None]  # ``kilometres`` and ``hours`` of the records
+    answer: pd.DataFrame  # the published answer by event
+    vehicles: pd.DataFrame  # the published answer by vehicle
+    # of the vehicle under test, which the page shows if it cannot simulate the vehicle
     crash_map: CrashMap | None
-    runs: pd.DataFrame | None
+    runs: pd.DataFrame | None  # ``sampled/runs.csv`` of a slow vehicle under test
 
     @property
     def tested(self) -> Mapping[str, Any]:
@@ -74,22 +58,8 @@ class Explored:
 def write_page(explored: Explored, templates: Path, path: Path, generator: np.random.Generator) -> None:
     """Write the explorer of a study: an HTML page on which a reader changes the vehicle.
 
-    Parameters
-    ----------
-    explored
-        The results of the study.
-    templates
-        Folder with the templates.
-    path
-        File to write.
-    generator
-        Random generator for the lines (pairs of lead speed and range on which vehicles are simulated), and
-        for the sample of the records that is shown.
-
-    Raises
-    ------
-    StudyError
-        If the page is larger than `LARGEST`.
+    The random ``generator`` chooses the lines (pairs of lead speed and range on which vehicles are simulated)
+    and the records that are shown. A page larger than `LARGEST` is a StudyError.
     """
     page = (templates / "explorer.html").read_text(encoding="utf-8")
     for place, name in PLACES.items():

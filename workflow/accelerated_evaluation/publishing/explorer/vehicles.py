@@ -25,35 +25,18 @@ PUBLISHED_TTC = f"{V60_TTC[0]:g}–{V60_TTC[1]:g}"  # [s], least and largest val
 
 @dataclass(frozen=True)
 class Slider:
-    """A slider of the page, which changes a parameter of a vehicle.
-
-    Attributes
-    ----------
-    parameter
-        Name of the parameter.
-    label, unit
-        Name and unit on the page.
-    stops
-        Values of the parameter that a reader can choose, in increasing order.
-    """
+    """A slider of the page, which changes a parameter of a vehicle."""
 
     parameter: str
     label: str
     unit: str
-    stops: tuple[float, ...]
+    stops: tuple[float, ...]  # values that a reader can choose, in increasing order
 
     def parameters(self, base: Mapping[str, Any], value: float | None) -> dict[str, Any]:
-        """Return the parameters of the vehicle with one parameter changed.
+        """Return the parameters of the vehicle with one changed; None is the published TTC of the AEB.
 
-        If the TTC at which the AEB begins is increased above the TTC at which the AEB is released, the latter
-        is increased to the same value.
-
-        Parameters
-        ----------
-        base
-            Parameters of the vehicle, by name.
-        value
-            New value; None for the published TTC of the AEB, which depends on the speed.
+        If the TTC at which the AEB begins is increased above the TTC at which it is released, the latter is
+        increased to the same value.
         """
         changed = {self.parameter: value}
         if self.parameter == "aeb_ttc" and value is not None:
@@ -107,20 +90,12 @@ TITLES = {
 
 
 def described_vehicles(tested: Mapping[str, Any]) -> list[dict[str, Any]]:
-    """Describe every vehicle that the page can simulate.
+    """Describe every vehicle that the page can simulate, for its JSON data.
 
-    Parameters
-    ----------
-    tested
-        Section ``vehicle`` of the configuration. If the page can simulate this vehicle, its sliders start at
-        these parameters; other vehicles start at their default parameters.
-
-    Returns
-    -------
-    list
-        For each vehicle its ``name``, ``title``, ``kernel`` (car or driver), ``striped`` (whether crashes lie
-        in such narrow stripes that a few lines are not enough), the ``numbers`` that the simulation reads, by
-        name, and its ``sliders``. Each stop of a slider has the ``changes`` to these numbers.
+    The sliders of the vehicle under test, section ``vehicle`` of the configuration, start at its parameters,
+    and those of the others at their defaults. ``kernel`` is car or driver. ``striped`` means that crashes lie
+    in such narrow stripes that a few lines are not enough. ``numbers`` are those that the simulation reads,
+    by name, and each stop of a slider has the ``changes`` to them.
     """
     return [_described(name, tested["parameters"] if name == tested["name"] else {}) for name in SLIDERS]
 
