@@ -221,17 +221,14 @@ def _link(entity: Entity, key: str, others: Sequence[Entity]) -> None:
 def _code(job: Job, files: dict[str, Entity]) -> list[str]:
     """Return a job's script, its inputs that are code, and the library's modules that it may have run."""
     script = [job.script] if job.script else []
+    inputs = [path for path in job.inputs if path.endswith((".py", ".ipynb")) and path in files]
     modules = [_name(path) for room in job.code for path in files_of(room)]
-    return [*script, *(path for path in job.inputs if _is_code(path, files)), *dict.fromkeys(modules)]
+    return [*script, *inputs, *dict.fromkeys(modules)]
 
 
 def _data(job: Job) -> list[str]:
     """Return the inputs of a job that are data."""
     return [path for path in job.inputs if not path.endswith((".py", ".ipynb"))]
-
-
-def _is_code(path: str, files: dict[str, Entity]) -> bool:
-    return path.endswith((".py", ".ipynb")) and path in files
 
 
 def _part(job: Job) -> str:

@@ -8,8 +8,6 @@ a reproduction of the paper, and a vehicle that never crashes has no interval.
 from collections.abc import Mapping
 from typing import Any
 
-import pandas as pd
-
 from accelerated_evaluation.publishing.article import beyond
 from accelerated_evaluation.publishing.article.tables import Tables, plain, typeset
 from accelerated_evaluation.publishing.tables.claims import departure
@@ -18,6 +16,7 @@ from accelerated_evaluation.publishing.tables.paper_numbers import PAPER_PROBABI
 from accelerated_evaluation.records.sources import describe
 
 KNOT, CAP = "knot of TTC^-1", "closing-speed cap [m/s]"  # choices in the table of sensitivities
+VERDICTS = ("agrees", "differs", "not comparable")
 RUNS = ("piecewise_run", "single_run")  # claims about single runs
 METHODS = ("piecewise", "single", "heuristic")
 
@@ -90,7 +89,7 @@ def _claims(tables: Tables) -> dict[str, Any]:
     reasons = claims[claims["verdict"] != "agrees"].assign(why=lambda table: table["why"].map(_reason))
     return {
         "all": len(claims),
-        **{word.replace(" ", "_"): int(count) for word, count in _verdicts(claims).items()},
+        **{word.replace(" ", "_"): int((claims["verdict"] == word).sum()) for word in VERDICTS},
         "rows": claims[list(keys)].to_dict("records"),
         "reasons": [
             {"why": why, "claims": rows["claim"].tolist()} for why, rows in reasons.groupby("why", sort=False)
@@ -100,11 +99,6 @@ def _claims(tables: Tables) -> dict[str, Any]:
         "ours": dict(zip(CLAIMS, claims["ours"], strict=True)),
         "away": dict(zip(CLAIMS, claims["ours"] / claims["paper"] - 1, strict=True)),
     }
-
-
-def _verdicts(claims: pd.DataFrame) -> dict[str, int]:
-    words = ("agrees", "differs", "not comparable")
-    return {word: (claims["verdict"] == word).sum() for word in words}
 
 
 def _reason(why: str) -> str:

@@ -82,7 +82,8 @@ def claims_table(
         The verdict is ``agrees`` or ``differs`` by the rule of `verdict`, or ``not comparable`` if the study
         departs from the paper's assumptions or has no similar quantity.
     """
-    ours = _counts({"single": single, "piecewise": piecewise}, trace) | _searches(trace)
+    ours, totals = _counts({"single": single, "piecewise": piecewise}, trace), search_totals(trace)
+    ours |= {f"search_{name}": spread_over(totals[name], "seeds") for name in ("piecewise", "single")}
     ours |= _samples(estimates, course, exact, config["importance_sampling"])
     departed, obstacles = departure(config), _obstacles(estimates)
     rows = [
@@ -161,11 +162,6 @@ def _counts(models: Mapping[str, IndependentLaw], trace: pd.DataFrame) -> dict[s
         numbers[f"fitted_{method}"] = count(models[method].n_parameters)
         numbers[f"moved_{method}"] = count(searched_parameters(trace, method))
     return numbers
-
-
-def _searches(trace: pd.DataFrame) -> dict[str, Spread]:
-    totals = search_totals(trace)
-    return {f"search_{method}": spread_over(totals[method], "seeds") for method in ("piecewise", "single")}
 
 
 def _samples(
