@@ -14,7 +14,7 @@ from accelerated_evaluation.publishing.explorer.vehicles import as_texts
 from accelerated_evaluation.vehicles import load_vehicle
 from conftest import ROOT
 
-OUTCOMES = ("crash", "min_range", "min_ttc", "impact_speed")
+OUTCOMES = ("crash", "min_range", "impact_speed")
 SOURCE = (ROOT / "workflow/explorer/simulator.js").read_text()
 READ = "Object.fromEntries(Object.entries(texts).map(([name, text]) => [name, Number(text)]))"
 # Numbers are exchanged as texts, because JSON has no infinity. No digit is lost by this.

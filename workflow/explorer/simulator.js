@@ -1,5 +1,6 @@
 // The car and the drivers: the same operations in the same order as in vehicles/builtin/kernel.py and driver_kernel.py,
-// for one cut-in at a time. Every outcome equals Python's to the last bit (tests/unit/test_explorer_simulator.py).
+// for one cut-in at a time. Every outcome equals Python's to the last bit (tests/unit/test_explorer_simulator.py); the
+// smallest TTC, which the page does not show, is left out.
 // Each simulation is one function whose state is in local variables, because calls in every step would be slow.
 "use strict";
 
@@ -13,7 +14,7 @@ const { abs, floor, max, min } = Math;
 function driveCar(car, { leadSpeed, range: ranges, closingSpeed }, k, found, states) {
   const lead = leadSpeed[k];
   let range = ranges[k], speed = min(lead + closingSpeed[k], car.top_start_speed);
-  let acceleration = 0, command = 0, error = 0, timer = 0, onset = 0, minRange = range, minTtc = Infinity;
+  let acceleration = 0, command = 0, error = 0, timer = 0, onset = 0, minRange = range;
   for (let step = 0; ; step++) {
     const over = step === CAR_STEPS || !(range > 0 && speed > 0);
     if (!over) { // `watch`
@@ -22,7 +23,6 @@ function driveCar(car, { leadSpeed, range: ranges, closingSpeed }, k, found, sta
       const wasOn = timer > 0;
       if (!wasOn) onset = command;
       timer = ttc > 0 && (ttc <= threshold || (wasOn && ttc <= car.release_ttc)) ? timer + STEP : 0;
-      if (ttc > 0 && ttc < minTtc) minTtc = ttc;
     }
     if (states) states.push(shown(step, range, lead, speed, acceleration, over ? Infinity : range, timer));
     if (over) break;
@@ -45,7 +45,6 @@ function driveCar(car, { leadSpeed, range: ranges, closingSpeed }, k, found, sta
   }
   found.crash[k] = range <= 0 ? 1 : 0;
   found.minRange[k] = minRange;
-  found.minTtc[k] = minTtc;
   found.impactSpeed[k] = range <= 0 ? max(speed - lead, 0) : 0;
 }
 
@@ -79,8 +78,7 @@ function driveDriver(driver, { leadSpeed, range: ranges, closingSpeed }, k, foun
     offset = driver.start_offset - sideways * STEP;
     moving = floor(driver.start_offset / STEP / sideways);
   }
-  let acceleration = 0, ramp = driver.coasting, waited = 0, steps = 0, wanted = 0;
-  let minRange = ranges[k], laneTtc = Infinity, anyTtc = ttcOf(minRange, closing);
+  let acceleration = 0, ramp = driver.coasting, waited = 0, steps = 0, wanted = 0, minRange = ranges[k];
   for (let step = 0; ; step++) {
     closing = speed - lead;
     const isCalm = waited === 0 && wanted === 0 && (steps === 0 || sideways > 0);
@@ -102,11 +100,6 @@ function driveDriver(driver, { leadSpeed, range: ranges, closingSpeed }, k, foun
     const gap = abs(distance) - length, lateralGap = abs(offset) - width; // `watch`
     const behind = distance > 0, overlaps = lateralGap < 0, contact = overlaps && gap <= 0;
     if (overlaps && (behind || contact)) minRange = min(minRange, gap);
-    if (behind) {
-      const ttc = ttcOf(gap, closing);
-      if (overlaps) laneTtc = min(laneTtc, ttc);
-      anyTtc = min(anyTtc, ttc);
-    }
     const dropped = lateralGap <= 0 && abs(gap) > abs(closing) * driver.dropped_ttc;
     const noMore = behind ? overlaps && closing <= 0 : gap > 0 && closing >= 0;
 
@@ -152,7 +145,6 @@ function driveDriver(driver, { leadSpeed, range: ranges, closingSpeed }, k, foun
   const crash = abs(offset) < width && abs(distance) <= length;
   found.crash[k] = crash ? 1 : 0;
   found.minRange[k] = minRange;
-  found.minTtc[k] = crash && laneTtc === Infinity ? anyTtc : laneTtc;
   found.impactSpeed[k] = crash ? speed - lead : 0;
 }
 
@@ -164,17 +156,17 @@ function shown(steps, range, lead, speed, acceleration, gap, alarm) {
 
 const KERNELS = { car: driveCar, driver: driveDriver };
 
-// Simulate cut-ins of a vehicle with the given numbers: crash, smallest range and TTC, impact speed.
+// Simulate cut-ins of a vehicle with the given numbers.
 function simulate(kernel, numbers, leadSpeed, range, closingSpeed) {
   const column = () => new Float64Array(leadSpeed.length), cutIns = { leadSpeed, range, closingSpeed };
-  const found = { crash: column(), minRange: column(), minTtc: column(), impactSpeed: column() };
+  const found = { crash: column(), minRange: column(), impactSpeed: column() };
   for (let k = 0; k < leadSpeed.length; k++) KERNELS[kernel](numbers, cutIns, k, found);
   return found;
 }
 
 // The states of one cut-in over time.
 function trace(kernel, numbers, { leadSpeed, range, closingSpeed }) {
-  const states = [], found = { crash: [], minRange: [], minTtc: [], impactSpeed: [] };
+  const states = [], found = { crash: [], minRange: [], impactSpeed: [] };
   KERNELS[kernel](numbers, { leadSpeed: [leadSpeed], range: [range], closingSpeed: [closingSpeed] }, 0, found, states);
   return states;
 }
