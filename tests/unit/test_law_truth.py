@@ -28,10 +28,10 @@ from accelerated_evaluation.crash_map.mapping import map_crashes
 from accelerated_evaluation.crash_map.maps import Grid
 from accelerated_evaluation.laws.files import read_law, write_law
 from accelerated_evaluation.laws.paper.independent import recorded_lead_speeds
-from accelerated_evaluation.laws.smooth.conditional import Places, SpeedLaw
+from accelerated_evaluation.laws.smooth.conditional import Places
 from accelerated_evaluation.laws.smooth.dependent import DependentLaw
 from accelerated_evaluation.laws.smooth.family import DistinctRecords, Fitter, Member, members_at
-from accelerated_evaluation.laws.smooth.rivals import ConditionalExtremes, IndependentTail
+from accelerated_evaluation.laws.smooth.independent import IndependentTail
 from accelerated_evaluation.laws.smooth.shapes import Exponential
 from accelerated_evaluation.laws.smooth.support import SUPPORT
 from accelerated_evaluation.vehicles import AccAeb
@@ -328,18 +328,6 @@ def test_an_independent_tail_is_one_distribution(records):
         np.testing.assert_allclose(
             np.exp(given.log_density(speed) + given.cumulative(speed)), slope, rtol=1e-3
         )
-
-
-def test_conditional_extremes_are_one_distribution_above_their_threshold(records, family):
-    law = ConditionalExtremes.fit(records, family.body, 0.9, Exponential())
-    places = Places.of(np.array([10.0]), np.array([40.0]))
-    given, start = law.given(places), np.array([law.threshold])
-    assert given.cumulative(start + 1e-9) == pytest.approx(
-        SpeedLaw(family.body).given(places).cumulative(start), rel=0.02
-    )
-    # Closing speeds do not depend on range or lead speed here, so the excess stays exponential.
-    added = given.cumulative(start + 4.0) - given.cumulative(start)
-    assert added[0] == pytest.approx(4.0 / MEAN, rel=0.25)
 
 
 def test_the_study_car_has_crashes_at_short_range_first(records, family):

@@ -12,7 +12,6 @@ rule study_laws:
         family=rules.fit_family.output.family,
         maps=[f"{folder}/crash_map/full.npz" for folder in FOLDERS.values()],
         vehicles=ancient(ALL_FILES),
-        library=modules_of("study_laws.py", members=OF_VEHICLES),
     output:
         answer=result("laws", "answer.csv"),
         exposure=result("laws", "exposure.csv"),
@@ -44,6 +43,7 @@ rule study_laws:
         draws=config["answer"]["draws"],
         support=SUPPORT,
         half_width=config["importance_sampling"]["beta"],
+        library=code_up_to("answer"),
     message:
         "Weighting the laws with dependence, and drawing the answer"
     script:
@@ -57,9 +57,6 @@ rule replay_encounters:
         law=result("laws", "answer.json"),
         map=f"{FOLDERS['under_test']}/crash_map/full.npz",
         vehicles=ancient(ALL_FILES),
-        library=modules_of(
-            "replay_encounters.py", members=OF_VEHICLES | {"laws": ["dependent"]}
-        ),
     output:
         encounters=result("happened", "encounters.csv"),
         traces=result("happened", "traces.csv"),
@@ -80,6 +77,7 @@ rule replay_encounters:
         },
         vehicle_content=ALL_CONTENT,
         simulations=ALL_SIMULATIONS,
+        library=code_up_to("answer"),
     message:
         "Simulating the most probable crashes and the most critical records"
     script:

@@ -1,4 +1,4 @@
-# Catalogue: inputs and outputs of each notebook, determined from its code, and their entries in the report.
+# Catalogue: inputs and outputs of each notebook, which its metadata declare, and their entries in the report.
 #
 # In: the notebooks, the captions. Out: nothing; definitions only.
 

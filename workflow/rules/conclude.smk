@@ -11,7 +11,6 @@ rule accept_records:
     input:
         report=rules.inspect_records.output.report,
         finished=rules.book.output.site,
-        library=modules_of("accept_records.py"),
     output:
         verdict=result("records_verdict.txt"),
     log:
@@ -24,6 +23,7 @@ rule accept_records:
     params:
         accepted=ACCEPTED,
         records=INPUTS.place,
+        library=code_up_to("records"),
     message:
         "Checking whether a check of the records says stop"
     script:

@@ -8,7 +8,6 @@ rule ingest_encounters:
     """Read, filter and segment the lane changes, and account for every row."""
     input:
         records=ancient(RECORDS),
-        library=modules_of("ingest_encounters.py"),
     output:
         encounters=result("encounters.parquet"),
         account=result("encounters_account.csv"),
@@ -28,6 +27,7 @@ rule ingest_encounters:
         data=config["data"],
         filters=config["filters"],
         segments=config["segments"],
+        library=code_up_to("records"),
     message:
         "Ingesting lane changes: {params.data[source]}"
     script:
@@ -38,7 +38,6 @@ rule describe_encounters:
     """Count the segments, and test whether variables are independent inside them and whether they are similar."""
     input:
         encounters=rules.ingest_encounters.output.encounters,
-        library=modules_of("describe_encounters.py"),
     output:
         segments=result("segments.csv"),
         dependence=result("dependence.csv"),
@@ -50,6 +49,8 @@ rule describe_encounters:
     threads: 1
     resources:
         mem_mb=1000,
+    params:
+        library=code_up_to("records"),
     message:
         "Testing the independence of v_L, R^-1 and TTC^-1, and the similarity of the segments"
     script:

@@ -8,7 +8,6 @@ rule inspect_records:
     input:
         records=ancient(RECORDS),
         vehicle=ancient(VEHICLE_FILES),
-        library=modules_of("inspect_records.py", members=OF_VEHICLE),
     output:
         report=result("records_report.csv"),
     log:
@@ -30,6 +29,7 @@ rule inspect_records:
         vehicle_content=VEHICLE_CONTENT,
         simulations=SIMULATIONS,
         replays=not SLOW,
+        library=code_up_to("vehicles"),
     message:
         "Checking the records of the study"
     script:

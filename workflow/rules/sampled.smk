@@ -17,7 +17,6 @@ rule sample_answer:
         exposure=rules.ingest_encounters.output.exposure,
         family=rules.fit_family.output.family,
         vehicle=ancient(VEHICLE_FILES),
-        library=modules_of("sample_answer.py", members=OF_VEHICLE),
     output:
         answer=result("laws", "answer.csv"),
         budget=result("laws", "answer_budget.csv"),
@@ -48,6 +47,7 @@ rule sample_answer:
         vehicle_content=VEHICLE_CONTENT,
         simulations=SIMULATIONS,
         support=SUPPORT,
+        library=code_up_to("answer"),
     message:
         "Simulating {params.settings[vehicle][name]} in cut-ins chosen for the answer"
     script:
@@ -63,10 +63,6 @@ rule compare_sampled:
         draws=rules.sample_answer.output.draws,
         maps=[f"{FOLDERS[name]}/crash_map/full.npz" for name in FAST],
         vehicles=ancient(INPUTS.files_of(*FAST)),
-        library=modules_of(
-            "compare_sampled.py",
-            members={"vehicles": [VEHICLES[name]["name"] for name in FAST]},
-        ),
     output:
         vehicles=result("laws", "vehicles.csv"),
         compared=result("sampled", "compared.csv"),
@@ -85,6 +81,7 @@ rule compare_sampled:
         vehicle_content=INPUTS.content_of(*FAST),
         simulations=SIMULATIONS,
         support=SUPPORT,
+        library=code_up_to("answer"),
     message:
         "Comparing the vehicle under test with references under the same draws"
     script:
@@ -97,7 +94,6 @@ rule replay_crashes:
         crashes=rules.sample_answer.output.crashes,
         answer=rules.sample_answer.output.answer,
         vehicle=ancient(VEHICLE_FILES),
-        library=modules_of("replay_crashes.py", members=OF_VEHICLE),
     output:
         encounters=result("happened", "encounters.csv"),
         traces=result("happened", "traces.csv"),
@@ -113,6 +109,7 @@ rule replay_crashes:
         vehicle=config["vehicle"],
         vehicle_content=VEHICLE_CONTENT,
         simulations=SIMULATIONS,
+        library=code_up_to("answer"),
     message:
         "Simulating the most probable crashes again"
     script:

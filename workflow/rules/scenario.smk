@@ -2,10 +2,9 @@
 #
 # In: the records with their report and published verdicts of the scenario, the vehicle. Out: the account of the records, the laws with
 # their scores, the answer with its budget and draws, the law with the largest weight, the estimates of every method,
-# the agreement with the verdicts, the checks of stored experiments.
+# the agreement with the verdicts.
 
 VERDICTS = INPUTS.verdicts
-EXPERIMENTS = INPUTS.experiments
 
 
 rule study_scenario:
@@ -14,7 +13,6 @@ rule study_scenario:
         records=ancient(RECORDS),
         report=rules.inspect_records.output.report,
         vehicle=ancient(VEHICLE_FILES),
-        library=modules_of("study_scenario.py", members=OF_VEHICLE),
     output:
         encounters=result("scenario", "encounters.csv"),
         account=result("scenario", "records.csv"),
@@ -38,6 +36,7 @@ rule study_scenario:
         vehicle=config["vehicle"],
         vehicle_content=VEHICLE_CONTENT,
         simulations=SIMULATIONS,
+        library=code_up_to("answer"),
     message:
         "Weighting the laws of the scenario {params.scenario[name]}, and drawing the answer"
     script:
@@ -49,7 +48,6 @@ rule compare_scenario_methods:
     input:
         law=rules.study_scenario.output.law,
         vehicle=ancient(VEHICLE_FILES),
-        library=modules_of("compare_scenario_methods.py", members=OF_VEHICLE),
     output:
         estimates=result("scenario", "estimates.csv"),
         runs=result("scenario", "runs.csv"),
@@ -67,6 +65,7 @@ rule compare_scenario_methods:
         vehicle=config["vehicle"],
         vehicle_content=VEHICLE_CONTENT,
         simulations=SIMULATIONS,
+        library=code_up_to("answer"),
     message:
         "Comparing the methods on the scenario {params.config[scenario][name]}"
     script:
@@ -78,7 +77,6 @@ rule compare_verdicts:
     input:
         verdicts=ancient(VERDICTS),
         vehicle=ancient(VEHICLE_FILES),
-        library=modules_of("compare_verdicts.py", members=OF_VEHICLE),
     output:
         agreement=result("scenario", "agreement.csv"),
     log:
@@ -93,31 +91,8 @@ rule compare_verdicts:
         vehicle=config["vehicle"],
         vehicle_content=VEHICLE_CONTENT,
         simulations=SIMULATIONS,
+        library=code_up_to("answer"),
     message:
         "Comparing the vehicle with published verdicts"
     script:
         "../scripts/compare_verdicts.py"
-
-
-rule check_experiments:
-    """Check the authors' stored experiments by importance sampling; an empty table if there are none."""
-    input:
-        records=ancient(EXPERIMENTS[:1]),
-        published=ancient(EXPERIMENTS[1:]),
-        verdicts=ancient(VERDICTS),
-        library=modules_of("check_experiments.py", members=OF_VEHICLE),
-    output:
-        experiments=result("scenario", "experiments.csv"),
-    log:
-        log_of("check_experiments.log"),
-    benchmark:
-        benchmark_of("check_experiments.tsv")
-    threads: 1
-    resources:
-        mem_mb=1000,
-    params:
-        scenario=SCENARIO,
-    message:
-        "Checking stored experiments by importance sampling"
-    script:
-        "../scripts/check_experiments.py"

@@ -6,13 +6,11 @@ from dataclasses import dataclass
 import pandas as pd
 
 from accelerated_evaluation.answer.calibration import cell_counts, near_miss_counts, with_limits
-from accelerated_evaluation.answer.law_table import KNOT, PAPER, TOGETHER
+from accelerated_evaluation.answer.law_table import KNOT, PAPER, TOGETHER, papers_law
 from accelerated_evaluation.answer.scores import GivenLaw
 from accelerated_evaluation.answer.weighted_family import WeightedLaws
 from accelerated_evaluation.laws.smooth.conditional import Places
 from accelerated_evaluation.laws.smooth.family import Member
-from accelerated_evaluation.laws.smooth.rivals import IndependentTail
-from accelerated_evaluation.laws.smooth.shapes import Exponential
 
 SHOWN = (Member(), *(Member(KNOT, shape) for shape in ("exponential", "generalised", "two kinds")))
 
@@ -86,7 +84,7 @@ def calibration_table(weighted: WeightedLaws, near: NearMisses | None = None) ->
     for member in shown_members(weighted):
         of_member = {name: values[member] for name, values in by_event.items()}
         tables[member.name] = [by_member[member], *near_misses(of_member)]
-    independent = IndependentTail.fit(records, KNOT, Exponential())
+    independent = papers_law(records)
     tables[PAPER] = cell_counts(records, lambda places: [independent.given(places)])
     rows = [with_limits(pd.concat(parts, ignore_index=True)).assign(law=law) for law, parts in tables.items()]
     return pd.concat(rows, ignore_index=True)

@@ -9,8 +9,8 @@ A new figure needs a function in `publishing.figures`, a call in a notebook, and
     show(study, fig25_example)      # in the notebook
 
 The name of the function is the name of its files and of its caption, ``workflow/report/fig25_example.rst``.
-The names of its parameters are those of the properties of `Study` that it uses. The workflow determines both
-from the code (`publishing.book.catalogue`).
+The names of its parameters are those of the properties of `Study` that it uses. The metadata of the notebook
+list the figure, and the results that it reads (`publishing.book.catalogue`).
 """
 
 import inspect
@@ -51,6 +51,7 @@ def figure(make: Make) -> Make:
         drawn, data = made
         metadata = described(make.__name__, origin_of(study))
         save_figure(drawn, data, study.figures, make.__name__, metadata)
+        study.used.figures.append(make.__name__)
         return ShownFigure(data, study.figures / f"{make.__name__}.png")
 
     make.publish = publish
@@ -91,6 +92,7 @@ def table(
                 digits=digits,
                 digest=shown.assign(**described),
             )
+            study.used.tables.append(name)
             return ShownTable(made, shown if digits is None else shown.map(readable, digits=digits))
 
         make.publish = publish

@@ -11,6 +11,7 @@ from accelerated_evaluation.base.errors import InputError
 from accelerated_evaluation.base.files import read_json
 from accelerated_evaluation.laws.files import read_law
 from accelerated_evaluation.laws.paper.independent import IndependentLaw
+from accelerated_evaluation.publishing.book.catalogue import Contents
 from accelerated_evaluation.publishing.study_tables import TABLES
 from accelerated_evaluation.publishing.tables.formats import as_markdown
 from accelerated_evaluation.records.encounter_table import read_encounters
@@ -29,10 +30,13 @@ class Study:
     """The finished results of a study; each is read when it is first used, and then cached.
 
     The parameters of a figure or table are the names of the results that it uses: a parameter ``estimates``
-    is read from the property ``estimates`` of this class (`publishing.published.show`).
-    `publishing.book.catalogue` determines from the code of this class, without running it, on which files a
-    notebook depends. Each file is therefore named by a literal in a call of `path`, `table` or `_law`. Parts
-    of a name in braces are replaced, so that one literal represents several files.
+    is read from the property ``estimates`` of this class (`publishing.published.show`). A file name with
+    parts in braces represents several files.
+
+    Attributes
+    ----------
+    used
+        The results that were read, and the figures and tables that were published.
 
     Parameters
     ----------
@@ -47,6 +51,7 @@ class Study:
 
     def __init__(self, results: str | Path, figures: str | Path) -> None:
         self.results, self.figures = Path(results), Path(figures)
+        self.used = Contents([], [], [])
 
     @classmethod
     def named(cls, name: str) -> "Study":
@@ -68,6 +73,8 @@ class Study:
         InputError
             If the file does not exist.
         """
+        if name not in self.used.reads:
+            self.used.reads.append(name)
         path = self.results / name.format(**parts)
         if not path.is_file():
             raise InputError(

@@ -92,9 +92,8 @@ TABLES = {
     # Estimates of all replicates of all methods for the law with the largest weight; runs of the surrogate.
     "scenario_estimates": "scenario/estimates.csv",
     "scenario_runs": "scenario/runs.csv",
-    # Number of published verdicts that the vehicle reproduces; stored experiments and their checks.
+    # Number of published verdicts that the vehicle reproduces.
     "scenario_agreement": "scenario/agreement.csv",
-    "scenario_experiments": "scenario/experiments.csv",
     # For a slow vehicle: estimate under the mean law, simulations, those that crashed, comparisons.
     "sampled_estimate": "sampled/estimate.csv",
     "sampled_runs": "sampled/runs.csv",

@@ -217,9 +217,6 @@ class Scenario:
         File of the records that come with the project, and file of published outcomes of a vehicle, relative
         to the root of the project; None if there are none. The file of outcomes has the columns of the
         variables, ``crash`` and ``fragile`` (1 if rounding errors decide whether there is a crash).
-    experiments
-        File of published estimates by importance sampling, whose simulated encounters are in ``verdicts``;
-        see `answer.stored_experiments`. None if there are none.
     restrictions
         Subsets of the encounters for which results are also given, by name. Each is a function that takes
         points of a law, shape (n, d), and returns whether each point is in the subset, shape (n,).
@@ -259,7 +256,6 @@ class Scenario:
     read_records: Callable[[Path], pd.DataFrame]
     records: Path | None = None
     verdicts: Path | None = None
-    experiments: Path | None = None
     restrictions: Mapping[str, Callable[[Array], NDArray[np.bool_]]] = field(default_factory=dict)
     divided_by: tuple[str, tuple[float, ...]] | None = None
     to_inputs: Callable[[Array], Array] = _as_they_are

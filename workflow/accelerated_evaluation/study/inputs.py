@@ -50,8 +50,6 @@ class StudyInputs:
         because they are used only by the last job, and editing them must not run other jobs again.
     verdicts
         Paths of published verdicts for a scenario other than the cut-in.
-    experiments
-        Paths of the records and of the stored experiments that belong to such a scenario.
     """
 
     config: dict[str, Any]
@@ -60,7 +58,6 @@ class StudyInputs:
     files: dict[str, list[str]]
     accepted: list[str]
     verdicts: list[str] = field(default_factory=list)
-    experiments: list[str] = field(default_factory=list)
 
     @classmethod
     def checked(
@@ -148,10 +145,8 @@ class StudyInputs:
             files = section_files(config["vehicle"], scenario)
         require_plain([str(path), *files])
         verdicts = [str(project / scenario.verdicts)] if scenario.verdicts else []
-        known = [scenario.records, scenario.experiments] if scenario.experiments else []
-        experiments = [str(project / path) for path in known]
         vehicles = {UNDER_TEST: config["vehicle"]}, {UNDER_TEST: files}
-        return cls(config, [str(path)], *vehicles, accepted, verdicts, experiments)
+        return cls(config, [str(path)], *vehicles, accepted, verdicts)
 
     @property
     def source(self) -> dict[str, Any]:

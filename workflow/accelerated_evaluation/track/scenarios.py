@@ -167,7 +167,10 @@ def _storyboard(scenario: ConcreteScenario) -> "xosc.StoryBoard":
     gradually = xosc.TransitionDynamics(
         xosc.DynamicsShapes.sinusoidal, xosc.DynamicsDimension.time, LANE_CHANGE
     )
-    starts = {"host": (START, HOST_LANE), "lead": (START + headway_at_start(scenario), NEXT_LANE)}
+    # Between equal points of the two cars there are the range and the length of a car at the moment of the
+    # cut-in, and before that the way that the host closes in.
+    ahead = float(scenario.range_ + LENGTH + scenario.closing_speed * RUN_UP)
+    starts = {"host": (START, HOST_LANE), "lead": (START + ahead, NEXT_LANE)}
     lead_speed = float(scenario.lead_speed)
     speeds = {"host": lead_speed + float(scenario.closing_speed), "lead": lead_speed}
     init = xosc.Init()
@@ -204,15 +207,6 @@ def _motion(scenario: ConcreteScenario) -> "xosc.Maneuver":
     maneuver = xosc.Maneuver("lead_motion_maneuver")
     maneuver.add_event(changes)
     return maneuver
-
-
-def headway_at_start(scenario: ConcreteScenario) -> float:
-    """Return the distance between the reference points of the two cars at the start of the scenario [m].
-
-    Both cars have the same shape, so at the moment of the cut-in this distance is the range plus the length
-    of a car. At the start it is larger by the closing speed times `RUN_UP`.
-    """
-    return float(scenario.range_ + LENGTH + scenario.closing_speed * RUN_UP)
 
 
 def _after(name: str, time: float) -> "xosc.ValueTrigger":

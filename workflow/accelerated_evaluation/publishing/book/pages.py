@@ -54,12 +54,9 @@ def known_to_pages(study: Study, records: Iterable[str]) -> dict[str, Any]:
         answer = study.scenario_answer
         return common | {"crash": answer.iloc[0], "answers": answer.to_dict("records")}
     common["crash"] = study.answer.set_index("event").loc["crash"]
-    return common | (_of_few_runs(study) if study.config["simulations"]["slow"] else _of_the_paper(study))
-
-
-def _of_few_runs(study: Study) -> dict[str, Any]:
-    """Return the values that only the first page for a slow vehicle uses."""
-    return {"compared": study.compared}
+    return common | (
+        {"compared": study.compared} if study.config["simulations"]["slow"] else _of_the_paper(study)
+    )
 
 
 def _of_the_paper(study: Study) -> dict[str, Any]:

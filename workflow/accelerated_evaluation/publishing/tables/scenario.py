@@ -69,15 +69,6 @@ def methods_table(scenario_estimates: pd.DataFrame) -> pd.DataFrame:
     )
 
 
-@table("scenario_experiments", digits=DIGITS)
-def experiments_table(scenario_experiments: pd.DataFrame) -> pd.DataFrame:
-    """Return the table of the authors' experiments by importance sampling, without changes.
-
-    The table says which checks of its weights each experiment fails.
-    """
-    return scenario_experiments
-
-
 @table("scenario_agreement")
 def agreement_table(scenario_agreement: pd.DataFrame) -> pd.DataFrame:
     """Return the table of the published verdicts on crashes, with the share that the vehicle reproduces.

@@ -1,26 +1,27 @@
 """Checks of importance sampling, on a toy with a known probability and on the authors' experiments."""
 
+import sys
 from pathlib import Path
 
 import numpy as np
 import pandas as pd
 import pytest
-from accelerated_evaluation.answer.stored_experiments import (
-    COLUMNS,
+from accelerated_evaluation.answer.calibration import mid_p
+from scipy.stats import norm
+
+sys.path.append(str(Path(__file__).resolve().parents[2] / "benchmarks"))
+
+from stored_experiments import (
+    NAMES,
+    PUBLISHED,
+    Experiment,
     authors_records,
+    crude_runs_needed,
     read_experiments,
     stored_experiments,
 )
-from accelerated_evaluation.answer.weight_checks import Experiment, crude_runs_needed, weight_table
-from accelerated_evaluation.scenarios import SCENARIOS
-from scipy.stats import norm
 
-DATA = Path(__file__).resolve().parents[2] / "data"
-PUBLISHED = DATA / "stored_experiments" / "published.csv"
-NAMES = {
-    "left_turn": ("sdv_speed_mps", "turning_speed_mps", "distance_to_conflict_m"),
-    "pedestrian": ("vehicle_speed_mps", "pedestrian_speed_mps", "distance_m"),
-}
+RESULTS = Path(__file__).resolve().parents[2] / "benchmarks/results/stored_experiments.csv"
 LIMITS = 2.0, -2.3  # the toy's event is beyond either of them, in the first variable
 EXACT = norm.sf(LIMITS[0]) + norm.cdf(LIMITS[1])
 
@@ -45,7 +46,9 @@ def table():
         "one part": toy((0.0, 2.0, -2.0), generator, factor=0.5),
         "half missed": toy((2.0,), generator),
     }
-    return weight_table(experiments, generator.standard_normal((3000, 2)), ("a", "b")).set_index("experiment")
+    reference = generator.standard_normal((3000, 2))
+    rows = {name: experiment.checked(reference, ("a", "b")) for name, experiment in experiments.items()}
+    return pd.DataFrame(rows).T
 
 
 def test_a_good_experiment_passes_all_checks(table):
@@ -71,22 +74,10 @@ def test_a_missed_part_shows_in_a_control_region_and_not_in_the_standard_error(t
     assert row["weighted"] < row["share"] / 2
 
 
-def test_crude_runs_contradict_an_experiment_that_missed_a_part():
-    generator = np.random.default_rng(2)
-    wrong, right = toy((2.0,), generator), toy((0.0, 2.0, -2.0), generator)
-    x = generator.standard_normal((3000, 2))
-    events = int(happens(x).sum())
-    assert wrong.crude_check(len(x), events) < 0.01 < right.crude_check(len(x), events)
-    regions = [experiment.event_regions(x, happens(x), ("a", "b")) for experiment in (wrong, right)]
-    assert regions[0]["p"].min() * len(regions[0]) < 0.01 < regions[1]["p"].min() * len(regions[1])
-    assert regions[0].loc[regions[0]["p"].idxmin(), "low"] == -np.inf
-
-
 def test_the_number_of_crude_runs_that_shows_an_error():
     runs = crude_runs_needed(5e-3, 1e-2)
-    wrong = Experiment(np.zeros((100, 1)), np.full(100, 5e-3), np.ones(100, bool))
-    assert wrong.crude_check(int(runs), round(runs * 1e-2)) < 0.01
-    assert wrong.crude_check(int(runs / 2), round(runs / 2 * 1e-2)) > 0.01
+    assert mid_p(round(runs * 1e-2), runs * 5e-3) < 0.01
+    assert mid_p(round(runs / 2 * 1e-2), runs / 2 * 5e-3) > 0.01
     assert crude_runs_needed(1e-2, 1e-2) == np.inf
 
 
@@ -100,7 +91,7 @@ def test_an_experiment_without_an_event_has_no_estimate():
 @pytest.mark.parametrize("scenario", NAMES)
 def test_a_third_of_the_stored_rows_agrees_with_the_published_estimates(scenario):
     published = pd.read_csv(PUBLISHED).query("scenario == @scenario").set_index("experiment")
-    experiments = read_experiments(DATA / scenario / "verdicts.csv.gz", NAMES[scenario], 1.0)
+    experiments = read_experiments(scenario)
     assert list(experiments) == list(published.index)
     for name, experiment in experiments.items():
         own = experiment.row()
@@ -110,35 +101,19 @@ def test_a_third_of_the_stored_rows_agrees_with_the_published_estimates(scenario
         assert share == pytest.approx(own["simulations"] / 5000, abs=0.12)
 
 
-def test_the_checks_warn_of_the_stored_experiments():
-    records = experiments_as_records()
-    paths = DATA / "left_turn" / "verdicts.csv.gz", PUBLISHED
-    table = stored_experiments(*paths, "left_turn", records, NAMES["left_turn"])
+def test_the_published_table_is_that_of_the_stored_files_and_warns():
+    left_turn, pedestrian = map(authors_records, NAMES)
+    assert left_turn.shape == (1000, 3)
+    assert pedestrian.shape == (983, 3)
+    table = stored_experiments("left_turn", left_turn)
+    published = pd.read_csv(RESULTS)
+    own = published[published["scenario"] == "left_turn"]
+    pd.testing.assert_frame_equal(table, own, rtol=1e-9, check_dtype=False)
     stored, doubled = (table[table["weights"] == weights] for weights in ("as stored", "doubled"))
     assert stored["warns_mean"].all()  # the weights are half of the right ones
     assert stored["mean_weight"].between(0.4, 0.6).all()
     assert doubled["warns_events"].all()
-    assert doubled["warns_mean"].sum() == 2
+    assert doubled[["warns_mean", "warns_region"]].sum().tolist() == [2, 2]
     assert not doubled["converged"].any()
     assert (doubled["errors_off"] > 1).all()
     assert doubled["crude_runs"].between(500, 4000).all()
-
-
-def test_the_authors_records_are_those_of_their_fit():
-    left_turn, pedestrian = (
-        authors_records(SCENARIOS[name], DATA.parent / SCENARIOS[name].records) for name in NAMES
-    )
-    assert left_turn.shape == (1000, 3)
-    assert pedestrian.shape == (983, 3)
-    table = stored_experiments(
-        DATA / "left_turn" / "verdicts.csv.gz", PUBLISHED, "left_turn", left_turn, NAMES["left_turn"]
-    )
-    assert set(COLUMNS) <= set(table)
-    assert table.loc[table["weights"] == "doubled", "warns_region"].sum() == 2
-
-
-def experiments_as_records():
-    """Stand in for the records: the rows of one experiment, resampled by their weights."""
-    one = read_experiments(DATA / "left_turn" / "verdicts.csv.gz", NAMES["left_turn"], 2.0)["root123_3_raw_5"]
-    chosen = np.random.default_rng(3).choice(len(one.x), 1000, p=one.weight / one.weight.sum())
-    return one.x[chosen]

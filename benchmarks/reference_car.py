@@ -6,13 +6,12 @@ centimetre.
 """
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
-
 from accelerated_evaluation.base.arrays import Array
 from accelerated_evaluation.vehicles.builtin.acc_aeb import V60_SPEEDS, V60_TTC, AccAeb
 from accelerated_evaluation.vehicles.builtin.kernel import STEP, STEPS
 from accelerated_evaluation.vehicles.checks import checked_encounters
 from accelerated_evaluation.vehicles.protocol import Outcomes
+from numpy.typing import ArrayLike, NDArray
 
 
 @np.errstate(divide="ignore", invalid="ignore", over="ignore")

@@ -11,14 +11,13 @@ from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
-from scipy.linalg import LinAlgError, cho_factor, cho_solve
-from scipy.special import digamma, expit, gammaincc, gammaln, log_ndtr, logit, polygamma
-
 from accelerated_evaluation.base.arrays import Array
 from accelerated_evaluation.base.errors import ConvergenceError
 from accelerated_evaluation.laws.smooth.conditional import Places, speed_grid
 from accelerated_evaluation.laws.smooth.family import DistinctRecords
+from numpy.typing import NDArray
+from scipy.linalg import LinAlgError, cho_factor, cho_solve
+from scipy.special import digamma, expit, gammaincc, gammaln, log_ndtr, logit, polygamma
 
 SMOOTHING = (1.0, 1.0)  # smoothing parameters of log scale and log shape, along lead speed and range
 SLOWEST = 1e-4  # [m/s]; smaller closing speeds are replaced by this one, because log(0) is not finite
