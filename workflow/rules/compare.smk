@@ -46,6 +46,7 @@ rule compare_record_variants:
         library=modules_of("compare_record_variants.py", members=OF_VEHICLE),
     output:
         data_quality=result("laws", "data_quality.csv"),
+        choices=result("laws", "choices.csv"),
     log:
         log_of("compare_record_variants.log"),
     benchmark:

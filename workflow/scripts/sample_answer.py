@@ -22,7 +22,7 @@ if __name__ == "__main__":
         records = DistinctRecords.of(encounters, Support.of(params.support))
         draws, fastest = settings["answer"]["draws"], settings["answer"]["grid"]["closing_speed_max"]
         law = mean_law(read_family(files.family, records), encounters, draws, settings["seed"], fastest)
-        traffic = Traffic(records.size, read_json(files.exposure))
+        traffic = Traffic(records, read_json(files.exposure))
         with loaded_for(settings["vehicle"], params.simulations | {"workers": snakemake.threads}) as vehicle:
             found = simulate_answer(settings, Problem(law, vehicle), traffic)
         if found.warning is not None:

@@ -12,9 +12,12 @@ from tqdm import tqdm
 from accelerated_evaluation.answer.averaged import SHARE, AveragedSurrogate, posterior_of
 from accelerated_evaluation.answer.chosen_law import ANSWER, choose_sampled_law, require_law
 from accelerated_evaluation.answer.exposure import exposure_table
+from accelerated_evaluation.answer.extrapolation import extrapolation_table, parts_by_speed, reweighted
+from accelerated_evaluation.answer.likeliest_crashes import PLACE
 from accelerated_evaluation.answer.posterior import Posterior
 from accelerated_evaluation.answer.reweighting import LEVEL, SampledPosterior
 from accelerated_evaluation.answer.study import event_name
+from accelerated_evaluation.base.arrays import Array
 from accelerated_evaluation.base.errors import InputError
 from accelerated_evaluation.base.randomness import child_generator
 from accelerated_evaluation.laws import CutIns, Law
@@ -139,8 +142,8 @@ def estimate_alone(
         problem = Problem(chosen, vehicle, event)
         known = None if predecessor is None else read_predecessor(predecessor, problem)
         exposure = encounters.attrs["exposure"]
-        cut_ins = DistinctRecords.of(encounters, Support.configured(config)).size
-        found = simulate_answer(config, problem, Traffic(cut_ins, exposure), replicates, known, share)
+        records = DistinctRecords.of(encounters, Support.configured(config))
+        found = simulate_answer(config, problem, Traffic(records, exposure), replicates, known, share)
     tables = found.tables | {"account": account.table()}
     tables["estimate"] = tables["estimate"].assign(law=name)
     for table in {"estimate", "answer"} & tables.keys():
@@ -155,14 +158,19 @@ class Traffic:
 
     Attributes
     ----------
-    cut_ins
-        Number of distinct closing cut-ins within the limits.
+    records
+        The distinct closing cut-ins within the limits.
     exposure
         ``kilometres`` and ``hours`` in which they were recorded; None if unknown.
     """
 
-    cut_ins: int
+    records: DistinctRecords
     exposure: Mapping[str, float | None]
+
+    @property
+    def cut_ins(self) -> int:
+        """Number of the cut-ins."""
+        return self.records.size
 
     @property
     def per_km(self) -> float | None:
@@ -225,6 +233,7 @@ def simulate_answer(
         tables[name] = tables[name].drop(columns=["scope", "method"], errors="ignore")
     if "draws" in tables:
         tables["exposure"] = _exposure(tables["draws"], traffic, event_name(problem.event))
+        tables["extrapolation"] = _extrapolation(tables, law, traffic.records.table)
     return Simulated(tables | {"estimate": estimate}, warning)
 
 
@@ -269,6 +278,20 @@ def _exposure(draws: pd.DataFrame, traffic: Traffic, event: str) -> pd.DataFrame
         table = exposure_table({event: crash}, traffic.cut_ins, traffic.exposure)
         parts.append(table.assign(replicate=replicate))
     return pd.concat(parts or [exposure_table({}, traffic.cut_ins, traffic.exposure)], ignore_index=True)
+
+
+def _extrapolation(tables: Mapping[str, pd.DataFrame], law: MeanLaw, records: Array) -> pd.DataFrame:
+    """Divide the probability among the runs with the event, by their distance from the records, (n, 3)."""
+    parts = []
+    for replicate, crashes in tables["crashes"].groupby("replicate"):
+        draws, cut_ins = tables["draws"], crashes[list(PLACE)].to_numpy(float)
+        probabilities = draws.loc[draws["replicate"] == replicate, "probability"].to_numpy(float)
+        lead_speed, range_, closing_speed = cut_ins.T
+        log_ratios = law.log_ratios(CutIns(lead_speed, 1 / range_, closing_speed / range_))
+        weights = reweighted(log_ratios, crashes["share"].to_numpy(float), probabilities)
+        table = extrapolation_table(parts_by_speed(records, cut_ins), weights, len(records))
+        parts.append(table.assign(replicate=replicate))
+    return pd.concat(parts, ignore_index=True) if parts else pd.DataFrame(columns=["part", "replicate"])
 
 
 def read_records(config: Mapping[str, Any]) -> tuple[pd.DataFrame, Account]:

@@ -20,6 +20,7 @@ from accelerated_evaluation.laws.smooth.conditional import (
     speed_grid,
 )
 from accelerated_evaluation.laws.smooth.excess import Excess, fit_excess
+from accelerated_evaluation.laws.smooth.far_tail import FarTail
 from accelerated_evaluation.laws.smooth.shapes import SHAPES
 from accelerated_evaluation.laws.smooth.smooth_hazard import Binned, HazardGrid, SmoothHazard, fit_hazard
 from accelerated_evaluation.laws.smooth.support import SUPPORT, Support
@@ -91,6 +92,11 @@ class DistinctRecords:
         return self.lead_speed.size
 
     @property
+    def table(self) -> Array:
+        """The records as rows of lead speed [m/s], range [m] and closing speed [m/s], shape (n, 3)."""
+        return np.column_stack([self.lead_speed, self.range_, self.closing_speed])
+
+    @property
     def places(self) -> Places:
         """The lead speeds and ranges of the records, at which laws of the closing speed are evaluated."""
         return Places.of(self.lead_speed, self.range_, self.support)
@@ -141,6 +147,8 @@ class LawFamily:
         Thresholds and the records above them, by level.
     tails
         Distribution of the excess, by member of the family.
+    far
+        Factors of the hazard where only a few records are, by member; empty if there are too few records.
     """
 
     ranges: SmoothHazard
@@ -148,12 +156,12 @@ class LawFamily:
     thresholds: dict[float, Threshold]
     exceedances: dict[float, Exceedances]
     tails: dict[Member, Excess]
+    far: dict[Member, FarTail]
 
     def law(self, member: Member) -> SpeedLaw:
         """Return the distribution of the closing speed of one member of the family."""
-        if member.level is None:
-            return SpeedLaw(self.body)
-        return SpeedLaw(self.body, self.thresholds[member.level], self.tails[member])
+        threshold, tail = self.thresholds.get(member.level), self.tails.get(member)
+        return SpeedLaw(self.body, threshold, tail, self.far.get(member))
 
 
 @dataclass(frozen=True)
@@ -204,8 +212,9 @@ class Fitter:
         thresholds = {level: Threshold.of(body, level, self.records.support) for level in levels}
         above = {level: Exceedances.of(self.records, threshold) for level, threshold in thresholds.items()}
         above = {level: those for level, those in above.items() if those.index.size >= FEWEST}
-        tails = self._tails(above, np.ones(self.records.size, dtype=bool), start)
-        return LawFamily(ranges, body, thresholds, above, tails)
+        every = np.ones(self.records.size, dtype=bool)
+        tails = self._tails(above, every, start)
+        return self._with_far_tails(LawFamily(ranges, body, thresholds, above, tails, {}), every)
 
     def refit(self, family: LawFamily, left_out: Array) -> LawFamily:
         """Return the family with laws of the closing speed that are fitted without some of the records.
@@ -223,11 +232,31 @@ class Fitter:
         kept = np.ones(self.records.size, dtype=bool)
         kept[left_out] = False
         body = fit_hazard(self.grids[1], data, start=family.body)
-        return replace(family, body=body, tails=self._tails(family.exceedances, kept, family))
+        tails = self._tails(family.exceedances, kept, family)
+        return self._with_far_tails(replace(family, body=body, tails=tails, far={}), kept)
 
     def count_speeds(self, records: DistinctRecords) -> Binned:
         """Return numbers of records in bins of lead speed, square root of the range, and closing speed."""
         return self.grids[1].count(records.lead_speed, np.sqrt(records.range_), records.closing_speed)
+
+    def _with_far_tails(self, family: LawFamily, kept: NDArray[np.bool_]) -> LawFamily:
+        """Return a family with the far tails that follow from the kept records."""
+        if not family.exceedances:
+            return family
+        lowest = min(family.exceedances)
+        index = family.exceedances[lowest].index
+        those = self.records.only(index[kept[index]])
+        places = those.places
+        below, size, level = places.body(family.body), int(kept.sum()), -float(np.log1p(-lowest))
+        fitted = [member for member in self.members if member.level is None or member in family.tails]
+        given = {member: family.law(member).given(places, below) for member in fitted}
+        return replace(
+            family,
+            far={
+                member: FarTail.of(law.cumulative(those.closing_speed), size, level)
+                for member, law in given.items()
+            },
+        )
 
     def _tails(
         self, above: dict[float, Exceedances], kept: NDArray[np.bool_], start: LawFamily | None
