@@ -17,8 +17,9 @@ from accelerated_evaluation.answer.weighted_family import WeightedLaws
 from accelerated_evaluation.base.arrays import Array
 from accelerated_evaluation.crash_map.lines import CrashLines
 from accelerated_evaluation.laws.smooth.conditional import Places
+from accelerated_evaluation.laws.smooth.far_tail import PRIOR
 
-PRIORS = {"far tail: prior half as wide": 16.0, "far tail: prior twice as wide": 1.0}
+PRIORS = {"far tail: prior half as wide": 4 * PRIOR, "far tail: prior twice as wide": PRIOR / 4}
 SPLINES = {"fewer splines": (4, 3), "more splines": (9, 8)}
 
 
@@ -58,11 +59,9 @@ def choice_table(
         row("two kinds of drivers alone", weighted, weighted.weights_of(shapes == "two kinds")),
         row("equal weights", weighted, np.full(weighted.weights.shape, 1 / shapes.size)),
     ]
-    far = weighted.family.far
     for choice, prior in PRIORS.items():
-        tails = {member: tail.with_prior(prior) for member, tail in far.items()}
-        rows.append(row(choice, replace(weighted, family=replace(weighted.family, far=tails))))
-    straight = replace(weighted, family=replace(weighted.family, far={}))
+        rows.append(row(choice, replace(weighted, family=replace(weighted.family, prior=prior))))
+    straight = replace(weighted, family=replace(weighted.family, far={}, far_records=None))
     rows.append(row("far tail: no factors", straight))
     for choice, splines in SPLINES.items():
         support = replace(weighted.records.support, splines=splines)

@@ -55,8 +55,9 @@ class Alone:
         ``estimate``, one row for each replicate, with the ``law``; ``runs``, one row for each simulation;
         ``account`` of the records. Under the paper's law, the first two are equal to the tables of the
         complete study for this method and all segments. If the law is a mean law, there are also ``answer``,
-        one row for each replicate and event; ``budget``, ``draws`` and ``crashes`` of the sampled event; and
-        ``exposure``. See `averaged.Course.tables` and `exposure.exposure_table`.
+        one row for each replicate and event; ``budget``, ``draws`` and ``crashes`` of the sampled event;
+        ``exposure``; and ``extrapolation``. See `averaged.Course.tables`, `exposure.exposure_table` and
+        `extrapolation.extrapolation_table`.
     name
         Name of the law.
     law

@@ -139,18 +139,20 @@ def extrapolation_table(
     pandas.DataFrame
         One row for all events and one for each ``part``: its ``share`` of the mean probability; the mean
         ``probability`` of an event in the part, the ``median`` and the ends of its credible intervals as in
-        `summarise`; ``expected``, the mean number among so many cut-ins as records; ``recorded``, the number
-        of replayed records; and ``replay_low95`` and ``replay_high95``, the exact 95 % interval (Clopper and
-        Pearson 1934) of the probability that follows from this number without any model.
+        `summarise`; the number of ``records``; ``expected``, the mean number of events among as many
+        encounters; ``recorded``, the number of replayed records that end in the event; and ``replay_low95``
+        and ``replay_high95``, the exact 95 % interval (Clopper and Pearson 1934) of the probability that
+        follows from this number without any model.
     """
     everything = np.ones(weights.shape[1], dtype=bool)
-    rows = []
+    rows, total = [], float(weights.sum(axis=1).mean())
     for part, inside in ({ALL: everything} | parts).items():
         probabilities = weights @ inside
         mean = float(probabilities.mean())
-        row = {"part": part, "share": mean / float(weights.sum(axis=1).mean())}
+        row = {"part": part, "share": mean / total if total else np.nan}
         row |= summarise(Posterior(probabilities, np.zeros(len(weights), dtype=int)))
-        row |= {"expected": size * mean, "recorded": np.nan, "replay_low95": np.nan, "replay_high95": np.nan}
+        row |= {"records": size, "expected": size * mean}
+        row |= dict.fromkeys(("recorded", "replay_low95", "replay_high95"), np.nan)
         if replayed is not None:
             count = len(replayed[RECORDED]) if part == ALL else int(replayed[part].sum())
             row["recorded"] = count
@@ -184,12 +186,12 @@ def places(lines: CrashLines) -> Array:
 
 
 def in_words(table: pd.DataFrame) -> str:
-    """Return a sentence that says how much of an answer lies beyond the records, for parts by speed."""
+    """Return a line of text that says how much of an answer lies beyond the records, for parts by speed."""
     rows = table.set_index("part")
     shares = rows["share"]
     beyond = shares[NEAR] + shares[FAR]
     return (
-        f"{beyond:.0%} of the predicted crashes close faster than any record at a similar range, "
-        f"{shares[FAR]:.0%} faster than any record at all; of the mean {rows.loc[ALL, 'probability']:.2g}, "
-        f"{rows.loc[RECORDED, 'probability']:.2g} are within what was recorded"
+        f"beyond the records: {beyond:.0%} of the predicted events close faster than any record at a similar "
+        f"range, {shares[FAR]:.0%} faster than any record at all; without them the mean would be "
+        f"{rows.loc[RECORDED, 'probability']:.2g} instead of {rows.loc[ALL, 'probability']:.2g}"
     )

@@ -21,6 +21,8 @@ threshold LEVEL                    Closing speeds at the nodes of a threshold [m
 tail MEMBER, NAME                  The excess of one law; NAME as above, or ``parameters``.
 far MEMBER, NAME                   The far tail of one law; NAME is ``levels``, ``factors`` or
                                    ``shapes``, as in `FarTail`.
+far records, NAME                  The records from which draws of far tails follow; NAME is ``size``,
+                                   ``lowest`` or ``table`` (lead speeds, ranges and closing speeds).
 ================================== ==================================================================
 
 Reading a file restores exactly the family that was written. Quantities that are quickly computed from the
@@ -43,7 +45,7 @@ from accelerated_evaluation.base.digests import content_digest
 from accelerated_evaluation.base.errors import InputError
 from accelerated_evaluation.base.files import atomic_path
 from accelerated_evaluation.laws import smooth
-from accelerated_evaluation.laws.smooth.conditional import Threshold
+from accelerated_evaluation.laws.smooth.conditional import Places, Threshold
 from accelerated_evaluation.laws.smooth.excess import Excess
 from accelerated_evaluation.laws.smooth.family import (
     MEMBERS,
@@ -53,6 +55,7 @@ from accelerated_evaluation.laws.smooth.family import (
     LawFamily,
     Member,
 )
+from accelerated_evaluation.laws.smooth.far_records import FarRecords
 from accelerated_evaluation.laws.smooth.far_tail import FarTail
 from accelerated_evaluation.laws.smooth.shapes import SHAPES
 from accelerated_evaluation.laws.smooth.smooth_hazard import HazardGrid, SmoothHazard
@@ -95,6 +98,10 @@ def write_family(path: str | os.PathLike, scored: ScoredFamily) -> None:
     arrays |= {"expected": scored.expected}
     for kind in ("ranges", "body"):
         arrays |= {f"{kind} {name}": getattr(getattr(family, kind), name) for name in HAZARD}
+    if (few := family.far_records) is not None:
+        table = few.places.lead_speed, few.places.range_, few.closing_speed
+        columns = {"size": few.size, "lowest": few.lowest, "table": table}
+        arrays |= {f"far records, {name}": np.array(value) for name, value in columns.items()}
     for level, threshold in family.thresholds.items():
         arrays[f"threshold {level!r}"] = threshold.table
     for member in scored.members:
@@ -165,7 +172,11 @@ def _from_arrays(
         for member in members
         if f"far {member.name}, {FAR[0]}" in arrays
     }
-    family = LawFamily(ranges, body, thresholds, exceedances, tails, far)
+    few = None
+    if far:
+        size, lowest, table = (arrays[f"far records, {name}"] for name in ("size", "lowest", "table"))
+        few = FarRecords(Places.of(*table[:2], records.support), table[2], int(size), float(lowest))
+    family = LawFamily(ranges, body, thresholds, exceedances, tails, far, few)
     return ScoredFamily(fitter, family, arrays["scores"], arrays["expected"])
 
 

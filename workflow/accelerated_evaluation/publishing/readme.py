@@ -17,6 +17,7 @@ ROOT = Path(__file__).resolve().parents[3]
 ANSWER = ROOT / "figures" / "spmd" / "tables" / "answer.csv"
 CLAIMS = ROOT / "figures" / "spmd" / "tables" / "claims.csv"
 WORLDS = ROOT / "benchmarks" / "results" / "worlds.csv"
+WORLDS_BEYOND = ROOT / "benchmarks" / "results" / "worlds_beyond.csv"
 CAUSES = ROOT / "benchmarks" / "results" / "worlds_causes.csv"
 MOTORWAY = ROOT / "benchmarks" / "results" / "motorway.csv"
 MOTORWAY_CHAIN = ROOT / "benchmarks" / "results" / "motorway_chain.csv"

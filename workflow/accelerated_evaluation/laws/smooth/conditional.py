@@ -236,13 +236,13 @@ class SpeedLaw:
         return Given(below, threshold, below.at(threshold), scale, self.tail, self.far)
 
     def drawn(self, generator: np.random.Generator, body: SmoothHazard | None = None) -> "SpeedLaw":
-        """Return a law with body, tail and far tail drawn from their posteriors, which are independent.
+        """Return a law with body and tail drawn from their posteriors, which are independent.
 
-        A body that has already been drawn may be given.
+        A body that has already been drawn may be given. The far tail is not drawn; see `LawFamily.drawn`.
         """
         body = self.body.drawn(generator) if body is None else body
-        tail, far = (None if part is None else part.drawn(generator) for part in (self.tail, self.far))
-        return replace(self, body=body, tail=tail, far=far)
+        tail = None if self.tail is None else self.tail.drawn(generator)
+        return replace(self, body=body, tail=tail)
 
 
 @dataclass(frozen=True)

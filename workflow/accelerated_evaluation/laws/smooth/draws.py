@@ -89,7 +89,7 @@ class LawDraws:
         bodies = tuple(family.body.drawn(generator) for _ in range(count))
         shared = np.arange(size) % count
         laws = [
-            family.law(members[place]).drawn(generator, bodies[body])
+            family.drawn(members[place], generator, bodies[body])
             for place, body in zip(chosen, shared, strict=True)
         ]
         names = tuple(members[place].name for place in chosen)

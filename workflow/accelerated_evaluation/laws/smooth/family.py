@@ -20,7 +20,8 @@ from accelerated_evaluation.laws.smooth.conditional import (
     speed_grid,
 )
 from accelerated_evaluation.laws.smooth.excess import Excess, fit_excess
-from accelerated_evaluation.laws.smooth.far_tail import FarTail
+from accelerated_evaluation.laws.smooth.far_records import FarRecords
+from accelerated_evaluation.laws.smooth.far_tail import PRIOR, FarTail
 from accelerated_evaluation.laws.smooth.shapes import SHAPES
 from accelerated_evaluation.laws.smooth.smooth_hazard import Binned, HazardGrid, SmoothHazard, fit_hazard
 from accelerated_evaluation.laws.smooth.support import SUPPORT, Support
@@ -149,6 +150,10 @@ class LawFamily:
         Distribution of the excess, by member of the family.
     far
         Factors of the hazard where only a few records are, by member; empty if there are too few records.
+    far_records
+        Records from which the factors follow; None if there are too few records.
+    prior
+        Shape and rate of the gamma prior of the factors in draws.
     """
 
     ranges: SmoothHazard
@@ -157,11 +162,26 @@ class LawFamily:
     exceedances: dict[float, Exceedances]
     tails: dict[Member, Excess]
     far: dict[Member, FarTail]
+    far_records: FarRecords | None = None
+    prior: float = PRIOR
 
     def law(self, member: Member) -> SpeedLaw:
         """Return the distribution of the closing speed of one member of the family."""
         threshold, tail = self.thresholds.get(member.level), self.tails.get(member)
         return SpeedLaw(self.body, threshold, tail, self.far.get(member))
+
+    def drawn(
+        self, member: Member, generator: np.random.Generator, body: SmoothHazard | None = None
+    ) -> SpeedLaw:
+        """Return the law of one member with parameters drawn from their posterior.
+
+        Body and tail are drawn first, and then the factors of the far tail, given the drawn law. A body that
+        has already been drawn may be given.
+        """
+        law = replace(self.law(member), far=None).drawn(generator, body)
+        if self.far_records is None:
+            return law
+        return replace(law, far=self.far_records.tail(law, self.prior).drawn(generator))
 
 
 @dataclass(frozen=True)
@@ -243,20 +263,20 @@ class Fitter:
         """Return a family with the far tails that follow from the kept records."""
         if not family.exceedances:
             return family
-        lowest = min(family.exceedances)
-        index = family.exceedances[lowest].index
-        those = self.records.only(index[kept[index]])
-        places = those.places
-        below, size, level = places.body(family.body), int(kept.sum()), -float(np.log1p(-lowest))
-        fitted = [member for member in self.members if member.level is None or member in family.tails]
-        given = {member: family.law(member).given(places, below) for member in fitted}
-        return replace(
-            family,
-            far={
-                member: FarTail.of(law.cumulative(those.closing_speed), size, level)
-                for member, law in given.items()
-            },
-        )
+        level = min(family.exceedances)
+        index, lowest = family.exceedances[level].index, -float(np.log1p(-level))
+        records, size = self.records.only(index[kept[index]]), int(kept.sum())
+        places = records.places
+        below = places.body(family.body)
+        hazards = {
+            member: family.law(member).given(places, below).cumulative(records.closing_speed)
+            for member in self.members
+            if member.level is None or member in family.tails
+        }
+        far = {member: FarTail.of(hazard, size, lowest) for member, hazard in hazards.items()}
+        largest = np.max(list(hazards.values()), axis=0)
+        few = FarRecords(places, records.closing_speed, size, lowest).reduced(largest)
+        return replace(family, far=far, far_records=few)
 
     def _tails(
         self, above: dict[float, Exceedances], kept: NDArray[np.bool_], start: LawFamily | None

@@ -8,8 +8,9 @@ the hazard of the law is multiplied by one factor each.
 
 The factors are independent, with a gamma prior of mean 1. Let d records end in a layer between two levels,
 and let e be the sum of the parts of their Lambda that lie in the layer. Their likelihood is f^d exp(-f e),
-so the posterior of the factor f is a gamma distribution, too. Where there are many records, they determine
-the factor. Beyond all records, the factor has its prior distribution, and the interval of the answer opens.
+so the posterior of the factor f, given the law, is a gamma distribution, too. Where there are many records,
+they determine the factor. Beyond all records, the factor has its prior distribution, and the interval of the
+answer opens.
 """
 
 from collections.abc import Mapping, Sequence
@@ -21,10 +22,10 @@ import numpy as np
 from accelerated_evaluation.base.arrays import Array
 
 RECORDS = np.array([100, 10, 1])  # numbers of records that are expected beyond the levels
-# Shape and rate of the gamma prior of a factor. With probability 80 % a factor is between 0.44 and 1.67. For
-# comparison: under a generalised Pareto law of shape 0.3, the hazard falls by the factor 0.4 from 3 to 9
-# scales above the threshold.
-PRIOR = 4.0
+# Shape and rate of the gamma prior of a factor. With probability 80 % a factor is between 0.27 and 1.94. For
+# comparison: from 3 to 9 scales above the threshold, the hazard of a generalised Pareto law of shape 0.3
+# changes by a factor of 0.5, and that of a law of shape -0.1, which ends after 10 scales, by a factor of 7.
+PRIOR = 2.0
 
 
 @dataclass(frozen=True)
@@ -47,7 +48,7 @@ class FarTail:
     shapes: Array | None = None
 
     @classmethod
-    def of(cls, cumulative: Array, size: int, lowest: float) -> Self:
+    def of(cls, cumulative: Array, size: int, lowest: float, prior: float = PRIOR) -> Self:
         """Return the posterior of the factors, given the cumulative hazards of the records under a law.
 
         Parameters
@@ -58,22 +59,19 @@ class FarTail:
             Number of all records.
         lowest
             Smallest level at which a layer may begin.
+        prior
+            Shape and rate of the gamma prior of the factors.
         """
-        levels = np.maximum(np.log(size / RECORDS), lowest)
+        levels = levels_of(size, lowest)
         inside = np.clip(cumulative - levels[:, None], 0, np.diff(levels, append=np.inf)[:, None])
         ended = np.diff((cumulative > levels[:, None]).sum(axis=1), append=0)
-        shapes = PRIOR - ended
-        return cls(levels, shapes / (PRIOR + inside.sum(axis=1)), shapes)
+        shapes = prior - ended
+        return cls(levels, shapes / (prior + inside.sum(axis=1)), shapes)
 
     @classmethod
     def stacked(cls, tails: Sequence[Self]) -> Self:
         """Return the far tails of K draws of a law, which have the same levels, as one object."""
         return cls(tails[0].levels, np.array([tail.factors for tail in tails]).T[:, :, None])
-
-    def with_prior(self, prior: float) -> Self:
-        """Return the posterior under a gamma prior of mean 1 with another shape parameter."""
-        shapes, rates = self.shapes - PRIOR + prior, self.shapes / self.factors - PRIOR + prior
-        return replace(self, factors=shapes / rates, shapes=shapes)
 
     def drawn(self, generator: np.random.Generator) -> Self:
         """Return a far tail with factors drawn from their posterior."""
@@ -115,3 +113,11 @@ class FarTail:
     def from_content(cls, content: Mapping[str, Any]) -> Self:
         """Build the far tail from the value that `content` returned."""
         return cls(np.array(content["levels"]), np.array(content["factors"]))
+
+
+def levels_of(size: int, lowest: float) -> Array:
+    """Return the cumulative hazards beyond which `RECORDS` of so many records are expected, shape (layers,).
+
+    A level is not below ``lowest``.
+    """
+    return np.maximum(np.log(size / RECORDS), lowest)
