@@ -6,9 +6,10 @@ import numpy as np
 import pandas as pd
 import pytest
 from accelerated_evaluation.answer.calibration import (
-    cell_counts,
+    expected_counts,
     mid_p,
     near_miss_counts,
+    recorded_counts,
     strips,
     with_limits,
 )
@@ -197,12 +198,16 @@ def test_poisson_limits_and_mid_p_values():
 
 
 def test_cells_count_what_is_recorded_and_expect_it_from_the_true_law(records):
-    counts = with_limits(*cell_counts(records, lambda places: [ExponentialSpeeds()]))
+    def judged(law: ExponentialSpeeds) -> pd.DataFrame:
+        (expected,) = expected_counts(records, lambda places: [law])
+        return with_limits(recorded_counts(records).assign(expected=expected))
+
+    counts = judged(ExponentialSpeeds())
     assert len(counts) == sum(len(strip.names) for strip in strips()) == 64
     inside = (records.range_ < 5) & (records.closing_speed >= 1) & (records.closing_speed < 2)
     assert counts["recorded"].iloc[0] == inside.sum()
     assert counts["p_value"].min() > 0.05 / len(counts)
-    wrong = with_limits(*cell_counts(records, lambda places: [ExponentialSpeeds(1.5 * MEAN)]))
+    wrong = judged(ExponentialSpeeds(1.5 * MEAN))
     assert wrong["p_value"].min() < 1e-4
 
 

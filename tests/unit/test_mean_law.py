@@ -216,8 +216,9 @@ def test_the_map_of_a_reference_gives_the_mean_of_the_draws_and_each_of_them(law
     weighted = np.exp(law.log_ratios(CutIns(*(part[crash] for part in cut_ins_of(cut_ins)))))
     by_draw, errors = weighted.sum(axis=1) / crash.size, np.sqrt((weighted**2).sum(axis=1)) / crash.size
     apart = np.abs(found.probabilities - by_draw) / errors
-    assert np.mean(apart < 4) > 0.95
-    assert np.mean(np.abs(found.probabilities[::-1] - by_draw) / errors < 4) < 0.95  # of other draws: wrong
+    assert np.all(apart < 4)
+    assert np.mean(apart < 2) > 0.95
+    assert np.mean(np.abs(found.probabilities[::-1] - by_draw) / errors < 2) < 0.9  # of other draws: wrong
 
 
 def cut_ins_of(cut_ins):
@@ -248,8 +249,9 @@ def test_runs_that_are_chosen_for_a_near_miss_find_its_probability(law):
     cut_ins = law.from_normal_scores(np.random.default_rng(6).normal(size=(20_000, 3)))
     rates = {name: np.mean(cut_ins.closing_speed * time > cut_ins.range_) for name, time in EVENTS.items()}
     assert answer.index[0] == "TTC at most 6 s"
-    for name, rate in rates.items():
-        assert np.log(answer.loc[name, "probability"] / rate) == pytest.approx(0, abs=0.6)
+    # A quarter of the near misses are crashes, and few of the runs.
+    for (name, rate), margin in zip(rates.items(), (0.3, 1.2), strict=True):
+        assert np.log(answer.loc[name, "probability"] / rate) == pytest.approx(0, abs=margin)
     assert np.isnan(answer.loc["range at most 1 m", "median"])  # no part of the event: not known
 
 

@@ -21,6 +21,8 @@ rule study_laws:
         answer_thresholds=result("laws", "answer_thresholds.csv"),
         calibration=result("laws", "calibration.csv"),
         crash_places=result("laws", "crash_places.csv"),
+        extrapolation=result("laws", "extrapolation.csv"),
+        near_misses=result("laws", "near_misses.csv"),
         injuries=result("laws", "injuries.csv"),
         injuries_by_curve=result("laws", "injuries_by_curve.csv"),
         injury_budget=result("laws", "injury_budget.csv"),

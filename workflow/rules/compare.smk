@@ -45,6 +45,7 @@ rule compare_record_variants:
         **OF_LAWS,
     output:
         data_quality=result("laws", "data_quality.csv"),
+        choices=result("laws", "choices.csv"),
     log:
         log_of("compare_record_variants.log"),
     benchmark:

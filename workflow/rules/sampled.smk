@@ -22,6 +22,7 @@ rule sample_answer:
         budget=result("laws", "answer_budget.csv"),
         draws=result("laws", "answer_draws.csv"),
         exposure=result("laws", "exposure.csv"),
+        extrapolation=result("laws", "extrapolation.csv"),
         law=result("laws", "answer.json"),
         estimate=result("sampled", "estimate.csv"),
         runs=result("sampled", "runs.csv"),

@@ -20,6 +20,7 @@ rule study_scenario:
         answer=result("scenario", "answer.csv"),
         budget=result("scenario", "budget.csv"),
         draws=result("scenario", "draws.csv"),
+        extrapolation=result("scenario", "extrapolation.csv"),
         crash_shares=result("scenario", "crash_shares.csv"),
         law=result("scenario", "law.json"),
     log:

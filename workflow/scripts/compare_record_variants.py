@@ -1,5 +1,6 @@
-"""Compute the crash probability again for other treatments of the records."""
+"""Compute the crash probability again for other treatments of the records, and for other choices of laws."""
 
+from accelerated_evaluation.answer.choices import choice_table
 from accelerated_evaluation.answer.family_file import read_family
 from accelerated_evaluation.answer.summary import quality_table, record_variants
 from accelerated_evaluation.answer.weighted_family import WeightedLaws
@@ -28,3 +29,6 @@ if __name__ == "__main__":
         variants = record_variants(encounters, crashed, params.outlier_rows, support)
         table = quality_table(variants, weighted, thinned, params.answer["quality_draws"], generator)
         write_csv(snakemake.output.data_quality, table)
+        choices = child_generator(params.seed, "laws", "choices")
+        table = choice_table(weighted, thinned, params.answer["quality_draws"], choices)
+        write_csv(snakemake.output.choices, table)

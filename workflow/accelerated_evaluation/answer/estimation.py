@@ -14,9 +14,12 @@ from accelerated_evaluation.answer.averaged import SHARE, AveragedSurrogate, pos
 from accelerated_evaluation.answer.chosen_law import ANSWER, choose_sampled_law, require_law
 from accelerated_evaluation.answer.evidence import Evidence, evidence_on, known_runs, largest, replays_of
 from accelerated_evaluation.answer.exposure import exposure_table
+from accelerated_evaluation.answer.extrapolation import extrapolation_table, parts_by_speed, reweighted
+from accelerated_evaluation.answer.likeliest_crashes import PLACE
 from accelerated_evaluation.answer.posterior import Posterior
 from accelerated_evaluation.answer.reweighting import LEVEL, SampledPosterior
 from accelerated_evaluation.answer.study import event_name
+from accelerated_evaluation.base.arrays import Array
 from accelerated_evaluation.base.errors import InputError
 from accelerated_evaluation.base.randomness import child_generator
 from accelerated_evaluation.laws import Law
@@ -54,8 +57,9 @@ class Alone:
         ``estimate``, one row for each replicate, with the ``law``; ``runs``, one row for each simulation;
         ``account`` of the records. Under the paper's law, the first two are equal to the tables of the
         complete study for this method and all segments. If the law is a mean law, there are also ``answer``,
-        one row for each replicate and event; ``budget``, ``draws`` and ``crashes`` of the sampled event; and
-        ``exposure``. See `averaged.Course.tables` and `exposure.exposure_table`.
+        one row for each replicate and event; ``budget``, ``draws`` and ``crashes`` of the sampled event;
+        ``exposure``; and ``extrapolation``. See `averaged.Course.tables`, `exposure.exposure_table` and
+        `extrapolation.extrapolation_table`.
     name
         Name of the law.
     law
@@ -169,6 +173,11 @@ class Traffic:
     exposure: Mapping[str, float | None]
 
     @property
+    def cut_ins(self) -> int:
+        """Number of the cut-ins."""
+        return self.records.size
+
+    @property
     def per_km(self) -> float | None:
         """Cut-ins per kilometre [1/km]; None if the distance is unknown."""
         kilometres = self.exposure["kilometres"]
@@ -237,6 +246,7 @@ def simulate_answer(
         tables[name] = tables[name].drop(columns=["scope", "method"], errors="ignore")
     if "draws" in tables:
         tables["exposure"] = _exposure(tables["draws"], traffic, event_name(problem.event))
+        tables["extrapolation"] = _extrapolation(tables, law, traffic.records.encounters.T)
     return Simulated(tables, evidence)
 
 
@@ -270,6 +280,20 @@ def _exposure(draws: pd.DataFrame, traffic: Traffic, event: str) -> pd.DataFrame
         table = exposure_table({event: crash}, traffic.records.size, traffic.exposure)
         parts.append(table.assign(replicate=replicate))
     return pd.concat(parts or [exposure_table({}, traffic.records.size, traffic.exposure)], ignore_index=True)
+
+
+def _extrapolation(tables: Mapping[str, pd.DataFrame], law: MeanLaw, records: Array) -> pd.DataFrame:
+    """Divide the probability among the runs with the event, by their distance from the records, (n, 3)."""
+    parts = []
+    for replicate, crashes in tables["crashes"].groupby("replicate"):
+        draws, cut_ins = tables["draws"], crashes[list(PLACE)].to_numpy(float)
+        probabilities = draws.loc[draws["replicate"] == replicate, "probability"].to_numpy(float)
+        lead_speed, range_, closing_speed = cut_ins.T
+        log_ratios = law.log_ratios(CutIns(lead_speed, 1 / range_, closing_speed / range_))
+        weights = reweighted(log_ratios, crashes["share"].to_numpy(float), probabilities)
+        table = extrapolation_table(parts_by_speed(records, cut_ins), weights, len(records))
+        parts.append(table.assign(replicate=replicate))
+    return pd.concat(parts, ignore_index=True) if parts else pd.DataFrame(columns=["part", "replicate"])
 
 
 def read_records(config: Mapping[str, Any]) -> tuple[pd.DataFrame, Account]:

@@ -79,7 +79,7 @@ class DrawnLaws:
         for place, count in enumerate(counts):
             for _ in range(FEWEST - count):
                 ranges = family.ranges.drawn(more)
-                drawn.append((place, ranges, family.law(members[place]).drawn(more)))
+                drawn.append((place, ranges, family.drawn(members[place], more)))
         laws = [(ranges, law) for _, ranges, law in drawn]
         return cls(laws, np.array([place for place, _, _ in drawn]), len(weighted.weights))
 

@@ -124,7 +124,7 @@ def drawn_laws(
     ends = np.cumsum(weights, axis=1)
     chosen = np.minimum((generator.random((len(weights), 1)) > ends).sum(axis=1), len(members) - 1)
     for place in chosen.tolist():
-        yield place, family.ranges.drawn(generator), family.law(members[place]).drawn(generator)
+        yield place, family.ranges.drawn(generator), family.drawn(members[place], generator)
 
 
 def budget(posterior: Posterior, sampling_deviation: float) -> pd.DataFrame:

@@ -11,15 +11,18 @@ from fewruns.problems import Response
 from numpy.typing import NDArray
 
 from accelerated_evaluation.answer.evidence import known_runs
+from accelerated_evaluation.answer.extrapolation import extrapolation_table, parts_by_distance, reweighted
 from accelerated_evaluation.answer.joint.posterior import (
     FEW,
     DrawnLaws,
     answer_tables,
-    simulated_posterior,
+    posterior_of_events,
+    simulated_events,
     surrogate_posterior,
 )
 from accelerated_evaluation.answer.joint.scores import CANDIDATES, ClusteredRecords, ScoredLaws, score_laws
 from accelerated_evaluation.answer.replays import Replays
+from accelerated_evaluation.answer.reweighting import SampledPosterior
 from accelerated_evaluation.base.arrays import Array
 from accelerated_evaluation.base.errors import InputError
 from accelerated_evaluation.base.randomness import child_generator
@@ -229,8 +232,9 @@ class ScenarioStudy:
         dict
             ``answer``, a row for each ``event`` and part (``encounters``) with the mean ``probability``, the
             ``median``, and the ends ``low50`` to ``high95`` of the 50, 80 and 95 % credible intervals; and,
-            for a crash in all encounters, ``budget`` (variance of the log probability by source) and
-            ``draws`` (the probability under each draw of the law).
+            for a crash in all encounters, ``budget`` (variance of the log probability by source),
+            ``draws`` (the probability under each draw of the law) and ``extrapolation`` (the parts of the
+            probability by distance from the records, see `extrapolation.extrapolation_table`).
         """
         rows, tables = [], {}
         for restriction in (WHOLE, *self.scenario.restrictions):
@@ -238,10 +242,21 @@ class ScenarioStudy:
             drawn = self.restricted(restriction, generator)
             for event in self.scenario.events:
                 named, respond = self.scenario.event_in_words(event), responder(self.scenario, vehicle, event)
-                made = answer_tables(simulated_posterior(drawn, respond, generator, simulations), drawn)
+                events, size = simulated_events(drawn, respond, generator, simulations)
+                posterior = posterior_of_events(drawn, events, size)
+                made = answer_tables(posterior, drawn)
                 rows.append(made["answer"].assign(event=named, encounters=restriction))
-                tables = tables or made
+                if not tables:
+                    tables = made | {"extrapolation": self._extrapolation(events, posterior, vehicle)}
         return tables | {"answer": pd.concat(rows, ignore_index=True)}
+
+    def _extrapolation(self, events: Array, posterior: SampledPosterior, vehicle: Vehicle) -> pd.DataFrame:
+        """Divide the probability of the first event by the distance of simulated events from the records."""
+        records = self.scored.records.x
+        happened, _ = responder(self.scenario, vehicle, self.scenario.events[0])(records)
+        weights = reweighted(self.drawn.log_ratios(events), 1.0, posterior.probabilities)
+        parts, replayed = (parts_by_distance(records, x) for x in (events, records[happened]))
+        return extrapolation_table(parts, weights, len(records), replayed)
 
     def answer_by_few_runs(
         self, vehicle: Vehicle, seed: int, event: Event, replays: Replays, simulations: int = FEW

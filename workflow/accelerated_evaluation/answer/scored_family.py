@@ -3,7 +3,9 @@
 from dataclasses import dataclass
 
 import numpy as np
+from numpy.typing import NDArray
 
+from accelerated_evaluation.answer.calibration import held_out_counts
 from accelerated_evaluation.answer.scores import BLOCKS, HeldOut
 from accelerated_evaluation.base.arrays import Array
 from accelerated_evaluation.laws.smooth.family import MEMBERS, DistinctRecords, Fitter, LawFamily, Member
@@ -27,16 +29,26 @@ class ScoredFamily:
     log_scores
         Held-out log scores, censored to inverse times to collision above that of `region`, shape (members,
         records).
+    expected
+        Expected number of records in each cell under the laws that were fitted without their block, shape
+        (members, cells); see `calibration.held_out_counts`.
     """
 
     fitter: Fitter
     family: LawFamily
     log_scores: Array
+    expected: Array
 
     @property
     def records(self) -> DistinctRecords:
         """The distinct recorded cut-ins."""
         return self.fitter.records
+
+    @property
+    def critical(self) -> NDArray[np.bool_]:
+        """Whether each record is inside the region in which laws are scored, shape (records,)."""
+        records = self.records
+        return records.closing_speed > region(records) * records.range_
 
     @property
     def members(self) -> tuple[Member, ...]:
@@ -88,4 +100,5 @@ def score_family(
     if fitted != members:
         fitter = Fitter(records, fitted)
     held_out = HeldOut.of_family(fitter, family, blocks)
-    return ScoredFamily(fitter, family, held_out.scores({"region": boundary})["region"])
+    scores = held_out.scores({"region": boundary})["region"]
+    return ScoredFamily(fitter, family, scores, held_out_counts(held_out))

@@ -1,19 +1,30 @@
 """The study of laws: weights of the laws, crash probabilities, and all tables of the answer."""
 
 from collections.abc import Mapping
+from copy import deepcopy
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 
 import numpy as np
 import pandas as pd
+from numpy.typing import NDArray
 from scipy.special import ndtri
 
-from accelerated_evaluation.answer.calibration_table import NearMisses, calibration_table, shown_members
+from accelerated_evaluation.answer.calibration_table import NearMisses, calibration_table
 from accelerated_evaluation.answer.exposure import exposure_table
+from accelerated_evaluation.answer.extrapolation import (
+    DISJOINT,
+    divided,
+    extrapolation_table,
+    parts_by_speed,
+    places,
+    speed_limits,
+)
 from accelerated_evaluation.answer.injuries.impacts import ImpactSpeeds, Key, tabulated_risks
 from accelerated_evaluation.answer.injuries.tables import injury_tables
-from accelerated_evaluation.answer.likeliest_crashes import largest_near
-from accelerated_evaluation.answer.posterior import Posterior, budget
+from accelerated_evaluation.answer.likeliest_crashes import PLACE
+from accelerated_evaluation.answer.near_misses import near_miss_table
+from accelerated_evaluation.answer.posterior import Posterior, budget, drawn_laws
 from accelerated_evaluation.answer.scored_family import ScoredFamily
 from accelerated_evaluation.answer.summary import (
     answer_table,
@@ -40,7 +51,7 @@ QUANTITIES = {
 UNDER_TEST = "under test"
 # The competent and careful human of UN R157, and the human driver from data; by the prefix of their columns.
 REFERENCES = {"": "cc_human", "human_": "human"}
-DRAWN = 2000  # number of crashes that are drawn from each law
+DRAWN = 2000  # number of crashes that are drawn from the mean of the draws
 # Name of the random stream of the answer. It consists of the names of the tables that were first drawn from
 # it, and is kept because another name would change all numbers.
 ANSWER_STREAM = (
@@ -195,6 +206,12 @@ class LawStudy:
         cut_ins = records.lead_speed, records.range_, records.closing_speed
         return {name: vehicle.simulate(*cut_ins) for name, vehicle in self.vehicles.items()}
 
+    @property
+    def replayed_events(self) -> dict[str, NDArray[np.bool_]]:
+        """Whether each record ends in each event if the car under test replays it, by event, (records,)."""
+        outcomes = self.replayed[next(iter(self.vehicles))]
+        return {name: event.happens(outcomes) for name, event in self.events.items()}
+
     def calibration(self) -> pd.DataFrame:
         """Compare the recorded numbers of critical cut-ins with the numbers that the laws predict.
 
@@ -205,36 +222,42 @@ class LawStudy:
         pandas.DataFrame
             The columns of `calibration_table.calibration_table`: one row for each law and cell or near miss.
         """
-        outcomes = self.replayed[next(iter(self.vehicles))]
-        recorded = {name: int(event.happens(outcomes).sum()) for name, event in self.events.items()}
+        recorded = {name: int(happened.sum()) for name, happened in self.replayed_events.items()}
         near = NearMisses(recorded, {name: self.probabilities(name) for name in self.events})
         return calibration_table(self.weighted, near)
 
-    def crash_places(self, generator: np.random.Generator) -> pd.DataFrame:
-        """Draw crashes of the car under test from some of the laws.
+    def extrapolation(self, generator: np.random.Generator) -> tuple[pd.DataFrame, pd.DataFrame]:
+        """Divide the predicted crashes of the car under test by their distance from the records.
 
         Parameters
         ----------
         generator
-            Source of all randomness.
+            A copy of the generator of `draws` in its state before the draws, so that the laws are the same.
 
         Returns
         -------
-        pandas.DataFrame
-            `DRAWN` rows for each law, with the columns ``law``, ``lead_speed`` [m/s], ``range`` [m],
-            ``closing_speed`` [m/s] and ``beyond_recorded`` [m/s], the closing speed minus the largest
-            recorded one at a similar range.
+        table, crashes : pandas.DataFrame
+            The table of `extrapolation.extrapolation_table`; and `DRAWN` crashes from the mean of the draws,
+            with the columns ``lead_speed`` [m/s], ``range`` [m], ``closing_speed`` [m/s] and ``part``.
         """
-        parts = [pd.DataFrame(columns=["lead_speed", "range", "closing_speed", "law", "beyond_recorded"])]
-        lines, ranges, records = self.lines["crash"], self.family.ranges, self.weighted.records
-        for member in shown_members(self.weighted):
-            law = self.family.law(member)
-            if (masses := lines.masses(ranges, law)).any():
-                drawn = crash_places(lines, masses, law, DRAWN, generator)
-                part = pd.DataFrame(dict(zip(parts[0].columns, drawn, strict=False)))
-                beyond = part["closing_speed"] - largest_near(records, part["range"].to_numpy())
-                parts.append(part.assign(law=member.name, beyond_recorded=beyond))
-        return pd.concat(parts, ignore_index=True)
+        weighted, lines = self.weighted, self.thinned["crash"]
+        records = weighted.records.encounters.T
+        lines = divided(lines, speed_limits(records, lines.places.lead_speed, lines.places.range_))
+        laws = drawn_laws(self.family, weighted.members, weighted.weights, generator)
+        masses = np.array(
+            [lines.of_draw(draw).masses(ranges, law) for draw, (_, ranges, law) in enumerate(laws)]
+        )
+        crashed = records[self.replayed_events["crash"]]
+        table = extrapolation_table(
+            parts_by_speed(records, places(lines)), masses, len(records), parts_by_speed(records, crashed)
+        )
+        if not (mean := masses.mean(axis=0)).any():
+            return table, pd.DataFrame(columns=[*PLACE, "part"])
+        law = self.family.law(weighted.heaviest)
+        drawn = np.column_stack(crash_places(lines, mean, law, DRAWN, generator))
+        parts = parts_by_speed(records, drawn)
+        part = np.select([parts[name] for name in DISJOINT], DISJOINT, "")
+        return table, pd.DataFrame(drawn, columns=PLACE).assign(part=part)
 
     def representative(self) -> DependentLaw:
         """Return the law with the largest weight, for methods that need a single law."""
@@ -286,11 +309,13 @@ class LawStudy:
             kilometre and hour, and ``vehicles`` the comparison of vehicles. ``answer_draws`` contains the
             crash probability under each draw of the law, ``answer_budget`` the parts of its variance, and
             ``answer_thresholds`` its values by threshold of the tail. ``calibration`` compares the laws with
-            the records, and ``crash_places`` contains random crashes under each law. The tables of
+            the records. ``extrapolation`` and ``crash_places`` are the results of `extrapolation`, and
+            ``near_misses`` contains intervals that allow for clusters of critical records. The tables of
             `injuries.tables.injury_tables` are added.
         """
-        tabulated = tabulated_risks()
+        tabulated, as_drawn = tabulated_risks(), deepcopy(generator)
         posteriors = self.draws(tabulated, generator)
+        extrapolation, crashes_drawn = self.extrapolation(as_drawn)
         cut_ins, kilometres = self.weighted.records.size, exposure["kilometres"]
         per_km = None if kilometres is None else cut_ins / kilometres
         own = {name: posteriors[name] for name in self.events}
@@ -309,7 +334,9 @@ class LawStudy:
             "answer_budget": budget(own["crash"], sampling),
             "answer_thresholds": threshold_table(self.weighted, self.thinned["crash"], generator),
             "calibration": self.calibration(),
-            "crash_places": self.crash_places(generator),
+            "extrapolation": extrapolation,
+            "crash_places": crashes_drawn,
+            "near_misses": near_miss_table(own, self.replayed_events, self.weighted.critical, generator),
         }
 
     def compared(self, posteriors: Mapping[str, Posterior]) -> pd.DataFrame:

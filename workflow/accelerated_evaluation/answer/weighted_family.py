@@ -6,9 +6,10 @@ from types import MappingProxyType
 from typing import Self
 
 import numpy as np
+from numpy.typing import NDArray
 
 from accelerated_evaluation.answer.posterior import Posterior, draw_posterior
-from accelerated_evaluation.answer.scored_family import ScoredFamily, region
+from accelerated_evaluation.answer.scored_family import ScoredFamily
 from accelerated_evaluation.answer.weights import bootstrapped_weights
 from accelerated_evaluation.base.arrays import Array
 from accelerated_evaluation.crash_map.lines import CrashLines
@@ -44,10 +45,8 @@ class WeightedLaws(ScoredFamily):
         draws
             Number of draws.
         """
-        records = scored.records
-        inside = records.closing_speed > region(records) * records.range_
-        weights = bootstrapped_weights(scored.log_scores, inside, draws, generator)
-        return cls(scored.fitter, scored.family, scored.log_scores, weights)
+        weights = bootstrapped_weights(scored.log_scores, scored.critical, draws, generator)
+        return cls(scored.fitter, scored.family, scored.log_scores, scored.expected, weights)
 
     @property
     def heaviest(self) -> Member:
@@ -68,22 +67,18 @@ class WeightedLaws(ScoredFamily):
         return sum(weight * values[member] for weight, member in zip(weights, self.members, strict=True))
 
     def weights_at(self, level: float) -> Array:
-        """Return draws of the weights in which only the laws with one threshold have weight.
+        """Return draws of the weights, shape (draws, members), in which only laws with one threshold count.
+
+        ``level`` is the level of this threshold; see `weights_of`.
+        """
+        return self.weights_of(np.array([member.level == level for member in self.members]))
+
+    def weights_of(self, chosen: NDArray[np.bool_]) -> Array:
+        """Return draws of the weights, shape (draws, members), in which only chosen laws have weight.
 
         The weights of these laws are scaled so that they sum to 1; if all of them are 0 in a draw, they
-        become equal.
-
-        Parameters
-        ----------
-        level
-            Level of the threshold of the closing speed above which a law has a separate tail.
-
-        Returns
-        -------
-        numpy.ndarray
-            Weights, shape (draws, members).
+        become equal. ``chosen`` has shape (members,).
         """
-        chosen = np.array([member.level == level for member in self.members])
         weights = np.where(chosen, self.weights, 0.0)
         weights[~weights.any(axis=1)] = chosen
         return weights / weights.sum(axis=1, keepdims=True)

@@ -57,6 +57,7 @@ files written to results/STUDY/estimate/:
   compared.csv    ratio to other vehicles, its 80 % interval, and the probability to be safer (--compare,
                   --reference)
   crashes.csv     the simulations that crashed, with their shares of the crash probability
+  extrapolation.csv  how far the predicted events lie beyond the records
   estimate.csv    probability, ci_low, ci_high, simulations under the mean law, for each replicate
   runs.csv        every simulation: its cut-in, its phase, and whether it crashed
   account.csv     the number of records that each filter has removed
@@ -306,6 +307,7 @@ def _in_words(found: "Alone", level: float) -> str:
 def _answers(found: "Alone") -> list[str]:
     """Return the answer of every replicate as lines of text; empty under a single law."""
     from accelerated_evaluation.answer.averaged import answer_in_words, budget_in_words
+    from accelerated_evaluation.answer.extrapolation import in_words
 
     if "answer" not in found.tables:
         return []
@@ -318,6 +320,9 @@ def _answers(found: "Alone") -> list[str]:
             lines += answer_in_words(row)
         budget = found.tables["budget"]
         lines += budget_in_words(budget[budget["replicate"] == replicate]) if len(budget) else []
+        extrapolation = found.tables["extrapolation"]
+        of_replicate = extrapolation[extrapolation["replicate"] == replicate]
+        lines += [in_words(of_replicate)] if len(of_replicate) else []
     return lines
 
 

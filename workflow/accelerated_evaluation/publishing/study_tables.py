@@ -39,8 +39,14 @@ TABLES = {
     "laws": "laws/laws.csv",
     # Recorded against expected counts of cut-ins and near misses near the crash set.
     "calibration": "laws/calibration.csv",
-    # Random crashes under each law: lead speed, range and closing speed.
+    # Random predicted crashes: lead speed, range and closing speed, and how far they are from the records.
     "crash_places": "laws/crash_places.csv",
+    # Shares of the answer by distance of the predicted crashes from the records.
+    "extrapolation": "laws/extrapolation.csv",
+    # Intervals of near misses that allow for clusters of critical records.
+    "near_misses": "laws/near_misses.csv",
+    # Crash probability for other choices of laws, weights, priors and splines.
+    "choices": "laws/choices.csv",
     # The probability of a crash and of near misses, with the uncertainty from data, laws and sampling.
     "answer": "laws/answer.csv",
     # Rates of cut-ins, crashes and near misses per kilometre and per hour, if distance and time are known.
@@ -87,6 +93,8 @@ TABLES = {
     # Random draws of the crash probability, and the budget of its uncertainty.
     "scenario_draws": "scenario/draws.csv",
     "scenario_budget": "scenario/budget.csv",
+    # Shares of the answer by distance of the simulated crashes from the records.
+    "scenario_extrapolation": "scenario/extrapolation.csv",
     # Shares of encounters and crashes by the size of a variable.
     "scenario_crash_shares": "scenario/crash_shares.csv",
     # Estimates of all replicates of all methods for the law with the largest weight; runs of the surrogate.

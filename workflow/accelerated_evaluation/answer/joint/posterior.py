@@ -92,6 +92,11 @@ class DrawnLaws:
         """
         return np.array([law.log_density(x) for law in self.laws])
 
+    def log_ratios(self, x: Array) -> Array:
+        """Return log(density of each draw / density of their mean) at n points x, shape (draws, n)."""
+        logs = self.log_densities(x)
+        return logs - np.logaddexp.reduce(logs) + np.log(len(logs))
+
     def sample(self, n: int, generator: np.random.Generator) -> Array:
         """Draw points from the mean of the draws, the same number from each draw.
 
@@ -143,6 +148,17 @@ def simulated_posterior(
     InputError
         If the event did not happen in any simulation.
     """
+    events, size = simulated_events(drawn, respond, generator, simulations)
+    return posterior_of_events(drawn, events, size)
+
+
+def simulated_events(
+    drawn: DrawnLaws, respond: Respond, generator: np.random.Generator, simulations: int = SIMULATIONS
+) -> tuple[Array, int]:
+    """Return the events among encounters drawn from the mean of the draws, (m, d), and how many were drawn.
+
+    Arguments and errors are those of `simulated_posterior`.
+    """
     rounds, size = [], 0
     while len(rounds) < ROUNDS and sum(map(len, rounds)) < ENOUGH_EVENTS:
         x = drawn.sample(simulations, generator)
@@ -158,8 +174,12 @@ def simulated_posterior(
             change="Check the limits of the variables and the event. If the event is really so rare, use "
             "the surrogate-guided method.",
         )
-    logs = drawn.log_densities(events)
-    ratios = np.exp(logs - np.logaddexp.reduce(logs) + np.log(len(logs)))
+    return events, size
+
+
+def posterior_of_events(drawn: DrawnLaws, events: Array, size: int) -> SampledPosterior:
+    """Return the probability of the event under each draw, from the results of `simulated_events`."""
+    ratios = np.exp(drawn.log_ratios(events))
     estimates = ratios.sum(axis=1) / size
     variances = np.maximum((ratios**2).sum(axis=1) / size - estimates**2, 0) / size
     known = np.maximum(estimates, SMALLEST * estimates.mean())

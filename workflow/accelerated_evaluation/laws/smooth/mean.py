@@ -29,6 +29,7 @@ from accelerated_evaluation.laws.protocol import CutIns, Factors
 from accelerated_evaluation.laws.smooth.conditional import Places, SpeedLaw, Threshold, range_grid, speed_grid
 from accelerated_evaluation.laws.smooth.draws import LawDraws, SpeedsAt
 from accelerated_evaluation.laws.smooth.excess import Excess
+from accelerated_evaluation.laws.smooth.far_tail import FarTail
 from accelerated_evaluation.laws.smooth.mixture import TOLERANCE, RangeMixture, mixed, solve
 from accelerated_evaluation.laws.smooth.segments import (
     COORDINATES,
@@ -311,15 +312,13 @@ class MeanLaw(SmoothLaw):
 
 
 def _tail_content(law: SpeedLaw) -> dict[str, Any]:
-    if law.tail is None:
-        return {}
-    return {"level": law.threshold.level} | law.tail.content()
+    tail = {} if law.tail is None else {"level": law.threshold.level} | law.tail.content()
+    return tail if law.far is None else tail | {"far_tail": law.far.content()}
 
 
 def _speed_law(
     part: Mapping[str, Any], bodies: tuple[SmoothHazard, ...], surfaces: Mapping[float, Threshold]
 ) -> SpeedLaw:
-    body = bodies[part["shared"]]
-    if "shape" not in part:
-        return SpeedLaw(body)
-    return SpeedLaw(body, surfaces[part["level"]], Excess.from_content(part))
+    tail = Excess.from_content(part) if "shape" in part else None
+    far = FarTail.from_content(part["far_tail"]) if "far_tail" in part else None
+    return SpeedLaw(bodies[part["shared"]], surfaces.get(part.get("level")), tail, far)

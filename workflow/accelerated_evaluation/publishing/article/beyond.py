@@ -8,6 +8,7 @@ import pandas as pd
 from scipy.stats import poisson
 
 from accelerated_evaluation.answer.calibration import HOST
+from accelerated_evaluation.answer.extrapolation import ALL, CAPPED, FAR, HOST_UNSEEN, NEAR, RECORDED
 from accelerated_evaluation.publishing.article.tables import Tables, typeset
 from accelerated_evaluation.publishing.tables.injuries import best_known
 
@@ -91,10 +92,23 @@ def _answer(tables: Tables) -> dict[str, Any]:
         "thresholds": thresholds.max() / thresholds.min(),
         "quality_low": changes.min(),
         "quality_high": changes.max(),
+        "beyond": _beyond_records(tables["extrapolation"].set_index("part")),
         "again": _second_set(answer, int(tables["data_quality"]["events"].iloc[0])),
         "rate": crash["per_km"],
         "million_km": 1 / (1e6 * crash["per_km"]) if crash["per_km"] else None,
     }
+
+
+def _beyond_records(parts: pd.DataFrame) -> dict[str, Any]:
+    """Return the shares of the predicted crashes beyond the records, and the numbers of replayed records."""
+    shares, whole = parts["share"], parts.loc[ALL]
+    return {
+        "faster_than_near": shares[NEAR] + shares[FAR],
+        "faster_than_all": shares[FAR],
+        "above_cap": shares[CAPPED],
+        "host": shares[HOST_UNSEEN],
+        "inside": parts.loc[RECORDED, "probability"],
+    } | whole[["records", "recorded", "expected", "replay_low95", "replay_high95"]].to_dict()
 
 
 def _second_set(answer: pd.DataFrame, size: int) -> dict[str, Any]:
@@ -138,6 +152,8 @@ def _worlds_beyond(benchmarks: Tables, usual: Iterable[str]) -> dict[str, Any]:
     return {
         "worlds": worlds["worlds"].iloc[0],
         "kinds": len(worlds),
+        "least": worlds["coverage80"].min(),
+        "most": worlds["coverage80"].max(),
         "covered": worlds.loc[~fails, "kind"].tolist(),
         "failed": worlds.loc[fails, ["kind", "coverage80", "median_ratio"]].to_dict("records"),
     }

@@ -208,27 +208,6 @@ def threshold_ratio(answer_thresholds: pd.DataFrame) -> float:
     return float(answer_thresholds["probability"].max() / answer_thresholds["probability"].min())
 
 
-def stated_margin(crash_places: pd.DataFrame, level: float = 0.95) -> float:
-    """Return the margin by which closing speeds of crashes exceed those of all records at a similar range.
-
-    Parameters
-    ----------
-    crash_places
-        ``crash_places.csv`` of a study: random crashes under each law, with the closing speed in excess of
-        the records, ``beyond_recorded`` [m/s].
-    level
-        Share of the crashes of a law that exceed the records by at most the margin.
-
-    Returns
-    -------
-    float
-        The largest margin of all laws [m/s]; NaN if the vehicle never crashes.
-    """
-    if crash_places.empty:  # the vehicle never crashes
-        return float("nan")
-    return float(crash_places.groupby("law")["beyond_recorded"].quantile(level).max())
-
-
 def without_sources(counted: pd.DataFrame) -> pd.DataFrame:
     """Return a short table of predicted and counted crash rates, without the columns of references.
 
