@@ -1,40 +1,37 @@
-"""The tables of the benchmarks in their README and in guides, made from benchmarks/results and figures.
+"""The tables in the README, in benchmarks/README.md and in guides, made from benchmarks/results and figures.
 
 ``python benchmarks/readme.py`` updates them. Each table is a dictionary from a heading to the format of its
 cells, which names columns of the published file.
 """
 
-import re
+import sys
+from collections.abc import Callable
+from pathlib import Path
 
 import numpy as np
 import pandas as pd
 from accelerated_evaluation.methods import METHODS
-from accelerated_evaluation.publishing.readme import CAUSES, ROOT, WORLDS, Table, markdown, update
+from accelerated_evaluation.publishing.tables.paper_claims import CLAIMS
+from accelerated_evaluation.publishing.tables.paper_numbers import PAPER_PROBABILITY
 
-RESULTS = ROOT / "benchmarks" / "results"
-STUDIES = ROOT / "figures"
+sys.path += [str(Path(__file__).parent), str(Path(__file__).parent / "motorway")]
+
+from blocks import NOTHING, RESULTS, ROOT, Block, formatted, markdown, update
+from tables import MOTORWAY_TABLES
+
+README = ROOT / "README.md"
 BENCHMARKS = ROOT / "benchmarks" / "README.md"
 JOINT_LAWS = ROOT / "docs" / "joint_laws.md"
 YOUR_RECORDS = ROOT / "docs" / "your_records.md"
 OURS = "surrogate"
 LEARNERS = ("ak_mcs", "ak_is", "two_stage", "kde_ais")  # as in benchmarks/samplers/methods.py
 RELIABLE = 0.05  # share of failed seeds up to which another sampler is called the best
-COMMAND = "python benchmarks/readme.py"
-NOTHING = "–"
-MISSING = re.compile(r"\bnan\b")
-
-
-def formatted(table: pd.DataFrame, cells: dict[str, str]) -> str:
-    """Return a Markdown table with the given headings, and a row for each row of a table.
-
-    ``cells`` maps each heading to the format of its cells, for example ``"{runs:,.0f}"`` for the column
-    ``runs``. A cell whose value is missing contains a dash.
-    """
-    rows = [
-        tuple(NOTHING if MISSING.search(cell := form.format_map(row)) else cell for form in cells.values())
-        for row in table.to_dict("records")
-    ]
-    return markdown(tuple(cells), rows)
+YES = {True: "yes", False: "no"}
+SHOWN_CLAIMS = (  # keys of the claims
+    *("probability", "piecewise", "single", "ratio_single", "crude", "ratio_crude"),
+    *("faster_search", "half", "independent"),
+)
+PAPER_INTERVAL = "7e-07 to 7.8e-07, of the simulations alone"  # section VI.C, 80 %
 
 
 def spaced(names: pd.Series) -> pd.Series:
@@ -57,7 +54,7 @@ def ours_and_others(samplers: pd.DataFrame) -> list[tuple[pd.Series, pd.DataFram
 
 
 def samplers_table(samplers: pd.DataFrame) -> str:
-    """Return the simulations that this sampler, the paper's methods and public tools need for each problem.
+    """Return the simulations that this sampler, Cross-Entropy searches and public tools need by problem.
 
     Of the other methods that rarely fail, the one with the fewest effective simulations is shown.
     """
@@ -84,7 +81,7 @@ def samplers_table(samplers: pd.DataFrame) -> str:
             "its true error": "{error:.2f}",
             "its 80 % intervals cover": "{coverage80:.0%}",
             "failed": "{failed:.0f} of {seeds:,.0f}",
-            "best of the paper's methods": "{paper}",
+            "best Cross-Entropy search": "{paper}",
             "best public tool": "{public}",
         },
     )
@@ -382,10 +379,10 @@ def scenarios_table(scenarios: pd.DataFrame) -> str:
 
 
 def experiments_table(experiments: pd.DataFrame) -> str:
-    """Return the stored experiments with right weights, and which check warns of them."""
+    """Return the stored experiments of the left turn, and which check warns of them."""
     warnings = ["warns_events", "warns_mean", "warns_region"]
     return formatted(
-        experiments.replace({name: {True: "yes", False: "no"} for name in warnings}),
+        experiments.query("scenario == 'left_turn'").replace({name: YES for name in warnings}),
         {
             "experiment": "{experiment}",
             "weights": "{weights}",
@@ -399,36 +396,77 @@ def experiments_table(experiments: pd.DataFrame) -> str:
     )
 
 
-def result(text, name: str, make) -> Table:
-    """Return the table that a text of the project has of one file of the results."""
-    return Table(text, RESULTS / f"{name}.csv", make, COMMAND)
+def answer_table(answer: pd.DataFrame) -> str:
+    """Return the crash probability of the default study with its intervals, next to the paper's numbers."""
+    crash = answer.set_index("event").loc["crash"]
+    rows = [("crash of a cut-in, median", _number(PAPER_PROBABILITY), f"**{crash['median']:.1e}**")]
+    for level in (50, 80, 95):
+        ends = f"{crash[f'low{level}']:.1e} to {crash[f'high{level}']:.1e}"
+        rows.append((f"{level} % interval", PAPER_INTERVAL if level == 80 else NOTHING, ends))
+    rows.append(("mean", NOTHING, f"{crash['probability']:.1e}"))
+    return markdown(("", "paper", "this project"), rows)
 
 
-def of_scenario(name: str, table: str, make) -> Table:
-    """Return the table that the guide to joint laws has of one published table of a scenario's study."""
-    return Table(JOINT_LAWS, STUDIES / name / "tables" / f"{table}.csv", make, COMMAND)
+def claims_table(claims: pd.DataFrame) -> str:
+    """Return some claims of the paper: its number, ours with the spread, and the verdict."""
+    rows = []
+    for claim, row in claims.set_index("claim").loc[[CLAIMS[key].claim for key in SHOWN_CLAIMS]].iterrows():
+        ends = f"{_number(row.ours_low)} to {_number(row.ours_high)} ({row.spread})"
+        spread = row.spread if pd.isna(row.ours_low) else ends
+        rows.append((claim, _number(row.paper), _number(row.ours), spread, row.verdict))
+    return markdown(("", "paper", "ours", "our spread", "verdict"), rows)
 
 
-TABLES = {
-    "left_turn": of_scenario("left_turn", "scenario_answer", scenario_answers),
-    "pedestrian": of_scenario("pedestrian", "scenario_answer", scenario_answers),
-    "experiments": of_scenario("left_turn", "scenario_experiments", experiments_table),
+def europe_table(europe: pd.DataFrame) -> str:
+    """Return a Markdown table of what the European cut-ins say, with the limits where there are any."""
+    cells = {
+        "quantity": "{what}",
+        "cut-ins, or vehicle": "{group}",
+        "number": "{count:,.0f}",
+        "value": "{value:.2g}",
+        "from": "{low:.2g}",
+        "to": "{high:.2g}",
+    }
+    return formatted(europe, cells)
+
+
+def _number(value: float) -> str:
+    return f"{value:,.0f}" if 10 <= value < 1e6 else f"{value:.3g}"
+
+
+def result(text: Path, name: str, make: Callable[[pd.DataFrame], str]) -> Block:
+    """Return the table that a text has of one file of the results."""
+    return Block(text, RESULTS / f"{name}.csv", make)
+
+
+def published(text: Path, study: str, table: str, make: Callable[[pd.DataFrame], str]) -> Block:
+    """Return the table that a text has of one published table of a study."""
+    return Block(text, ROOT / "figures" / study / "tables" / f"{table}.csv", make)
+
+
+BLOCKS = {
+    "answer": published(README, "spmd", "answer", answer_table),
+    "results": published(README, "spmd", "claims", claims_table),
+    "left_turn": published(JOINT_LAWS, "left_turn", "scenario_answer", scenario_answers),
+    "pedestrian": published(JOINT_LAWS, "pedestrian", "scenario_answer", scenario_answers),
+    "experiments": result(JOINT_LAWS, "stored_experiments", experiments_table),
     "scenarios": result(JOINT_LAWS, "scenarios", scenarios_table),
     "answers": result(BENCHMARKS, "answers", answers_table),
     "samplers": result(BENCHMARKS, "samplers", samplers_table),
     "learners": result(BENCHMARKS, "samplers", learners_table),
     "public": result(BENCHMARKS, "public", public_table),
     "vehicles": result(BENCHMARKS, "vehicles", vehicles_table),
-    "worlds": Table(BENCHMARKS, WORLDS, worlds_table, COMMAND),
+    "worlds": result(BENCHMARKS, "worlds", worlds_table),
     "beyond": result(BENCHMARKS, "worlds_beyond", beyond_table),
-    "causes": Table(BENCHMARKS, CAUSES, causes_table, COMMAND),
+    "causes": result(BENCHMARKS, "worlds_causes", causes_table),
     "recordings": result(BENCHMARKS, "recordings", recordings_table),
     "size": result(YOUR_RECORDS, "recordings", recordings_table),
+    "europe": result(YOUR_RECORDS, "europe", europe_table),
     "certificates": result(BENCHMARKS, "certificates", certificates_table),
     "chance": result(BENCHMARKS, "chance", chance_table),
     "checks": result(BENCHMARKS, "checks", checks_table),
     "successors": result(BENCHMARKS, "successors", successors_table),
-}
+} | {name: result(BENCHMARKS, name, make) for name, make in MOTORWAY_TABLES.items()}
 
 if __name__ == "__main__":
-    update(TABLES)
+    update(BLOCKS)

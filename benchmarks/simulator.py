@@ -12,9 +12,8 @@ from collections.abc import Callable
 
 import numpy as np
 from accelerated_evaluation.vehicles import AccAeb, Outcomes
-from accelerated_evaluation.vehicles.builtin import reference
-from accelerated_evaluation.vehicles.builtin.acc_aeb import simulate_encounters
 from accelerated_evaluation.vehicles.checks import OUTCOMES
+from reference_car import simulate as simulate_by_numpy
 
 SIZES = {"compiled, 1 core": 400_000, "compiled, 2 cores": 800_000, "NumPy": 20_000, "plain Python": 400}
 
@@ -85,9 +84,9 @@ def contenders() -> dict[str, Callable[[np.ndarray], Outcomes]]:
     """Return what is compared, by the names in SIZES."""
     car = AccAeb()
     return {
-        "compiled, 1 core": lambda encounters: simulate_encounters(car, encounters, threads=1),
-        "compiled, 2 cores": lambda encounters: simulate_encounters(car, encounters, threads=2),
-        "NumPy": lambda encounters: reference.simulate(car, *encounters),
+        "compiled, 1 core": lambda encounters: car.outcomes(encounters, threads=1),
+        "compiled, 2 cores": lambda encounters: car.outcomes(encounters, threads=2),
+        "NumPy": lambda encounters: simulate_by_numpy(car, *encounters),
         "plain Python": plain_python,
     }
 
@@ -123,7 +122,7 @@ def main() -> None:
     for mix in (naturalistic, accelerated):
         encounters = mix(np.random.default_rng(1), max(SIZES.values()))
         check_agreement(encounters[:, : SIZES["plain Python"]])
-        crashes = simulate_encounters(AccAeb(), encounters, threads=1).crash.mean()
+        crashes = AccAeb().outcomes(encounters, threads=1).crash.mean()
         measured = rates(encounters, rounds)
         best = measured["compiled, 1 core"]
         print(f"{mix.__name__} encounters, {crashes:.2%} crash")

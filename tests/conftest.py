@@ -31,6 +31,7 @@ BENCHMARKS = (
     "worlds_causes",
     "motorway",
     "motorway_chain",
+    "europe",
     "samplers",
     "successors",
     "answers",
@@ -182,3 +183,18 @@ def project(tmp_path):
 def project_with_toys(tmp_path):
     """Return a project with the toys in which nothing has run yet: that of ``finished``, before its run."""
     return Project.with_toys(tmp_path)
+
+
+@pytest.fixture(scope="module")
+def browser():
+    """Start the Chromium of this machine; the tests that need it are skipped where there is none."""
+    playwright = pytest.importorskip("playwright.sync_api", reason="Playwright is not installed")
+    chromium = shutil.which("chromium") or shutil.which("chromium-browser") or shutil.which("google-chrome")
+    if chromium is None:
+        pytest.skip("no Chromium is installed on this machine")
+    with playwright.sync_playwright() as driver:
+        # A container's root has no sandbox for the pages, which are our own.
+        options = ["--no-sandbox"] if os.geteuid() == 0 else []
+        started = driver.chromium.launch(executable_path=chromium, args=options)
+        yield started
+        started.close()

@@ -37,6 +37,7 @@ PARTS: dict[str, Callable[[Files], Iterator[Claim]]] = {
 # Claims of the README that no part repeats, and why.
 NOT_REPEATED = {
     "running times of the study, the tests and the installation": "they depend on the machine",
+    "statements of the paper in words": "`make study` judges them (notebook 07)",
     "the probability under a given law is exact": "`make test` compares crash maps with simulations",
     "the explorer agrees with the library": "`benchmarks/explorer_agreement.py` opens a browser",
     "variants of the driver `human`, such as no swerving": "`make study` computes them (notebook 14)",

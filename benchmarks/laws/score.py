@@ -9,7 +9,7 @@ import yaml
 from accelerated_evaluation.answer.scores import HeldOut
 from accelerated_evaluation.base.files import write_csv
 from accelerated_evaluation.laws.smooth.family import DistinctRecords, Fitter, Member
-from accelerated_evaluation.laws.smooth.rivals import IndependentTail
+from accelerated_evaluation.laws.smooth.independent import IndependentTail
 from accelerated_evaluation.laws.smooth.shapes import SHAPES
 from peers import PEERS
 

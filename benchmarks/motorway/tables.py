@@ -1,21 +1,8 @@
-"""The tables of the simulated motorway in benchmarks/README.md, made from benchmarks/results.
-
-``python benchmarks/motorway/tables.py`` updates them.
-"""
+"""The tables of the simulated motorway for ``python benchmarks/readme.py``."""
 
 import pandas as pd
-from accelerated_evaluation.publishing.readme import (
-    MOTORWAY,
-    MOTORWAY_CHAIN,
-    ROOT,
-    Table,
-    markdown,
-    update,
-)
+from blocks import markdown
 
-RESULTS = ROOT / "benchmarks" / "results"
-README = ROOT / "benchmarks" / "README.md"
-COMMAND = "python benchmarks/motorway/tables.py"
 PREDICTIONS = ("snapshot", "ngsim", "recorded")
 
 
@@ -82,12 +69,9 @@ def chain_table(chain: pd.DataFrame) -> str:
     return markdown(headings, table)
 
 
-TABLES = {
-    "motorway": Table(README, MOTORWAY, counts_table, COMMAND),
-    "motorway_calibration": Table(README, RESULTS / "motorway_calibration.csv", calibration_table, COMMAND),
-    "motorway_chain": Table(README, MOTORWAY_CHAIN, chain_table, COMMAND),
-    "motorway_extraction": Table(README, RESULTS / "motorway_extraction.csv", extraction_table, COMMAND),
+MOTORWAY_TABLES = {
+    "motorway": counts_table,
+    "motorway_calibration": calibration_table,
+    "motorway_chain": chain_table,
+    "motorway_extraction": extraction_table,
 }
-
-if __name__ == "__main__":
-    update(TABLES)

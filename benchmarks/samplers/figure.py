@@ -14,7 +14,7 @@ from accelerated_evaluation.publishing.figures.style import (
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
-from methods import LEARNERS, PAPER, PEERS, TOOLS, Target
+from methods import LEARNERS, PEERS, SEARCHING, TOOLS, Target
 from problems import problems
 
 LABELS = {
@@ -31,14 +31,14 @@ LABELS = {
     "kde_ais": "KDE-AIS, 400 at most",
     "piecewise": "paper, piecewise",
     "single": "paper, single",
-    "heuristic": "paper, heuristic",
+    "shifted": "paper, knots shifted",
     "crude": "crude Monte Carlo",
 }
 KINDS = {  # look of each kind of method, reported apart by shape and grey
     "this project": (("surrogate",), {"marker": "D", "color": "black", "markersize": 4.5}),
     "public tools": (TOOLS, {"marker": "s", "color": "#08306b"}),
     "learn a surface": (tuple(LEARNERS), {"marker": "v", "color": "#238b45", "markersize": 4.5}),
-    "the paper's methods": (PAPER, {"marker": "o", "color": "#4292c6"}),
+    "Cross-Entropy searches": (SEARCHING, {"marker": "o", "color": "#4292c6"}),
     "crude": (("crude",), {"marker": "^", "color": "#777777"}),
 }
 LOOKS = {method: look for methods, look in KINDS.values() for method in methods}

@@ -8,7 +8,7 @@ import sys
 
 sys.path.insert(0, workflow.basedir)
 
-from accelerated_evaluation.study.dependencies import imported_modules
+from accelerated_evaluation.study.dependencies import modules_up_to
 from vehicles import LAWS, vehicles
 
 
@@ -19,14 +19,9 @@ HERE = "benchmarks/samplers"
 RAW = "results/benchmarks/vehicles"
 SCRIPT = f"{HERE}/vehicles.py"
 SEEDS = int(config.get("seeds", 40))
-MODULES = imported_modules(
-    [SCRIPT, f"{HERE}/house.py"],
-    "workflow/accelerated_evaluation",
-    {"methods": ["surrogate"], "sources": ["spmd"]},
-)
 CODE = [
     *(f"{HERE}/{name}.py" for name in ("vehicles", "run", "house", "methods")),
-    *map(str, MODULES),
+    *modules_up_to("study"),
     "config/config.yaml",
 ]
 

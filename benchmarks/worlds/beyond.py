@@ -5,6 +5,7 @@ probability is the sum of the probabilities of the same intervals of the map by 
 `tests/unit/test_benchmark_worlds.py` compares it with the share of crashes among simulated cut-ins.
 """
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -12,10 +13,11 @@ from accelerated_evaluation.base.arrays import Array
 from accelerated_evaluation.crash_map.lines import CrashLines
 from accelerated_evaluation.laws.smooth.conditional import SpeedLaw
 from accelerated_evaluation.laws.smooth.family import DistinctRecords, LawFamily, Member
+from accelerated_evaluation.laws.smooth.far_tail import FarTail
 from accelerated_evaluation.laws.smooth.shapes import Exponential
 from kinds import LEVEL, Smooth, TwoKindsOfDrivers, World, draw_smooth
 
-HOST_MAX, LEAST_CLOSING = 31.0, 3.0  # [m/s]
+HOST_MAX, LEAST_CLOSING, NO_LIMIT = 31.0, 3.0, 1e3  # [m/s]
 BEND, SLOPE = 5.0, 0.5  # excess in scales where the hazard changes, and its factor from there on
 HABIT_SPEEDS, HABIT, HABIT_RANGE = (12.0, 16.0), 0.5, 10.0  # [m/s], and [m] over which the habit fades
 FACTORS = (0.75, 0.9, 1.0, 1.1, 1.25)  # of the closing speeds of equally many drivers
@@ -24,41 +26,49 @@ CUT_INS = 50  # of each driver, one after the other
 
 @dataclass(frozen=True)
 class HostSpeedLimit:
-    """No host drives faster than a limit, but it may always close in slowly; the laws know no limit."""
+    """A share of the hosts never drives faster than a limit [m/s], but may always close in slowly."""
 
     family: LawFamily
     law: SpeedLaw
+    limit: float = HOST_MAX
+    least: float = LEAST_CLOSING
+    share: float = 1.0
 
     def draw(self, lead_speed: Array, generator: np.random.Generator) -> DistinctRecords:
         """Draw closing speeds on condition that they are within the limit."""
-        return draw_smooth(self.family, self.law, lead_speed, generator, fastest=self.fastest(lead_speed))
+        fastest = self.fastest(lead_speed)
+        if self.share < 1:
+            fastest = np.where(generator.random(lead_speed.size) < self.share, fastest, NO_LIMIT)
+        return draw_smooth(self.family, self.law, lead_speed, generator, fastest=fastest)
 
     def masses(self, lines: CrashLines) -> Array:
-        """Return the probability of the intervals within the limit, given that it is kept."""
+        """Return the probability of the intervals: within the limit, given that it is kept, or without it."""
         fastest = self.fastest(lines.places.lead_speed)
         kept = -np.expm1(-self.law.given(lines.places).cumulative(fastest))
         start, end = (np.minimum(ends, fastest[lines.row]) for ends in (lines.start, lines.end))
-        within = replace(lines, start=start, end=end).masses(self.family.ranges, self.law)
-        return within / kept[lines.row]
+        within = replace(lines, start=start, end=end).masses(self.family.ranges, self.law) / kept[lines.row]
+        return self.share * within + (1 - self.share) * lines.masses(self.family.ranges, self.law)
 
-    @staticmethod
-    def fastest(lead_speed: Array) -> Array:
+    def fastest(self, lead_speed: Array) -> Array:
         """Return the largest closing speed [m/s] next to each lead speed [m/s]."""
-        return np.maximum(HOST_MAX - lead_speed, LEAST_CLOSING)
+        return np.maximum(self.limit - lead_speed, self.least)
 
 
 class Bent(Exponential):
-    """Exponential excesses whose hazard falls far out, where there are hardly any records."""
+    """Exponential excesses whose hazard is multiplied by a factor beyond each of some excesses [scales]."""
 
     name = "bent"
 
+    def __init__(self, bends: Sequence[float] = (BEND,), factors: Sequence[float] = (SLOPE,)) -> None:
+        self.changed = FarTail(np.array(bends, dtype=float), np.array(factors, dtype=float))
+
     def cumulative(self, z: Array, parameters: Array) -> Array:
         """Return the cumulative hazard."""
-        return np.minimum(z, BEND) + SLOPE * np.maximum(np.asarray(z) - BEND, 0)
+        return self.changed.cumulative(np.asarray(z, dtype=float))
 
     def inverse(self, level: Array, parameters: Array) -> Array:
         """Return the excess at which the cumulative hazard reaches a level."""
-        return np.minimum(level, BEND) + np.maximum(np.asarray(level) - BEND, 0) / SLOPE
+        return self.changed.original(np.asarray(level, dtype=float))
 
 
 @dataclass(frozen=True)

@@ -12,6 +12,7 @@ from accelerated_evaluation.laws.smooth.conditional import Places, SpeedLaw
 from accelerated_evaluation.laws.smooth.family import DistinctRecords, LawFamily, Member
 from accelerated_evaluation.laws.smooth.shapes import Generalised
 from accelerated_evaluation.laws.smooth.support import SUPPORT
+from numpy.typing import NDArray
 
 LEVEL = 0.95  # of the threshold of the worlds with an excess
 SHARE = 0.03  # of the second kind of drivers
@@ -138,7 +139,7 @@ class TwoKindsOfDrivers:
 
     def draw(self, lead_speed: Array, generator: np.random.Generator) -> DistinctRecords:
         """Draw the kind of each driver first."""
-        second = generator.random(lead_speed.size) < self.share
+        second = self.is_second(lead_speed.size, generator)
         return draw_smooth(
             self.family,
             self.law,
@@ -147,6 +148,10 @@ class TwoKindsOfDrivers:
             np.where(second, self.nearer, 1.0),
             np.where(second, self.faster, 1.0),
         )
+
+    def is_second(self, size: int, generator: np.random.Generator) -> NDArray[np.bool_]:
+        """Return which of the cut-ins are made by the second kind of drivers, at random."""
+        return generator.random(size) < self.share
 
     def masses(self, lines: CrashLines) -> Array:
         """Return the probability of the intervals under both kinds."""

@@ -7,7 +7,13 @@ from typing import Self
 import numpy as np
 import pandas as pd
 from accelerated_evaluation.answer.averaged import AveragedSurrogate, posterior_of
-from accelerated_evaluation.answer.calibration import CLOSING, HOST, cell_counts, with_limits
+from accelerated_evaluation.answer.calibration import (
+    CLOSING,
+    HOST,
+    expected_counts,
+    recorded_counts,
+    with_limits,
+)
 from accelerated_evaluation.answer.posterior import Posterior, draw_posterior
 from accelerated_evaluation.answer.scores import GivenLaw, HeldOut
 from accelerated_evaluation.answer.weights import bootstrapped_weights
@@ -83,9 +89,8 @@ class Fitted:
             below = places.body(self.family.body)
             return (self.family.law(member).given(places, below) for member in MEMBERS)
 
-        counts = cell_counts(self.records, given)
-        expected = self.weights.mean(axis=0) @ np.array([table["expected"] for table in counts])
-        judged = with_limits(counts[0].assign(expected=expected))
+        expected = self.weights.mean(axis=0) @ expected_counts(self.records, given)
+        judged = with_limits(recorded_counts(self.records).assign(expected=expected))
         smallest = judged.groupby("counted")["p_value"].min()
         return {"near_p": smallest[CLOSING], "host_p": smallest[HOST]}
 

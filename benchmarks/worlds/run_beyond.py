@@ -8,6 +8,7 @@ from kinds import World, worlds
 from procedures import Fitted
 from setting import ROOT, WorldSettings, chunk_arguments, read_setting, simulate_records
 from tqdm import tqdm
+from unseen import fresh_worlds, unseen_worlds
 
 
 def examine(kind: str, number: int, world: World, setting: WorldSettings) -> list[dict]:
@@ -27,7 +28,9 @@ def main() -> None:
     """Write a table with two rows a world."""
     arguments = chunk_arguments(__doc__)
     setting, kind = read_setting(arguments.setting), arguments.kind
-    world = (worlds(setting.family, setting.law) | worlds_beyond(setting.family))[kind]
+    family = setting.family
+    made = worlds(family, setting.law) | worlds_beyond(family)
+    world = (made | unseen_worlds(family) | fresh_worlds(family))[kind]
     numbers = tqdm(range(*arguments.worlds), desc=kind, unit=" worlds")
     rows = [row for number in numbers for row in examine(kind, number, world, setting)]
     write_csv(arguments.output, pd.DataFrame(rows))

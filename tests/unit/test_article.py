@@ -108,6 +108,15 @@ def paragraphs(numbers, folder) -> str:
     return " ".join("\n".join(map(words, found)).replace("\N{NO-BREAK SPACE}", " ").split())
 
 
+@pytest.mark.parametrize("name", ["claims", "answer", "vehicles", "records_report", "sensitivity"])
+def test_a_table_of_which_only_the_header_is_left_is_one_message(study, tmp_path, name):
+    shutil.copytree(study.figures / "tables", tmp_path / "tables")
+    path = tmp_path / "tables" / f"{name}.csv"
+    path.write_text(path.read_text().splitlines()[0] + "\n")
+    with pytest.raises(InputError, match=rf"{name}.csv.*expected a complete table of a finished study"):
+        numbers_of(Study(study.results, tmp_path), SOURCES)
+
+
 def test_the_same_study_gives_the_same_bytes(study, tmp_path):
     for name in ("one", "two"):
         write_article(study, SOURCES, tmp_path / f"{name}.pdf", tmp_path / f"{name}.json")
@@ -212,12 +221,12 @@ def test_absent_parts_are_named(numbers, tmp_path, change, said, not_said):
 
 
 def test_a_second_set_of_records_refutes_the_answer_as_seldom_as_stated(numbers):
-    """Under each end of the interval, at most one set in twenty lies outside of the limits, on both sides."""
-    again = numbers["answer"]["again"]
-    row = next(row for row in numbers["answer"]["events"] if row["event"] == again["event"])
-    low, high = (again["size"] * row[end] for end in ("low95", "high95"))
-    assert poisson.cdf(again["low"] - 1, low) <= 0.025 < poisson.cdf(again["low"], low)
-    assert poisson.sf(again["high"], high) <= 0.025 < poisson.sf(again["high"] - 1, high)
+    """Under each end of the interval, one set in forty has more crashes than stated, or none."""
+    again, crash = numbers["answer"]["again"], numbers["answer"]["crash"]
+    expected = again["size"] * crash["high95"]
+    assert poisson.sf(again["most"], expected) <= 0.025 < poisson.sf(again["most"] - 1, expected)
+    assert poisson.cdf(0, again["none"] * crash["low95"]) == pytest.approx(0.025, rel=1e-4)
+    assert poisson.cdf(0, again["size"] * crash["low95"]) > 0.5  # no crash among as many refutes nothing
 
 
 def test_a_missing_table_is_named(tmp_path):

@@ -12,13 +12,12 @@ import pytest
 from accelerated_evaluation.base.errors import InputError, StudyError
 from accelerated_evaluation.laws.motion import MOTIONS
 from accelerated_evaluation.laws.motion.recorded import recorded_courses
-from accelerated_evaluation.publishing.readme import with_tables
 from accelerated_evaluation.records.sources import SOURCES
 from accelerated_evaluation.study.configuration import load
 from accelerated_evaluation.vehicles import load_vehicle
 
 ROOT = Path(__file__).resolve().parents[2]
-sys.path.append(str(ROOT / "benchmarks" / "motorway"))
+sys.path += [str(ROOT / "benchmarks"), str(ROOT / "benchmarks" / "motorway")]
 
 import chain  # noqa: E402
 from calibration import REFERENCES, calibration, traffic_row  # noqa: E402
@@ -28,7 +27,7 @@ from hosts import HOSTS, encounters_of  # noqa: E402
 from recording import RULES, compared, in_minutes, recorded_minutes, write_recordings  # noqa: E402
 from settings import Motorway, read_settings  # noqa: E402
 from summary import summary  # noqa: E402
-from tables import TABLES  # noqa: E402
+from tables import MOTORWAY_TABLES  # noqa: E402
 from traffic import CAR, LENGTH, LORRY, NAMES, PATIENCE, RATE, WARM_UP, Part, Trajectories, run_sumo, simulate  # noqa: E402
 
 TIMES = np.arange(1, 41) / RATE
@@ -165,7 +164,7 @@ def test_a_recording_that_is_too_short_gives_counts_without_a_prediction(step):
     found = chain.chain(records, table, np.random.default_rng(9))
     assert (found["counted"] > 0).any()
     assert found[list(chain.LEVELS)].isna().all(axis=None)
-    assert TABLES["motorway_chain"].make(found.assign(world=0)).count("\n") == 2  # no row
+    assert MOTORWAY_TABLES["motorway_chain"](found.assign(world=0)).count("\n") == 2  # no row
 
 
 def test_a_prediction_that_one_world_lacks_is_unknown_in_the_sum():
@@ -294,11 +293,6 @@ def test_settings_that_no_motorway_has(tmp_path, text, seen):
     (tmp_path / "mine.yaml").write_text(text)
     with pytest.raises(InputError, match=seen):
         read_settings(str(tmp_path / "mine.yaml"))
-
-
-def test_the_tables_of_the_readme_are_those_of_the_results():
-    path = ROOT / "benchmarks" / "README.md"
-    assert with_tables(path, TABLES) == path.read_text(encoding="utf-8")
 
 
 def test_settings_are_read(tmp_path):

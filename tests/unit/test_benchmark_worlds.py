@@ -20,6 +20,7 @@ sys.path.append(str(ROOT / "benchmarks" / "worlds"))
 import beyond  # noqa: E402
 import causes  # noqa: E402
 import kinds  # noqa: E402
+import unseen  # noqa: E402
 from setting import WorldSettings, runs_of, simulate_records  # noqa: E402
 from summarise_beyond import tabulate  # noqa: E402
 
@@ -27,6 +28,8 @@ SIZE = 8_000
 DRAWN = 400_000
 SMOOTH = ("exponential", "heavy", "light", "two kinds")
 BEYOND = ("reckless drivers", "two regions", "host speed limit", "bent tail", "local habit", "few drivers")
+UNSEEN = ("season", "some with a limit", "late bend", "steep end", "fading dependence")
+FRESH = ("slow trucks", "double bend", "gradual bend", "aggressive when near")
 
 
 @pytest.fixture(scope="module")
@@ -63,9 +66,9 @@ def test_the_known_probability_is_that_of_the_draws(kind, events, family, lines)
     assert crash_share(of[kind], events, 3) == pytest.approx(exact, abs=4 * error + 0.01 * exact)
 
 
-@pytest.mark.parametrize("kind", BEYOND)
+@pytest.mark.parametrize("kind", BEYOND + UNSEEN + FRESH)
 def test_the_known_probability_beyond_the_family_is_that_of_the_draws(kind, events, family, lines):
-    world = beyond.worlds_beyond(family)[kind]
+    world = (beyond.worlds_beyond(family) | unseen.unseen_worlds(family) | unseen.fresh_worlds(family))[kind]
     if kind == "few drivers":
         world = replace(world, cut_ins=1)  # independent draws, with the error below
     exact, size = world.masses(lines).sum(), DRAWN // 4

@@ -147,8 +147,28 @@ def test_a_threshold_that_too_few_records_exceed_is_told(config):
 
 
 @pytest.mark.parametrize(
-    "option", [["--sampling-share", "0"], ["--reference", "cc_human"], ["--compare", "results"]]
+    ("option", "message"),
+    [
+        (["--reference", "nope"], "--reference: seen 'nope'; expected one of acc_only, cc_human"),
+        (["--reference", ""], "--reference: seen ''; expected one of acc_only, cc_human"),
+        (
+            ["--reference", "command"],
+            "--reference: seen command; expected a vehicle that is fast to simulate",
+        ),
+        (["--reference", "no.py:Car"], "vehicle no.py:Car: seen no file no.py"),
+        (["--compare", "results"], "results/law.json: seen no such file"),
+    ],
 )
+def test_vehicles_that_cannot_be_compared_are_refused_before_anything_is_simulated(
+    folder, monkeypatch, capsys, option, message
+):
+    monkeypatch.chdir(folder)
+    monkeypatch.setattr(estimation, "estimate_alone", lambda *_: pytest.fail("it simulates"))
+    assert cli.main(["estimate", "--config", "motorway.yaml", *option]) == 2
+    assert message in capsys.readouterr().err
+
+
+@pytest.mark.parametrize("option", [["--sampling-share", "0"], ["--reference", "cc_human"]])
 def test_an_option_that_needs_draws_is_refused_before_anything_is_simulated(
     folder, monkeypatch, capsys, option
 ):

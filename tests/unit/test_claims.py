@@ -2,6 +2,7 @@
 
 import copy
 import math
+from dataclasses import replace
 from pathlib import Path
 
 import pandas as pd
@@ -10,8 +11,17 @@ from accelerated_evaluation.distributions import BoundedExponential, Empirical, 
 from accelerated_evaluation.laws.paper.independent import IndependentLaw
 from accelerated_evaluation.publishing.tables.claims import PREMISES, claims_table, verdict
 from accelerated_evaluation.publishing.tables.formats import save_table
-from accelerated_evaluation.publishing.tables.paper_claims import CLAIMS, Claim
-from accelerated_evaluation.publishing.tables.spreads import Spread
+from accelerated_evaluation.publishing.tables.paper_claims import (
+    ABOVE,
+    CLAIMS,
+    COUNT,
+    DERIVED,
+    NUMBERS,
+    STATEMENTS,
+    Claim,
+)
+from accelerated_evaluation.publishing.tables.readings import readings_table
+from accelerated_evaluation.publishing.tables.spreads import Spread, exactly
 from accelerated_evaluation.study.configuration import load
 
 ROOT = Path(__file__).resolve().parents[2]
@@ -36,6 +46,8 @@ def study():
     rows = [(method, k, n) for method, values in N.items() for k, n in enumerate(values)]
     estimates = pd.DataFrame(rows, columns=["method", "replicate", "simulations"])
     estimates = estimates.assign(scope="all", converged=True)
+    coverage = pd.DataFrame({"method": list(N), "stopping": "sequential", "replicates": 1000})
+    coverage = coverage.assign(simulations_mean=[7500.0, 9500.0], simulations_sd=[300.0, 300.0])
     course = estimates.assign(probability=7.5e-7, variance=1e-15)
     searches = [
         (method, segment, seed, iteration, 4000 * iteration, 3.0 - iteration)
@@ -47,11 +59,56 @@ def study():
     names = ["method", "segment", "seed", "iteration", "simulations_total", "inverse_ttc_rate"]
     return {
         **models,
+        "two_pieces": models["piecewise"],
+        "three_pieces": models["piecewise"],
         "trace": pd.DataFrame(searches, columns=names),
         "estimates": estimates,
+        "coverage": coverage,
         "course": course,
         "exact": pd.DataFrame({"segment": ["all"], "probability": [7.5e-7], "standard_error": [1e-10]}),
         "config": load(),
+        **evidence(),
+    }
+
+
+def evidence():
+    """Return made-up tables by which the statements are judged: the paper is right in half of them."""
+    dependence = pd.DataFrame(
+        {"segment": "5-15", "pair": ["a vs b", "a vs c"], "tau": [0.1, -0.3]}
+        | {"ci_low": [-0.1, -0.4], "ci_high": [0.3, -0.2]}
+    )
+    candidates = pd.DataFrame(
+        [
+            ("inverse_range", "all", "Pareto", -9.0),
+            ("inverse_range", "all", "gamma", -8.0),
+            ("inverse_range", "all", "piecewise (2 pieces)", -99.0),
+            ("inverse_ttc", "5-15", "exponential", -7.0),
+            ("inverse_ttc", "5-15", "gamma", -8.0),
+        ],
+        columns=["variable", "segment", "family", "aic"],
+    )
+    similarity = pd.DataFrame(
+        {"quantile": [0.5, 0.95], "largest_in": "5-15", "smallest_in": "25-35", "largest": 0.2}
+        | {"smallest": 0.1, "ratio": [1.0, 2.0], "ci_low": [0.9, 1.9], "ci_high": [1.1, 2.1]}
+    )
+    repeated = [
+        (method, updates, seed, needed + seed, change + 0.001 * seed, 0.2 + 0.01 * seed)
+        for method, needed, change in (("piecewise", 200.0, 0.01), ("heuristic", 100.0, 0.3))
+        for updates in (2, 12)
+        for seed in (0, 1, 2)
+    ]
+    names = ["method", "crash_updates", "seed", "needed", "change_inverse_ttc", "change_inverse_range"]
+    variation = [
+        (method, seed, "all", variation + 0.01 * seed)
+        for method, variation in (("piecewise", 12.0), ("single", 16.0))
+        for seed in (0, 1)
+    ]
+    return {
+        "dependence": dependence,
+        "candidates": candidates,
+        "similarity": similarity,
+        "repeated_searches": pd.DataFrame(repeated, columns=names),
+        "variation": pd.DataFrame(variation, columns=["method", "seed", "segment", "variation_trimmed"]),
     }
 
 
@@ -68,25 +125,80 @@ def test_verdict_widens_our_spread_by_the_papers_rounding(low, high, expected):
     assert verdict(claim, Spread((low + high) / 2, low, high, "")) == expected
 
 
+@pytest.mark.parametrize(
+    ("low", "high", "expected"), [(9, 11, "undecided"), (10.1, 12, "agrees"), (8, 9.9, "differs")]
+)
+def test_a_claim_that_something_is_larger_can_be_undecided(low, high, expected):
+    claim = Claim("larger", "section I", paper=10, tolerance=0, reason="", kind=ABOVE)
+    assert verdict(claim, Spread(10.0, low, high, "")) == expected
+
+
+@pytest.mark.parametrize(("ours", "expected"), [(10.4, "agrees"), (10.6, "differs")])
+def test_a_number_without_a_spread_is_compared_itself(ours, expected):
+    claim = Claim("a number", "table I", paper=10, tolerance=0.5, reason="")
+    assert verdict(claim, exactly(ours, "none")) == expected
+
+
 def test_numbers_and_verdicts_by_hand(study):
+    """A mean of two replicates has a standard deviation of 300 / sqrt(2) around the mean of a thousand."""
     claims = table(study)
-    assert claims.loc["piecewise", ["ours", "ours_low", "ours_high"]].tolist() == [7500, 7100, 7900]
-    assert claims.loc["piecewise", "verdict"] == "agrees"
-    assert claims.loc["ratio_single", "ours"] == pytest.approx(12000 / 7500)
+    assert claims.loc["piecewise", ["ours", "verdict"]].tolist() == [7500, "agrees"]
+    low, high = claims.loc["piecewise", ["ours_low", "ours_high"]]
+    assert (low, high) == pytest.approx((7500 - 416, 7500 + 416), abs=1.5)
+    assert claims.loc["single", ["ours", "verdict"]].tolist() == [12000, "differs"]
+    assert claims.loc["ratio_single", ["ours", "verdict"]].tolist() == [pytest.approx(1.6), "derived"]
     assert claims.loc["saving", "ours"] == pytest.approx(1 - 7500 / 12000)
-    assert claims.loc["single_run", ["ours", "ours_low", "ours_high"]].tolist() == [11000, 11000, 13000]
-    assert claims.loc["single_run", "verdict"] == "differs"
+    assert claims.loc["single_run", ["ours", "verdict"]].tolist() == [11000, "differs"]
+    assert claims.loc["single_run", "ours_high"] == pytest.approx(9500 + 1.962 * 300, abs=1)
     assert claims.loc["saving_run", "ours"] == pytest.approx(1 - 7000 / 11000)
     assert claims.loc["search_piecewise", ["ours", "verdict"]].tolist() == [24000, "agrees"]
     assert claims.loc["search_single", ["ours", "verdict"]].tolist() == [24000, "differs"]
-    assert claims.loc["fitted_single", ["ours", "verdict"]].tolist() == [4, "agrees"]
-    assert claims.loc["fitted_piecewise", ["ours", "verdict"]].tolist() == [12, "differs"]
+    assert claims.loc["fitted_single", ["ours", "why"]].tolist() == [4, "the same number"]
+    assert claims.loc["fitted_piecewise", ["ours", "verdict"]].tolist() == [12, "count"]
     assert claims.loc["moved_single", "ours"] == 3
-    assert claims.loc["closing", ["ours", "verdict"]].tolist() == [157757, "differs"]
+    assert claims.loc["closing", ["ours", "verdict"]].tolist() == [157757, "count"]
+
+
+def test_statements_and_verdicts_by_hand(study):
+    claims = table(study)
+    found = claims.loc[list(STATEMENTS), ["ours", "verdict"]].T.to_dict("list")
+    crude = 1.2815515655446004**2 / 0.04 * (1 / 7.5e-7 - 1)
+    needed = [1.2815515655446004**2 / 0.04 * (12.0**2 + 12.01**2) / 2, None]
+    assert found == {
+        "independent": [-0.3, "differs"],
+        "pareto": [1, "agrees"],  # the piecewise mixtures are not among the common families
+        "exponential": [2, "differs"],
+        "similar": [2.0, "differs"],
+        "same_tail": [1.0, "agrees"],
+        "settled_ttc": [pytest.approx(0.011), "agrees"],
+        "settled_range": [pytest.approx(0.21), "differs"],
+        "same_estimate": [pytest.approx(1.0), "agrees"],
+        "faster_search": [pytest.approx(1.15, abs=0.02), "agrees"],
+        "half": [pytest.approx(1 - 144.12 / 256.16, abs=1e-3), "agrees"],
+        "faster": [pytest.approx(crude / needed[0]), "differs"],
+        "orders": [pytest.approx(math.log10(crude / needed[0])), "agrees"],
+        "heuristic": [pytest.approx(201 / 101), "agrees"],
+    }
+    assert claims.loc["independent", "spread"].endswith("1 of 2 intervals exclude 0")
+    assert claims.loc["pareto", "spread"] == "none; ranks among 3 families: 1 (all)"
+
+
+def test_tails_of_different_rates_are_not_the_same(study):
+    """The knot of three pieces leaves the tail a tenth of the records, and another rate."""
+    pieces = [BoundedExponential(1.0, 0.0, 1.0), BoundedExponential(1.0, 1.0, 2.0)]
+    for rate, expected in ((1.01, "agrees"), (1.05, "differs")):
+        tail = PiecewiseMixture((0.5, 0.4, 0.1), (*pieces, BoundedExponential(rate, 2.0, math.inf)))
+        three = replace(study["two_pieces"], inverse_range=tail)
+        row = table(study | {"three_pieces": three}).loc["same_tail"]
+        assert row[["ours", "verdict"]].tolist() == [pytest.approx(rate), expected]
+        error = math.sqrt(1 / 15775.7 - 1 / 78878.5)
+        assert math.log(row["ours_high"] / row["ours"]) == pytest.approx(1.96 * error, rel=1e-4)
 
 
 def test_a_probability_off_the_papers_interval_differs_and_says_how_far(study):
-    assert table(study).loc["probability", "verdict"] == "agrees"
+    row = table(study).loc["probability"]
+    assert row["verdict"] == "agrees"
+    assert math.isnan(row["ours_low"])  # an exact number has no spread
     study["exact"]["probability"] = 1.48e-6
     row = table(study).loc["probability"]
     assert row["verdict"] == "differs"
@@ -127,7 +239,7 @@ def test_replicates_that_did_not_converge_are_not_compared(study):
     claims = table(study)
     assert claims.loc["piecewise", "why"] == "1 of 2 replicates of piecewise did not converge"
     assert set(claims.loc[["piecewise", "ratio_single", "saving"], "verdict"]) == {"not comparable"}
-    assert claims.loc["single", "verdict"] == "agrees"
+    assert claims.loc["single", "verdict"] == "differs"
 
 
 def test_all_lane_changes_have_no_like_in_the_published_records(study):
@@ -142,11 +254,39 @@ def test_every_row_is_complete(study):
         *("claim", "source", "paper", "paper_low", "paper_high", "ours", "ours_low", "ours_high"),
         *("spread", "verdict", "why"),
     ]
-    assert not claims.isna().to_numpy().any()
+    spread = claims[["ours_low", "ours_high"]]
+    assert not claims.drop(columns=spread.columns).isna().to_numpy().any()
     assert claims["paper"].between(claims["paper_low"], claims["paper_high"]).all()
-    assert claims["ours"].between(claims["ours_low"], claims["ours_high"]).all()
+    assert (spread["ours_low"] < spread["ours_high"]).equals(spread["ours_low"].notna())  # none has no width
+    kinds = pd.Series([claim.kind for claim in CLAIMS.values()])
+    for kind in (DERIVED, COUNT):
+        assert spread[kinds == kind].isna().to_numpy().all()
+        assert set(claims.loc[kinds == kind, "verdict"]) <= {kind, "not comparable"}
     assert claims["claim"].is_unique
     assert (claims["why"].str.len() > 0).all()
+
+
+def test_readings_give_the_effects_of_the_study(study):
+    choices = [("model", "single", 6e-6), ("knot of TTC^-1", "0.9", 3e-7), ("knot of TTC^-1", "0.99", 3e-6)]
+    sensitivity = pd.DataFrame(choices, columns=["choice", "value", "probability"])
+    trace = pd.DataFrame({"threshold_ttc_s": [math.nan, 2.0, 0.0], "simulations": [0, 1000, 3000]})
+    estimates = study["estimates"].assign(events=[130, 120, 110, 100])
+    estimates.loc[3, "converged"] = False
+    tables = {"trace": trace, "estimates": estimates, "sensitivity": sensitivity}
+    names = ("exact", "repeated_searches", "config")
+    effects = readings_table(**tables, **{name: study[name] for name in names})["effect"].tolist()
+    for expected in (
+        "knot of TTC^-1: probability x0.40 to x4",
+        "under the single f: probability x8",
+        "1 of 2 iterations simulated more than N",
+        "after 12 instead of 2 updates, piecewise needs x1 simulations",
+        "piecewise and single stopped with at least 110 crashes",
+    ):
+        assert expected in effects
+    study["exact"]["probability"] = 0.0
+    estimates["converged"] = False
+    never = readings_table(**tables, **{name: study[name] for name in names})["effect"]
+    assert not never.str.contains("nan|inf").any()
 
 
 def test_the_papers_derived_numbers_follow_from_its_others():
@@ -169,8 +309,8 @@ def test_the_papers_derived_numbers_follow_from_its_others():
 
 def test_the_paper_is_quoted_rightly(stored):
     paper = stored("paper_numbers.csv").set_index("key")
-    assert set(paper.index) == set(CLAIMS)
-    for key, claim in CLAIMS.items():
+    assert set(paper.index) == set(NUMBERS)
+    for key, claim in NUMBERS.items():
         number, percent, _ = paper.loc[key, "printed"].partition(" %")
         assert claim.paper == pytest.approx(float(number) / (100 if percent else 1), rel=1e-12), key
         assert claim.source == paper.loc[key, "place"]

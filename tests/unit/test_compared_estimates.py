@@ -1,12 +1,13 @@
 """Two vehicles under the same draws: their ratio is far better known than the quotient of two intervals."""
 
+import re
 from dataclasses import replace
 from types import SimpleNamespace
 
 import numpy as np
 import pandas as pd
 import pytest
-from accelerated_evaluation.answer.compared import compare, compare_estimates
+from accelerated_evaluation.answer.compared import compare, compare_estimates, require_estimate
 from accelerated_evaluation.answer.references import vehicles_with
 from accelerated_evaluation.answer.reweighting import SampledPosterior
 from accelerated_evaluation.answer.study import UNDER_TEST
@@ -47,24 +48,58 @@ def test_lapses_that_no_run_has_shown_are_in_the_ratio():
     assert turned["safer"] == pytest.approx(1 - without["safer"], abs=0.001)
 
 
-def test_an_estimate_under_another_law_is_refused(tmp_path):
-    for name in ("a", "b"):
-        (tmp_path / name).mkdir()
-        (tmp_path / name / "law.json").write_text(name)
-        (tmp_path / name / "draws.csv").write_text("draw\n")
-        (tmp_path / name / "answer.csv").write_text("event\ncrash\n")
-    with pytest.raises(InputError, match="draws of another law"):
-        compare_estimates(tmp_path / "a", [tmp_path / "b"])
+DRAWS = pd.DataFrame(
+    {
+        "replicate": 0, "draw": [1, 2, 3], "law": ["a", "b", "a"], "probability": [1e-6, 2e-6, 3e-6],
+        "error": 0.1, "shared_error": 0.1, "own_error": 0.01, "batches": 20, "unseen_lapses": 0.0,
+    }
+)  # fmt: skip
 
 
-def test_an_estimate_of_another_event_is_refused(tmp_path):
-    for name, event in (("a", "crash"), ("b", "TTC at most 1 s")):
-        (tmp_path / name).mkdir()
-        (tmp_path / name / "law.json").write_text("one law")
-        (tmp_path / name / "draws.csv").write_text("draw\n")
-        (tmp_path / name / "answer.csv").write_text(f"event\n{event}\n")
-    with pytest.raises(InputError, match="the event TTC at most 1 s; expected crash"):
-        compare_estimates(tmp_path / "a", [tmp_path / "b"])
+def written(folder, law="one law", event="crash", draws=DRAWS, converged=True):
+    """Write the files of an estimate that are compared, and return the folder."""
+    folder.mkdir()
+    (folder / "law.json").write_text(law)
+    draws.to_csv(folder / "draws.csv", index=False)
+    pd.DataFrame({"replicate": [0], "event": [event]}).to_csv(folder / "answer.csv", index=False)
+    pd.DataFrame({"replicate": [0], "converged": [converged]}).to_csv(folder / "estimate.csv", index=False)
+    return folder
+
+
+def test_estimates_in_two_folders_are_compared(tmp_path):
+    own = written(tmp_path / "a", draws=DRAWS.assign(probability=DRAWS["probability"] / 2))
+    found = compare_estimates(own, [written(tmp_path / "b", converged=False)])
+    assert found["ratio"].iloc[0] == pytest.approx(0.5, rel=1e-6)
+    assert found["other_converged"].tolist() == [False]
+
+
+@pytest.mark.parametrize(
+    ("changes", "message"),
+    [
+        ({"law": "another"}, "seen draws of another law; expected the same law.json"),
+        ({"event": "TTC at most 1 s"}, "the event TTC at most 1 s; expected crash"),
+        ({"draws": DRAWS.head(2)}, "draws.csv: seen 2 draws of the law; expected 3"),
+        ({"draws": pd.concat([DRAWS, DRAWS])}, "draws.csv: seen 6 draws of the law; expected 3"),
+        ({"draws": DRAWS.head(0)}, "draws.csv: seen no rows"),
+        ({"draws": DRAWS.assign(replicate=1)}, "draws.csv: seen no rows"),
+        ({"draws": DRAWS.assign(error=np.nan)}, "draws.csv: seen a cell that is missing or no number"),
+        ({"draws": DRAWS.assign(error=np.inf)}, "draws.csv: seen a cell that is missing or no number"),
+        ({"draws": DRAWS.assign(probability="x")}, "draws.csv: seen a cell that is missing or no number"),
+        ({"draws": DRAWS.drop(columns="law")}, "draws.csv, column 'law'"),
+    ],
+)
+def test_other_estimates_that_cannot_be_compared_are_one_message(tmp_path, changes, message):
+    own = written(tmp_path / "a")
+    with pytest.raises(InputError, match=re.escape(message)):
+        compare_estimates(own, [written(tmp_path / "b", **changes)])
+
+
+@pytest.mark.parametrize("text", ["", "\x00\x01", "replicate,law\n0,"])
+def test_a_file_of_draws_that_is_cut_is_one_message(tmp_path, text):
+    other = written(tmp_path / "b")
+    (other / "draws.csv").write_text(text)
+    with pytest.raises(InputError, match=r"draws.csv"):
+        require_estimate(other)
 
 
 def test_lapses_that_no_run_has_shown_are_in_the_table_of_a_slow_vehicle():

@@ -165,8 +165,8 @@ WRONG = {
     ),
     "a method twice": (
         "methods",
-        ["crude", "crude", "single", "piecewise", "heuristic", "surrogate"],
-        "expected list of at least 5, each text, none twice",
+        ["crude", "crude", "single", "piecewise", "heuristic", "shifted", "surrogate"],
+        "expected list of at least 6, each text, none twice",
     ),
     "no text": ("vehicle__files", [1], "seen 1; expected non-empty text"),
 }

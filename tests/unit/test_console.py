@@ -135,8 +135,8 @@ def test_words():
         "10 min 05 s",
     ]
     assert (
-        short_reason("Missing output files: a, b; Params have changed")
-        == "missing output files; params have changed"
+        short_reason("Missing output files: a, b; Params have changed since last execution: before: c")
+        == "missing output files; changed settings or code of the library"
     )
     assert plain_error(LOCKED).startswith("error: another run makes files of this study")
     missing = (

@@ -19,10 +19,11 @@ from accelerated_evaluation.answer.counted_crashes import (
     poisson_limits,
     predicted_rows,
     read_events,
+    replayed_row,
 )
 from accelerated_evaluation.base.errors import InputError
 from accelerated_evaluation.publishing.figures.counted import GROUPS, fig31_counted_crashes
-from scipy.stats import poisson
+from scipy.stats import binom, poisson
 
 FOLDER = Path(__file__).resolve().parents[2] / "data" / "crash_counts"
 EVENTS = FOLDER / "hundred_car_events.tsv.gz"
@@ -91,9 +92,19 @@ def test_predictions_and_verdicts_by_hand():
     assert rows["verdict"].tolist() == ["compatible with the count", "more than were counted"]
 
 
+def test_near_crashes_that_were_replayed_have_exact_limits():
+    (row,) = replayed_row(70).to_dict("records")
+    assert row["in_hundred_car"] == pytest.approx(70 * 3 / 38)
+    assert row["per_million_miles"] == pytest.approx(35 * 3 / 38)
+    low, high = row["low95"] / 35, row["high95"] / 35
+    assert binom.sf(2, 38, low) == pytest.approx(0.025)
+    assert binom.cdf(3, 38, high) == pytest.approx(0.025)
+    assert abs(binom.cdf(3, 38, 0.99 * high) - 0.025) > 0.001
+
+
 def test_without_a_known_distance_only_counts_are_left():
     table = compare_with_counts(VEHICLES, EXPOSURE.iloc[:0], read_events(EVENTS), PUBLISHED)
-    assert set(table["kind"]) == {"counted"}
+    assert set(table["kind"]) == {"counted", "replayed"}
     together = compare_with_counts(VEHICLES, EXPOSURE, read_events(EVENTS), PUBLISHED)
     assert list(table.columns) == list(together.columns) == list(module.OUTPUT)
     rates = together.set_index("who")["per_million_miles"]
@@ -120,4 +131,4 @@ def test_the_figure_has_every_row_once_and_says_what_it_shows(tmp_path):
     only_counts = compare_with_counts(VEHICLES, EXPOSURE.iloc[:0], read_events(EVENTS), PUBLISHED)
     drawn, data = fig31_counted_crashes(only_counts, "made up")
     drawn.savefig(tmp_path / "without.png")
-    assert set(data["kind"]) == {"counted"}
+    assert set(data["kind"]) == {"counted", "replayed"}

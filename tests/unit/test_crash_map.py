@@ -1,5 +1,6 @@
 """The crash map against toy cars whose crash sets are known."""
 
+from contextlib import suppress
 from dataclasses import replace
 
 import numpy as np
@@ -164,3 +165,24 @@ def test_without_aeb_more_crashes_and_earlier():
         np.unique(without.intervals(CRASH).line).size / without.lead_speed.size
         > np.unique(with_aeb.intervals(CRASH).line).size / with_aeb.lead_speed.size * 0.99
     )
+
+
+def test_damaged_files_are_one_message(tmp_path):
+    """Bytes that are changed anywhere give a map or one message; changed compressed data raise zlib.error."""
+    path = tmp_path / "map.npz"
+    write_crash_map(path, mapped(WallCar(hole=HOLE), []))
+    sound, generator = path.read_bytes(), np.random.default_rng(1)
+    refused = 0
+    for _ in range(200):
+        damaged = bytearray(sound)
+        start = int(generator.integers(len(sound)))
+        damaged[start : start + 20] = generator.bytes(len(damaged[start : start + 20]))
+        path.write_bytes(damaged)
+        with suppress(InputError):
+            read_crash_map(path)
+            continue
+        refused += 1
+    assert refused > 150
+    path.write_bytes(sound[: len(sound) // 2])
+    with pytest.raises(InputError, match="a crash map"):
+        read_crash_map(path)

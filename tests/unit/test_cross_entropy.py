@@ -13,14 +13,25 @@ from accelerated_evaluation.distributions import (
 from accelerated_evaluation.laws import Factors
 from accelerated_evaluation.laws.paper.independent import IndependentLaw
 from accelerated_evaluation.methods import METHODS
-from accelerated_evaluation.methods.cross_entropy import search as cross_entropy
 from accelerated_evaluation.methods.cross_entropy.families import (
+    LARGE,
     PiecewiseFamily,
 )
+<<<<<<< HEAD
 from accelerated_evaluation.methods.cross_entropy.sample import Sample
 from accelerated_evaluation.methods.cross_entropy.search import SearchSettings, event_score, search
 from accelerated_evaluation.problem import Problem
 from accelerated_evaluation.scenarios.cut_in import CUT_IN
+=======
+from accelerated_evaluation.methods.cross_entropy.levels import (
+    SearchSettings,
+    Shift,
+    draw_level,
+    event_score,
+)
+from accelerated_evaluation.methods.cross_entropy.search import search
+from accelerated_evaluation.problem import Problem, Sample
+>>>>>>> merged
 from accelerated_evaluation.vehicles import AccAeb, Outcomes
 from toy_segment import CONFIG, PAPERS, SETTINGS, F, Toy, before, families, found, toy
 
@@ -87,7 +98,7 @@ def accelerated(law, thetas, shift=0.0):
         Factors(accelerated(F.first, (-50.0, 10.0)), accelerated(F.second, (8.0, 15.0))),
         Factors(accelerated(F.first, (90.0, 10.0), 0.01), accelerated(F.second, (8.0, 10.0), 0.05)),
     ],
-    ids=["f", "single", "piecewise", "heuristic"],
+    ids=["f", "single", "piecewise", "shifted"],
 )
 def test_likelihood_ratios_average_to_one(f_star):
     size = 20_000
@@ -156,26 +167,93 @@ def test_the_generator_alone_decides(method):
     assert first.proposal == again.proposal != other.proposal
 
 
-def test_heuristic_moves_truncation_points_but_never_past_an_event():
+def full(first, second):
+    """Return the families of F whose pieces hold all weight at these coordinates."""
+    pairs = zip((F.first, F.second), (first, second), strict=True)
+    return tuple(PiecewiseFamily.start(law, 0.01, 5).update(np.full(9, x), np.ones(9)) for law, x in pairs)
+
+
+def knots_of(families):
+    return tuple(family.model.knots[0] for family in families)
+
+
+def test_shifted_moves_truncation_points_but_never_past_an_event():
     problem = toy(None, 1e-9)
     threshold = problem.vehicle.inverse_ttc
-    plain, moved = found("piecewise", problem, 4), found("heuristic", problem, 4)
+    plain, moved = found("piecewise", problem, 4), found("shifted", problem, 4)
     knots = [row["inverse_ttc_from_2"] for row in moved.trace]
     assert {row["inverse_ttc_from_2"] for row in plain.trace} == {0.166}
     assert np.all(np.diff(knots) >= 0)
     assert 0.166 < knots[-1] < threshold
     assert {row["inverse_ttc_from_1"] for row in moved.trace} == {0.0}
 
-    full = PiecewiseFamily.start(F.second, 0.01, 5).update(np.full(9, 1.0), np.ones(9))
+    shift, tails = Shift(0.01, 0.05, every_iteration=True), full(0.02, 1.0)
     for lowest in (0.166 + 1e-9, 0.265, 0.267, 0.5, 0.9123):
-        family, last = full, None
-        while family != last:
-            last, family = family, cross_entropy._shifted(family, 0.05, np.array([1.0, lowest]))
-        assert family.model.knots[0] <= max(lowest - 0.05, 0.166)
-        assert family.model.knots[0] > lowest - 0.1 - 1e-9
-    half = full.update(np.array([0.1] * 9 + [1.0] * 9), np.ones(18))
-    assert cross_entropy._shifted(half, 0.05, np.array([1.0])) is half
-    assert cross_entropy._shifted(full, 0.0, np.array([1.0])) is full
+        at, last = tails, None
+        while at != last:
+            last, at = at, shift.raised(at, (np.array([0.02]), np.array([1.0, lowest])))
+        first, second = knots_of(at)
+        assert first == 0.037  # its tail is not full
+        assert max(lowest - 0.05, 0.166) >= second > lowest - 0.1 - 1e-9
+    assert shift.raised(families("piecewise"), (np.ones(1), np.ones(1))) == families("piecewise")
+    assert Shift().raised(tails) == tails
+
+
+SMALL = SearchSettings(sample_size=100, minimum_events=50, event_quantile=0.8, maximum_batches=4)
+
+
+@pytest.mark.parametrize(("rank", "steps"), [(40, 1), (60, 0)])
+def test_the_papers_heuristic_moves_only_if_even_the_previous_event_is_too_rare(rank, steps):
+    """No encounter crashes, and 40 or 60 of the first 100 belong to the event of the previous iteration."""
+    problem, start = before(Toy(inverse_ttc=3.0)), full(0.1, 1.0)
+
+    def level(shift, previous):
+        return draw_level(problem, "all", start, SMALL, shift, previous, np.random.default_rng(1))
+
+    scores = event_score(level(Shift(), math.inf).sample, SMALL.range_per_ttc)
+    previous = np.sort(scores)[rank - 1]
+    moved = level(Shift(0.01, 0.05), previous)
+    assert knots_of(moved.families) == pytest.approx((0.037 + steps * 0.01, 0.166 + steps * 0.05))
+    assert moved.happened.size == 400 - 100 * steps  # the sample before the move is not used
+    assert moved.simulations == 400
+    for fixed in (Shift(), Shift(0.01, 0.05, every_iteration=True)):
+        other = level(fixed, previous)
+        assert (other.families, other.happened.size) == (start, 400)
+        assert previous >= other.threshold > 0
+
+
+def test_the_papers_heuristic_stops_at_enough_events():
+    """All encounters whose TTC^-1 is above 0.25 crash, as all draws do after two moves of the knot."""
+    start = full(0.02, 1.0)
+    tilted = dataclasses.replace(start[1], thetas=(0.0, -60.0))
+    problem, shift = before(Toy(inverse_ttc=0.25)), Shift(0.0, 0.05)
+    level = draw_level(problem, "all", (start[0], tilted), SMALL, shift, 0.0, np.random.default_rng(1))
+    assert knots_of(level.families) == pytest.approx((0.037, 0.266))
+    assert (level.simulations, level.happened.size, level.threshold) == (300, 100, 0.0)
+    assert level.happened.sum() >= 95
+
+
+def test_a_large_piece_with_few_events_needs_more_simulations():
+    """The second piece of R^-1 has few of the draws, and much of the weight of the events."""
+    family = PiecewiseFamily.start(F.first, 0.01, 5)
+    x, heavy = np.array([0.02] * 96 + [0.05] * 4), np.array([1e-3] * 96 + [1.0] * 4)
+    assert not family.is_determined(x, heavy)
+    assert family.is_determined(np.append(x, 0.05), np.append(heavy, 1.0))  # enough events
+    light = np.array([1.0] * 96 + [0.99 * LARGE / (1 - LARGE) * 96 / 4] * 4)
+    assert family.is_determined(x, light)  # a small piece
+    assert families("single")[0].is_determined(x, heavy)
+
+    start = (dataclasses.replace(family, weights=(0.98, 0.02)), families("piecewise")[1])
+    problem = toy(None, 1.0)
+    few, enough = (
+        draw_level(problem, "all", start, settings, Shift(), math.inf, np.random.default_rng(5))
+        for settings in (SearchSettings(sample_size=100, maximum_batches=most) for most in (1, 20))
+    )
+    assert np.count_nonzero(few.events[0] >= 0.037) < 5
+    assert not start[0].is_determined(few.events[0], few.weight)
+    assert 100 < enough.simulations < 2000
+    assert np.count_nonzero(enough.events[0] >= 0.037) >= 5
+    np.testing.assert_array_equal(enough.sample.first[:100], few.sample.first)
 
 
 class Fading(Toy):

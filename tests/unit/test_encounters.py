@@ -22,6 +22,7 @@ from accelerated_evaluation.records.segments import (
     dependence,
     segment_counts,
     segment_names,
+    similarity,
     tau_interval,
 )
 from accelerated_evaluation.records.sources import SOURCES, describe, read_source, source, spmd, table
@@ -504,6 +505,27 @@ def test_dependence_has_a_line_for_each_pair_and_segment():
     first = rows[rows["segment"] == "5-15"]
     assert result["tau"][1] == kendalltau(first["lead_speed"], first["inverse_ttc"]).statistic
     assert result["ci_low"].notna().tolist() == [True] * 3 + [False] * 3  # 50 rows: fewer than two a block
+
+
+def test_segments_are_similar_if_their_quantiles_are():
+    """Exponential TTC^-1 with a mean that doubles from one segment to the next, and with the same mean."""
+    generator, rows = np.random.default_rng(4), []
+    for segment, mean in (("5-15", 1.0), ("15-25", 2.0), ("25-35", 4.0)):
+        rows.append(pd.DataFrame({"segment": segment, "inverse_ttc": generator.exponential(mean, 6000)}))
+    unlike = pd.concat(rows, ignore_index=True)
+    found = similarity(unlike)
+    assert found["quantile"].tolist() == [0.5, 0.9, 0.95, 0.99]
+    assert found["largest_in"].tolist() == ["25-35"] * 4
+    assert found["smallest_in"].tolist() == ["5-15"] * 4
+    np.testing.assert_allclose(found["largest"] / found["smallest"], found["ratio"])
+    assert ((found["ci_low"] < 4) & (found["ci_high"] > 4)).all()
+    # The variance of the log of a quantile of n exponential values is p / ((1 - p) n log(1 - p)^2).
+    p = found["quantile"]
+    error = np.sqrt(2 * p / (1 - p) / 6000) / -np.log(1 - p)
+    assert (np.log(found["ci_high"] / found["ratio"]) / (2.541 * error)).between(0.6, 1.6).all()
+    means = unlike["segment"].map({"5-15": 1.0, "15-25": 2.0, "25-35": 4.0})
+    alike = similarity(unlike.assign(inverse_ttc=unlike["inverse_ttc"] / means))
+    assert (alike["ci_low"] < 1).sum() >= 3  # one interval in twenty misses the ratio of one
 
 
 # ---------------------------------------------------------------- sources and samples

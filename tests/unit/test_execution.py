@@ -19,7 +19,7 @@ get_context("spawn").Process(target=abs, args=[1]).start()
 """
 
 
-def run(path, *cells, command=RUN):
+def run(path, *cells, command=RUN, **metadata):
     """Run a notebook of these cells in a process of its own, which its interactive shell takes over.
 
     A cell that begins with a star is text.
@@ -27,7 +27,7 @@ def run(path, *cells, command=RUN):
     parameters = nbformat.v4.new_code_cell("number = 1", metadata={"tags": ["parameters"]})
     new = {True: nbformat.v4.new_markdown_cell, False: nbformat.v4.new_code_cell}
     cells = [parameters, *(new[cell.startswith("*")](cell) for cell in cells)]
-    metadata = {"kernelspec": {"name": "python3", "language": "python", "display_name": "Python 3"}}
+    metadata |= {"kernelspec": {"name": "python3", "language": "python", "display_name": "Python 3"}}
     nbformat.write(nbformat.v4.new_notebook(cells=cells, metadata=metadata), path)
     return subprocess.run(
         [sys.executable, "-c", command, str(path)], capture_output=True, text=True, check=False
@@ -82,3 +82,25 @@ def test_an_error_names_notebook_and_cell_and_leaves_nothing_behind(tmp_path, co
     assert message in finished.stderr
     assert "not reached" not in last
     assert [path.name for path in tmp_path.iterdir()] == ["n.ipynb"]
+
+
+STUDY = """
+from pathlib import Path
+from accelerated_evaluation.publishing.study import Study
+Path("exact.csv").write_text("segment,probability\\nall,0.1\\n")
+study = Study(".", "figures")
+"""
+
+
+@pytest.mark.parametrize(("declared", "fails"), [(["exact.csv", "trace.csv"], False), (["trace.csv"], True)])
+def test_a_notebook_may_only_read_what_it_declares(tmp_path, monkeypatch, declared, fails):
+    monkeypatch.chdir(tmp_path)
+    contents = {"figures": [], "tables": [], "reads": declared}
+    finished = run(tmp_path / "n.ipynb", STUDY, "*{{ study.truth.probability }}*", study=contents)
+    assert (finished.returncode != 0) == fails
+    if fails:
+        assert "n.ipynb, key study of the metadata: exact.csv not listed" in finished.stderr
+        assert '"reads": ["exact.csv"]' in finished.stderr
+    else:  # the executed notebook lists what was read, and not what could have been
+        executed = nbformat.read(tmp_path / "n.ipynb.executed.ipynb", as_version=4)
+        assert executed.metadata["study"] == {**contents, "reads": ["exact.csv"]}

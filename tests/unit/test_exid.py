@@ -264,7 +264,7 @@ def test_speeds_and_headings_in_other_units_are_refused(tmp_path, wrong):
 
 def test_a_cell_without_a_value_is_counted_and_left_out(tmp_path):
     account = extract(write(tmp_path, ["cut-in"], heading=None)).attrs["account"]
-    assert account[0]["reason"] == "a missing or infinite value"
+    assert account[0]["reason"] == "a missing or infinite value, or in no lane"
     assert account[0]["rows_dropped"] == 2 * FRAMES
 
 

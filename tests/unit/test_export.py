@@ -196,10 +196,13 @@ def test_a_moving_lead_has_the_speed_profile_of_the_table(moving):
         assert float(event.find(".//SimulationTimeCondition").get("value")) == moment
         entries = event.findall(".//SpeedProfileEntry")
         times = np.cumsum([float(entry.get("time")) for entry in entries])
-        np.testing.assert_allclose(times, 0.1 * np.arange(1, 81))
+        np.testing.assert_allclose(times, 0.1 * np.arange(81), atol=1e-12)
         played = [float(entry.get("speed")) for entry in entries]
-        np.testing.assert_allclose(played, [row[name] for name in SPEED_COLUMNS], rtol=1e-9)
-        assert tree.find(".//Event[@name='cut_in']//LaneChangeAction") is not None
+        np.testing.assert_allclose(played, [row[name] for name in ("lead_speed", *SPEED_COLUMNS)], rtol=1e-9)
+        # The two events must not end each other: each is in a manoeuvre of its own.
+        both = [maneuver.findall("Event") for maneuver in tree.findall(".//Maneuver")]
+        assert [[event.get("name") for event in events] for events in both] == [["cut_in"], ["lead_motion"]]
+        assert both[0][0].find(".//LaneChangeAction") is not None
     text = (moving / "README.md").read_text()
     assert "and then changes its speed;" in text
     assert "lead motion: ngsim" in text

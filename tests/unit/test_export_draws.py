@@ -49,7 +49,7 @@ def test_the_recipe_prints_the_intervals(sets, tmp_path, monkeypatch, capsys):
     printed = capsys.readouterr().out
     median = float(re.search(r"records (\S+)", printed)[1])
     sums = drawn.draws.loc[crashes(drawn)].drop(columns="scenario").sum()
-    assert median == pytest.approx(np.median(sums), rel=0.1)
+    assert median == pytest.approx(np.median(sums), rel=0.25)  # it includes the error of the set
     low, high = map(float, re.search(r"80% interval (\S+) to (\S+)\n95%", printed).groups())
     assert low < np.quantile(sums, 0.2) < np.quantile(sums, 0.8) < high
     assert len(scripts) == 2

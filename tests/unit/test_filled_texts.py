@@ -1,4 +1,4 @@
-"""Placeholders in the texts of notebooks: what they insert, how they fail, what the catalogue sees."""
+"""Placeholders in the texts of notebooks: what they insert, and how they fail."""
 
 import math
 
@@ -6,7 +6,7 @@ import numpy as np
 import pandas as pd
 import pytest
 from accelerated_evaluation.base.errors import StudyError
-from accelerated_evaluation.publishing.book.texts import attributes, fill
+from accelerated_evaluation.publishing.book.texts import fill
 
 
 @pytest.mark.parametrize(
@@ -69,8 +69,3 @@ def test_texts_of_a_user_are_shown_as_they_are():
 def test_a_placeholder_that_fails_is_one_error(text, message):
     with pytest.raises(StudyError, match=message):
         fill(text, {"zero": 0, "known": {}})
-
-
-def test_what_a_text_reads_of_the_study_is_found():
-    text = "{{ study.name }} {% if study.truth['probability'] %}{{ other.x + study.alpha }}{% endif %}"
-    assert set(attributes(text, "study")) == {"name", "truth", "alpha"}

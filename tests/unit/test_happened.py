@@ -78,7 +78,8 @@ def records():
 def weighted(records):
     fitter = Fitter(records, members_at((0.9,)))
     members = len(fitter.members)
-    return WeightedLaws(fitter, fitter.fit(), np.zeros((SIZE, members)), np.full((20, members), 1 / members))
+    weights = np.full((20, members), 1 / members)
+    return WeightedLaws(fitter, fitter.fit(), np.zeros((SIZE, members)), np.zeros((members, 0)), weights)
 
 
 @pytest.fixture(scope="module")

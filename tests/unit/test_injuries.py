@@ -21,6 +21,7 @@ from accelerated_evaluation.answer.injuries.tables import (
 from accelerated_evaluation.answer.posterior import Posterior
 from accelerated_evaluation.crash_map.lines import CrashLines
 from accelerated_evaluation.laws.smooth.conditional import Places
+from accelerated_evaluation.scenarios.cut_in import SPEED_LIMIT
 from accelerated_evaluation.vehicles.protocol import Outcomes
 
 KEYS = list(tabulated_risks())
@@ -189,6 +190,19 @@ def test_one_point_in_an_interval_would_not_do(monkeypatch):
     risk = found.mean_of(HALF(SPEEDS))
     masses = found.lines.masses(Anywhere(), Exponential(0.5))
     assert risk @ masses < 0.9 * expected_exactly(0.5, 4.0)
+
+
+def test_no_speed_above_the_limit_of_the_inputs_is_simulated():
+    """With few records, a law may give quantiles of the closing speed that no vehicle accepts."""
+    simulated = []
+
+    class Watched(Late):
+        def simulate(self, lead_speed, range_, closing_speed):
+            simulated.append(closing_speed)
+            return super().simulate(lead_speed, range_, closing_speed)
+
+    ImpactSpeeds.of(lines_above(4.0), Watched(4.0), Exponential(1e-9))
+    assert np.max(simulated) == SPEED_LIMIT
 
 
 def test_points_without_a_crash_do_not_count():

@@ -6,9 +6,10 @@ import numpy as np
 import pandas as pd
 import pytest
 from accelerated_evaluation.answer.calibration import (
-    cell_counts,
+    expected_counts,
     mid_p,
     near_miss_counts,
+    recorded_counts,
     strips,
     with_limits,
 )
@@ -28,10 +29,10 @@ from accelerated_evaluation.crash_map.mapping import map_crashes
 from accelerated_evaluation.crash_map.maps import Grid
 from accelerated_evaluation.laws.files import read_law, write_law
 from accelerated_evaluation.laws.paper.independent import recorded_lead_speeds
-from accelerated_evaluation.laws.smooth.conditional import Places, SpeedLaw
+from accelerated_evaluation.laws.smooth.conditional import Places
 from accelerated_evaluation.laws.smooth.dependent import DependentLaw
 from accelerated_evaluation.laws.smooth.family import DistinctRecords, Fitter, Member, members_at
-from accelerated_evaluation.laws.smooth.rivals import ConditionalExtremes, IndependentTail
+from accelerated_evaluation.laws.smooth.independent import IndependentTail
 from accelerated_evaluation.laws.smooth.shapes import Exponential
 from accelerated_evaluation.laws.smooth.support import SUPPORT
 from accelerated_evaluation.laws.strata import VARIABLES
@@ -199,12 +200,16 @@ def test_poisson_limits_and_mid_p_values():
 
 
 def test_cells_count_what_is_recorded_and_expect_it_from_the_true_law(records):
-    counts = with_limits(*cell_counts(records, lambda places: [ExponentialSpeeds()]))
+    def judged(law: ExponentialSpeeds) -> pd.DataFrame:
+        (expected,) = expected_counts(records, lambda places: [law])
+        return with_limits(recorded_counts(records).assign(expected=expected))
+
+    counts = judged(ExponentialSpeeds())
     assert len(counts) == sum(len(strip.names) for strip in strips()) == 64
     inside = (records.range_ < 5) & (records.closing_speed >= 1) & (records.closing_speed < 2)
     assert counts["recorded"].iloc[0] == inside.sum()
     assert counts["p_value"].min() > 0.05 / len(counts)
-    wrong = with_limits(*cell_counts(records, lambda places: [ExponentialSpeeds(1.5 * MEAN)]))
+    wrong = judged(ExponentialSpeeds(1.5 * MEAN))
     assert wrong["p_value"].min() < 1e-4
 
 
@@ -318,18 +323,6 @@ def test_an_independent_tail_is_one_distribution(records):
         np.testing.assert_allclose(
             np.exp(given.log_density(speed) + given.cumulative(speed)), slope, rtol=1e-3
         )
-
-
-def test_conditional_extremes_are_one_distribution_above_their_threshold(records, family):
-    law = ConditionalExtremes.fit(records, family.body, 0.9, Exponential())
-    places = Places.of(np.array([10.0]), np.array([40.0]))
-    given, start = law.given(places), np.array([law.threshold])
-    assert given.cumulative(start + 1e-9) == pytest.approx(
-        SpeedLaw(family.body).given(places).cumulative(start), rel=0.02
-    )
-    # Closing speeds do not depend on range or lead speed here, so the excess stays exponential.
-    added = given.cumulative(start + 4.0) - given.cumulative(start)
-    assert added[0] == pytest.approx(4.0 / MEAN, rel=0.25)
 
 
 def test_the_study_car_has_crashes_at_short_range_first(records, family):

@@ -32,7 +32,18 @@ def x(law):
     return law.from_normal_scores(np.random.default_rng(3).normal(size=(700, 3)) * [1, 1.5, 1.5])
 
 
+<<<<<<< HEAD
 def each(law, x):
+=======
+def test_the_rarest_coordinates_are_ranges_above_zero(law):
+    stratum, far = next(iter(law.strata.values())), np.array([1e3, 1e5])
+    found = stratum.cut_ins(np.full(2, 10.0), far, np.ones(2))
+    assert (found.range_ > 0).all()
+    assert np.isfinite(found.closing_speed).all()
+
+
+def each(law, cut_ins):
+>>>>>>> merged
     """Return ranges' survival and density, and closing speeds' survival and density, of every draw."""
     lead_speed, range_, closing_speed = x.T
     places, value, rows = Places.of(lead_speed, range_, SUPPORT), np.log(SUPPORT.range_max / range_), []
@@ -231,8 +242,9 @@ def test_the_map_of_a_reference_gives_the_mean_of_the_draws_and_each_of_them(law
     weighted = np.exp(law.log_ratios(x[crash]))
     by_draw, errors = weighted.sum(axis=1) / crash.size, np.sqrt((weighted**2).sum(axis=1)) / crash.size
     apart = np.abs(found.probabilities - by_draw) / errors
-    assert np.mean(apart < 4) > 0.95
-    assert np.mean(np.abs(found.probabilities[::-1] - by_draw) / errors < 4) < 0.95  # of other draws: wrong
+    assert np.all(apart < 4)
+    assert np.mean(apart < 2) > 0.95
+    assert np.mean(np.abs(found.probabilities[::-1] - by_draw) / errors < 2) < 0.9  # of other draws: wrong
 
 
 def test_the_emphasis_is_large_where_draws_of_small_probability_have_their_events(law):
@@ -261,8 +273,9 @@ def test_runs_that_are_chosen_for_a_near_miss_find_its_probability(law):
     x = law.draw(20_000, np.random.default_rng(6))
     rates = {name: np.mean(x[:, 2] * time > x[:, 1]) for name, time in EVENTS.items()}
     assert answer.index[0] == "TTC at most 6 s"
-    for name, rate in rates.items():
-        assert np.log(answer.loc[name, "probability"] / rate) == pytest.approx(0, abs=0.6)
+    # A quarter of the near misses are crashes, and few of the runs.
+    for (name, rate), margin in zip(rates.items(), (0.3, 1.2), strict=True):
+        assert np.log(answer.loc[name, "probability"] / rate) == pytest.approx(0, abs=margin)
     assert np.isnan(answer.loc["range at most 1 m", "median"])  # no part of the event: not known
 
 

@@ -140,6 +140,57 @@ def test_bad_lead_motion_in_a_table_is_one_message(
     assert not os.path.exists("out.csv")
 
 
+MISSPELT = (
+    "speed", "speeds", "Speed_2", "SPEED_2", "speed_2s", "speed 2", "speed-2", "speed__2", "speed_ 2",
+    "speed_2,5", "speed_-1", "speed_+2", "speed_1e1", "speed_0x2", "speed_nan", "speed_inf", "lead_speed_2",
+)  # fmt: skip
+
+
+@pytest.mark.parametrize(
+    ("names", "message"),
+    [
+        *(([name], f"seen '{name}'; expected columns of lead speeds named speed_0.1") for name in MISSPELT),
+        (["speed_2", "speed_2.0"], "seen speed_2 and speed_2.0; expected one column for each time"),
+        (["speed_0", "speed_8"], "seen lead_speed and speed_0; expected one column for each time"),
+        (["speed_9"], "seen no column between 0 and 9 s; expected times in seconds, at most 8 s apart"),
+        (["speed_100"], "seen no column between 0 and 100 s; expected times in seconds"),
+        (["speed_2"], "seen speeds up to 2 s; expected columns such as speed_0.2, up to 8 s"),
+    ],
+)
+def test_columns_that_begin_like_lead_speeds_are_read_or_refused(
+    tmp_path, monkeypatch, capfd, names, message
+):
+    """A column that is not read would silently give the outcomes behind a car that keeps its speed."""
+    monkeypatch.chdir(tmp_path)
+    pd.DataFrame([dict.fromkeys(["lead_speed", "range", "closing_speed", *names], 20)]).to_csv(
+        "in.csv", index=False
+    )
+    assert cli.main(["simulate", "in.csv", "out.csv"]) == 2
+    assert f"in.csv, columns speed_...: {message}" in capfd.readouterr().err
+    assert not os.path.exists("out.csv")
+
+
+@pytest.mark.parametrize(
+    ("factor", "message"),
+    [
+        (3.6, "in.csv, row 2, columns lead_speed and speed_0.1: seen 20 and 72 m/s, 0.1 s apart"),
+        (1 / 0.44704, "row 2, columns lead_speed and speed_0.1: seen 20 and 44.7"),
+        (1 / 3.6, "row 2, columns lead_speed and speed_0.1: seen 20 and 5.5"),
+        (1e299, "row 2, columns lead_speed and speed_0.1: seen 20 and 2e+300 m/s"),
+        (np.inf, "row 2, column speed_0.1: seen inf; expected a finite speed"),
+    ],
+)
+def test_lead_speeds_in_another_unit_than_the_lead_speed_are_refused(
+    tmp_path, monkeypatch, capfd, factor, message
+):
+    monkeypatch.chdir(tmp_path)
+    columns = {"lead_speed": 20.0, "range": 30.0, "closing_speed": 2.0}
+    speeds = {name: 20.0 * factor for name in SPEED_COLUMNS}
+    pd.DataFrame([columns | speeds]).to_csv("in.csv", index=False)
+    assert cli.main(["simulate", "in.csv", "out.csv"]) == 2
+    assert message in capfd.readouterr().err
+
+
 def test_a_motion_that_ends_too_early_is_refused(tmp_path, monkeypatch, capfd):
     monkeypatch.chdir(tmp_path)
     written("long.csv")

@@ -9,7 +9,6 @@ import pandas as pd
 import pytest
 from accelerated_evaluation import cli
 from accelerated_evaluation.base.errors import InputError
-from accelerated_evaluation.records.recordings.osi_lanes import joined_lanes
 from accelerated_evaluation.records.sources import SOURCES, record_files
 from accelerated_evaluation.study.configuration import load
 
@@ -73,8 +72,21 @@ def short(tmp_path_factory):
 
 
 def test_the_binary_format_and_the_older_field_of_the_lane_are_read_too(short, tmp_path):
-    osi_trace.write_trace(short[0], tmp_path / "01_gt.osi", older=True, angle=-2.0)
+    osi_trace.write_trace(short[0], tmp_path / "01_gt.osi", lanes="older", angle=-2.0)
     assert agree(extract(tmp_path), short[1])
+
+
+@pytest.mark.parametrize("lanes", ["centre lines", "map", "file"])
+def test_lanes_follow_from_centre_lines_or_from_a_map(short, tmp_path, lanes):
+    osi_trace.write_trace(short[0], tmp_path / "01.mcap", lanes=lanes, angle=2.5)
+    assert agree(extract(tmp_path), short[1])
+
+
+def test_lanes_that_only_one_side_names_are_joined_where_their_centre_lines_meet(short, tmp_path):
+    osi_trace.write_trace(short[0], tmp_path / "01.mcap", lanes="centre lines", one_sided=True)
+    assert agree(extract(tmp_path), short[1])
+    osi_trace.write_trace(short[0], tmp_path / "01.mcap", one_sided=True)  # without centre lines
+    assert not agree(extract(tmp_path), short[1])
 
 
 def test_lanes_that_are_not_joined_lose_cut_ins_or_invent_them(short, tmp_path):
@@ -83,21 +95,6 @@ def test_lanes_that_are_not_joined_lose_cut_ins_or_invent_them(short, tmp_path):
     osi_trace.write_trace(short[0], tmp_path / "01.mcap")
     joined = {line["reason"]: line["rows_in"] for line in extract(tmp_path).attrs["account"]}
     assert reasons["in the lane when first seen"] > joined["in the lane when first seen"]
-
-
-def test_pieces_are_one_lane_where_nothing_splits_or_merges():
-    def piece(number, before=(), after=()):
-        pairing = betterosi.Lane.Classification.LanePairing
-        ends = [pairing(antecessor_lane_id=osi_trace.number(each)) for each in before]
-        ends += [pairing(successor_lane_id=osi_trace.number(each)) for each in after]
-        classification = betterosi.Lane.Classification(lane_pairing=ends)
-        return betterosi.Lane(id=osi_trace.number(number), classification=classification)
-
-    chain = [piece(3, after=[1]), piece(1, before=[3], after=[2]), piece(2, before=[1], after=[5, 6])]
-    split = [piece(5, before=[2], after=[7]), piece(6, before=[2])]
-    turned = [piece(7, after=[5])]  # drawn against the direction of its neighbour
-    assert joined_lanes([*chain, *split, *turned]) == {1: 1, 2: 1, 3: 1, 5: 5, 7: 5, 6: 6}
-    assert joined_lanes([betterosi.Lane(id=osi_trace.number(4))]) == {}
 
 
 def test_a_study_counts_the_content_of_traces(traces):
@@ -118,18 +115,24 @@ def one_message(folder, **changes):
     """Write a trace of one vehicle that drives on at 30 m/s."""
     with betterosi.Writer(str(folder / "a.mcap")) as writer:
         for frame in range(50):
-            row = pd.Series(
-                {"id": 1, "x": 1.2 * frame, "y": 0.0, "width": 4.0, "xVelocity": 30.0, "laneId": 1}
-                | {"drivingDirection": 2, "class_": "Car"}
-                | changes
-            )
-            moving = osi_trace.vehicle(row, 0.0)
-            if changes.get("laneId") == 0:
-                moving.moving_object_classification = betterosi.MovingObject.MovingObjectClassification()
+            row = {"id": 1, "x": 1.2 * frame, "y": 0.0, "width": 4.0, "xVelocity": 30.0, "laneId": 1}
+            row |= {"drivingDirection": 2, "class_": "Car"} | changes
+            moving = osi_trace.vehicle(pd.Series(row), 0.0, changes.get("field", "newer"))
             if "without" in changes:
                 setattr(moving.base, changes["without"], None)
             stamp = betterosi.Timestamp(seconds=frame // 25, nanos=40_000_000 * (frame % 25))
-            writer.add(betterosi.GroundTruth(timestamp=stamp, moving_object=[moving]))
+            objects = [moving]
+            if "parked" in changes:
+                parked = row | {"id": 2, "xVelocity": 0.0, "x": changes["parked"]}
+                objects.append(osi_trace.vehicle(pd.Series(parked), 0.0, None))
+            writer.add(betterosi.GroundTruth(timestamp=stamp, moving_object=objects))
+
+
+def test_a_vehicle_in_no_lane_is_counted_as_such(tmp_path):
+    one_message(tmp_path, parked=100.0)
+    account = extract(tmp_path).attrs["account"]
+    assert [(line["rows_in"], line["rows_dropped"]) for line in account[:3]] == [(100, 50), (50, 0), (50, 49)]
+    assert account[0]["reason"] == "a missing or infinite value, or in no lane"
 
 
 def test_a_vehicle_alone_and_a_message_without_one_are_no_errors(tmp_path):
@@ -145,8 +148,11 @@ def test_a_vehicle_alone_and_a_message_without_one_are_no_errors(tmp_path):
 @pytest.mark.parametrize(
     ("changes", "message"),
     [
-        ({"laneId": 0}, r"a\.mcap: seen 50 positions of vehicles, of which none is complete"),
-        ({"without": "orientation"}, r"of which none is complete; .*orientation and assigned_lane_id"),
+        ({"field": None}, r"a\.mcap: seen 50 positions of vehicles, of which none is complete"),
+        (
+            {"without": "orientation"},
+            r"of which none is complete; .*orientation, and either assigned_lane_id, or",
+        ),
         ({"without": "velocity"}, "of which none is complete"),
         ({"xVelocity": 108.0}, r"a\.mcap: seen changes of position .* in the ratio 0\.278"),
     ],

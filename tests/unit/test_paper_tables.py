@@ -13,7 +13,6 @@ from accelerated_evaluation.publishing.tables import searches as search_tables
 from accelerated_evaluation.publishing.tables import spreads
 from accelerated_evaluation.publishing.tables.formats import readable, save_table
 from accelerated_evaluation.publishing.tables.paper_numbers import PAPER_SIMULATIONS
-from accelerated_evaluation.publishing.tables.spreads import Spread
 
 Z = 1.2815515655446004  # 90 % quantile of the standard normal
 
@@ -51,6 +50,7 @@ def trace(method, segment, seed, simulations, **parameters):
         segment=segment,
         seed=seed,
         simulations=[math.nan, *simulations],
+        sample=[math.nan, *simulations],
         crashes=50.0,
         effective_sample_size=10.0 + seed,
     )
@@ -65,7 +65,20 @@ TWO_PIECES = {
     "inverse_range_from_2": [0.04, 0.04, 0.04],
     "inverse_ttc_from_2": [0.1, 0.1, 0.1],
 }
+COVERAGE = pd.DataFrame(
+    {
+        "method": ["single", "single"],
+        "stopping": ["fixed", "sequential"],
+        "replicates": [100, 100],
+        "simulations_mean": [999.0, 420.0],
+        "simulations_sd": [0.0, 20.0],
+    }
+)
 ONE_RATE = {"inverse_range_rate": [9.0, 5.0, 4.0], "inverse_ttc_rate": [8.0, 3.0, 2.0]}
+
+
+def exactly(probability):
+    return pd.DataFrame({"segment": ["all"], "probability": [probability], "standard_error": [0.0]})
 
 
 def searches():
@@ -81,9 +94,53 @@ def searches():
     )
 
 
-def test_spread_is_mean_and_deciles():
-    spread = spreads.spread_over(range(1, 12), "seeds")
-    assert spread == Spread(6.0, 2.0, 10.0, "10-90 % over 11 seeds")
+def test_one_more_mean_is_expected_where_it_lies():
+    """Of 4,000 pairs of means of 10 and 5 values, 95 % of the second lie in the interval of the first."""
+    values = np.random.default_rng(1).normal(3.0, 2.0, (4000, 15))
+    inside, confident = 0, 0
+    for first, second in zip(values[:, :10], values[:, 10:].mean(axis=1), strict=True):
+        spread = spreads.Mean.of(first).further("mean of 5", size=5)
+        inside += spread.low <= second <= spread.high
+        own = spreads.Mean.of(first).interval("values")
+        confident += own.low <= second <= own.high  # the wrong interval: that of the true mean
+    assert abs(inside / 4000 - 0.95) < 4 * math.sqrt(0.95 * 0.05 / 4000)
+    assert confident / 4000 < 0.8
+    assert spread.of == "95 % interval of one more mean of 5"
+
+
+def test_one_value_and_equal_values_have_no_spread():
+    for values in ([7.0], [7.0, 7.0]):
+        spread = spreads.Mean.of(values).further("run")
+        assert spread.value == 7
+        assert math.isnan(spread.low)
+        assert math.isnan(spread.high)
+
+
+def test_the_interval_of_a_ratio_covers_it():
+    generator = np.random.default_rng(2)
+    ones, others = generator.normal(8.0, 1.0, (2000, 5)), generator.normal(5.0, 0.2, (2000, 8))
+    ratios = [
+        spreads.Mean.of(a).over(spreads.Mean.of(b)).interval("") for a, b in zip(ones, others, strict=True)
+    ]
+    covered = np.mean([ratio.low <= 1.6 <= ratio.high for ratio in ratios])
+    assert abs(covered - 0.95) < 4 * math.sqrt(0.95 * 0.05 / 2000)
+    exact = spreads.Mean(8.0, 0.0, math.inf).over(spreads.Mean(4.0, 0.4, 3))
+    assert exact == spreads.Mean(2.0, pytest.approx(0.2), pytest.approx(3))
+
+
+def test_sizes_are_compared_with_the_replicates_of_the_coverage():
+    ends = estimates({"single": [300, 500], "toy": [100, 300]}, converged=[True, True, True, False])
+    mean = spreads.sample_size(ends, COVERAGE, "single")
+    half_width = 1.984 * 20 * math.sqrt(1 / 100 + 1 / 2)  # Student's t with 99 degrees of freedom
+    assert mean.value == 400
+    assert (mean.low, mean.high) == pytest.approx((420 - half_width, 420 + half_width), abs=0.02)
+    assert mean.of == "95 % interval of one more mean of 2 (from 100 replicates)"
+    first = spreads.sample_size(ends, COVERAGE, "single", first=True)
+    assert first.value == 300
+    assert first.high - first.low == pytest.approx(2 * 1.984 * 20 * math.sqrt(1.01), abs=0.05)
+    own = spreads.sample_size(ends, COVERAGE, "toy")  # it is not in the study of coverage
+    assert own.high - own.value == pytest.approx(12.706 * 100 * math.sqrt(2), abs=0.1)
+    assert own.of.endswith("(from 2 replicates), 1 not converged")
 
 
 def test_pooled_probability_by_hand():
@@ -108,24 +165,23 @@ def test_pooling_replicates_is_estimating_from_all_their_weights():
 
 
 def test_crude_sample_size_is_the_papers_for_the_papers_probability():
-    paper = Spread(7.4e-7, 7.0e-7, 7.8e-7, "interval")
-    size = spreads.crude_sample_size(paper, 0.2, 0.2)
+    size = spreads.crude_sample_size(exactly(7.4e-7), 0.2, 0.2)
     assert float(f"{size.value:.1e}") == PAPER_SIMULATIONS["crude"]
     assert size.value == pytest.approx(Z**2 * (1 - 7.4e-7) / (0.04 * 7.4e-7), rel=1e-12)
-    assert size.low < size.value < size.high
+    assert math.isnan(size.low)
+    assert math.isnan(size.high)
 
 
 def test_crude_sample_size_without_a_crash_is_infinite():
-    assert spreads.crude_sample_size(Spread(0.0, 0.0, 1e-6, ""), 0.2, 0.2).value == math.inf
+    assert spreads.crude_sample_size(exactly(0.0), 0.2, 0.2).value == math.inf
 
 
 def test_table1_by_hand():
     ends = estimates({"single": [300, 500], "piecewise": [100, 300], "heuristic": [40, 60]})
-    rows = course([(0, 1000, 1e-6, 1e-14)])
-    table = paper_tables.table1_sample_size(ends, rows, 0.2, 0.2).set_index("method")
+    table = paper_tables.table1_sample_size(ends, COVERAGE, exactly(1e-6), 0.2, 0.2).set_index("method")
     assert list(table.index) == ["piecewise", "single", "crude", "heuristic"]
     assert table["simulations"].drop("crude").to_dict() == {"piecewise": 200, "single": 400, "heuristic": 50}
-    assert table.loc["single", ["simulations_low", "simulations_high"]].tolist() == pytest.approx([320, 480])
+    assert table.loc["single", ["simulations_low", "simulations_high"]].mean() == pytest.approx(420)
     assert table.loc["single", "ratio_to_piecewise"] == 2
     assert table.loc["crude", "simulations"] == pytest.approx(Z**2 * (1 - 1e-6) / 0.04e-6)
     assert table["paper_simulations"].tolist()[:3] == [7840, 12320, 5.5e7]
@@ -135,16 +191,11 @@ def test_table1_by_hand():
 def test_replicates_of_a_segment_alone_do_not_enter_table1():
     ends = estimates({"single": [300], "piecewise": [100], "heuristic": [40]})
     others = estimates({"single": [7], "piecewise": [7], "heuristic": [7]}, scope="5-15")
-    rows = course([(0, 1000, 1e-6, 1e-14)])
     one, two = (
-        paper_tables.table1_sample_size(table, rows, 0.2, 0.2) for table in (ends, pd.concat([ends, others]))
+        paper_tables.table1_sample_size(table, COVERAGE, exactly(1e-6), 0.2, 0.2)
+        for table in (ends, pd.concat([ends, others]))
     )
     pd.testing.assert_frame_equal(one, two)
-
-
-def test_replicates_that_did_not_converge_are_said():
-    ends = estimates({"piecewise": [100, 300]}, converged=[True, False])
-    assert spreads.sample_size(ends, "piecewise").of == "10-90 % over 2 replicates, 1 not converged"
 
 
 def test_search_totals_add_segments_and_keep_seeds_apart():
@@ -176,8 +227,9 @@ def test_table2_by_hand():
         for name, law in (("single", exponential), ("piecewise", pieces))
     }
     ends = estimates({"single": [300, 500], "piecewise": [100, 300], "heuristic": [40, 60]})
-    rows = course([(0, 1000, 1e-6, 1e-14)])
-    table = paper_tables.table2_computation(ends, rows, searches(), **models, alpha=0.2, beta=0.2)
+    table = paper_tables.table2_computation(
+        ends, COVERAGE, exactly(1e-6), searches(), **models, alpha=0.2, beta=0.2
+    )
     ours = table.set_index(["stage", "quantity", "method"])["ours"]
     assert ours["fitting", "parameters", "single"] == 3
     assert ours["fitting", "parameters", "piecewise"] == 9

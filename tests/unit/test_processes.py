@@ -125,6 +125,23 @@ def test_a_worker_ends_with_a_killed_study_even_while_a_class_runs(folder):
     assert ended(worker)
 
 
+@pytest.mark.parametrize("seconds", [0, 3])
+def test_an_interrupt_at_the_keyboard_ends_workers_without_a_traceback(folder, seconds):
+    """The keyboard interrupts the workers, too, while they start and while the vehicle runs."""
+    script = folder / "study.py"
+    stopped = (
+        "try:\n            future.result()\n        except KeyboardInterrupt:\n            print('stopped')"
+    )
+    script.write_text(WORKER.replace("future.result()", stopped))
+    streams = {"stdout": subprocess.PIPE, "stderr": subprocess.PIPE, "text": True}
+    study = subprocess.Popen([sys.executable, str(script)], cwd=folder, start_new_session=True, **streams)
+    worker = int(study.stdout.readline())
+    time.sleep(seconds)
+    os.killpg(study.pid, signal.SIGINT)
+    assert study.communicate(timeout=60) == ("stopped\n", "")
+    assert ended(worker)
+
+
 def test_processes_that_leave_the_session_of_a_command_end_with_it(folder):
     program = folder / "leaving.py"
     program.write_text(

@@ -1,39 +1,39 @@
 """The README shows the published numbers, and nothing else."""
 
-import importlib.util
 import re
+import sys
 from pathlib import Path
 
 import pandas as pd
 import pytest
-from accelerated_evaluation.publishing import readme as of_results
-from accelerated_evaluation.publishing.readme import CLAIMS, README, with_table, with_tables
 from accelerated_evaluation.publishing.tables.laws import threshold_ratio
 
 ROOT = Path(__file__).resolve().parents[2]
-SCRIPT = importlib.util.spec_from_file_location("readme_of_benchmarks", ROOT / "benchmarks" / "readme.py")
-of_benchmarks = importlib.util.module_from_spec(SCRIPT)
-SCRIPT.loader.exec_module(of_benchmarks)
-BENCHMARKS, GUIDE = of_benchmarks.BENCHMARKS, ROOT / "docs" / "sampler.md"
+sys.path.append(str(ROOT / "benchmarks"))
+
+from blocks import with_table, with_tables  # noqa: E402
+from readme import BENCHMARKS, BLOCKS, README  # noqa: E402
+
+CLAIMS = BLOCKS["results"].source
+GUIDE = ROOT / "docs" / "sampler.md"
 IDEAS = ROOT / "benchmarks" / "IDEAS.md"
-SAMPLERS = of_benchmarks.TABLES["samplers"].source
-TABLES = of_results.TABLES | of_benchmarks.TABLES
+SAMPLERS = BLOCKS["samplers"].source
 
 
 @pytest.mark.skipif(not CLAIMS.exists(), reason="the tables of the real events are not in this copy")
 @pytest.mark.parametrize(
-    "path", sorted({table.text for table in TABLES.values()}), ids=lambda path: path.stem
+    "path", sorted({block.text for block in BLOCKS.values()}), ids=lambda path: path.stem
 )
 def test_readme_shows_the_published_results(path):
-    assert with_tables(path, TABLES) == path.read_text(encoding="utf-8")
+    assert with_tables(path, BLOCKS) == path.read_text(encoding="utf-8")
 
 
-@pytest.mark.parametrize("name", TABLES)
+@pytest.mark.parametrize("name", BLOCKS)
 def test_a_table_is_put_between_its_marks(name):
-    text = TABLES[name].text.read_text(encoding="utf-8")
-    changed = with_table(text, name, "| new |\n", TABLES)
+    text, block = BLOCKS[name].text.read_text(encoding="utf-8"), BLOCKS[name]
+    changed = with_table(text, name, block, "| new |\n")
     assert "| new |\n" in changed
-    assert with_table(changed, name, "| old |\n", TABLES) == with_table(text, name, "| old |\n", TABLES)
+    assert with_table(changed, name, block, "| old |\n") == with_table(text, name, block, "| old |\n")
 
 
 def test_the_example_of_the_readme_runs(tmp_path, monkeypatch):
@@ -75,7 +75,7 @@ def test_the_history_of_the_sampler_states_what_it_takes_now(problem):
 
 
 @pytest.mark.parametrize(
-    "path", sorted({table.text for table in TABLES.values()}), ids=lambda path: path.stem
+    "path", sorted({block.text for block in BLOCKS.values()}), ids=lambda path: path.stem
 )
 def test_every_row_of_a_table_has_as_many_cells_as_its_head(path):
     cells = 0

@@ -106,6 +106,16 @@ def test_courses_in_a_file_are_a_law(tmp_path):
         (table([np.nan, 22], ["4", "8"]), "column speed_8: seen 22; .* no speed after an empty cell"),
         (table([22], ["8"]).assign(lead_speed=np.nan), "column lead_speed: seen nan"),
         (table([[22]] * 3, ["8"]), "seen 3 cut-ins; expected at least 10"),
+        (table([22], ["8"]).assign(range=0.0), "column range: seen 0; expected .* a range above 0 m"),
+        (table([22], ["8"]).assign(range=-3.0), "column range: seen -3"),
+        (table([22], ["8"]).assign(range=np.nan), "column range: seen nan"),
+        (table([22], ["8"]).assign(closing_speed=np.nan), "column closing_speed: seen nan"),
+        (table([22], ["8"]).assign(closing_speed="slow"), "column closing_speed: seen 'slow'; .* a number"),
+        (table([22], ["8"]).assign(speed_8="fast"), "column speed_8: seen 'fast'; expected a number"),
+        (
+            table([72], ["0.1"]).assign(speed_8=72),
+            "lead_speed and speed_0.1: seen 20 and 72 m/s, 0.1 s apart",
+        ),
     ],
 )
 def test_courses_that_cannot_be_used(rows, message):

@@ -8,10 +8,8 @@ import numpy as np
 import plain_drivers
 import pytest
 from accelerated_evaluation.base.errors import InputError
-from accelerated_evaluation.scenarios.compiled import simulate_in_slices
-from accelerated_evaluation.scenarios.cut_in import CUT_IN
 from accelerated_evaluation.vehicles import VEHICLES, load_vehicle
-from accelerated_evaluation.vehicles.builtin.driver_kernel import LANES, follow_slice
+from accelerated_evaluation.vehicles.builtin.driver_kernel import LANES
 from accelerated_evaluation.vehicles.checks import OUTCOMES, checked_outcomes
 
 DRIVERS = ["cc_human", "fsm", "reg157", "rss"]
@@ -220,7 +218,7 @@ def test_outcomes_keep_the_protocol_and_depend_on_their_own_encounter_alone(driv
 
     some = np.random.default_rng(5).permutation(encounters.shape[1])[: LANES + 7]
     alone = vehicle.simulate(*encounters[:, some])
-    parts = simulate_in_slices(CUT_IN, follow_slice, vehicle.compiled(), encounters, threads=2)
+    parts = vehicle.outcomes(encounters, threads=2)
     for name in OUTCOMES:
         assert getattr(alone, name).tobytes() == getattr(outcomes, name)[some].tobytes()
         assert getattr(parts, name).tobytes() == getattr(outcomes, name).tobytes()

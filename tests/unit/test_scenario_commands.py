@@ -7,10 +7,18 @@ import numpy as np
 import pandas as pd
 import pytest
 from accelerated_evaluation import cli
+<<<<<<< HEAD
 from accelerated_evaluation.laws.files import write_law
+=======
+from accelerated_evaluation.laws.joint import Box
+from accelerated_evaluation.laws.joint.files import write_joint_law
+from accelerated_evaluation.laws.joint.truncated import Normals
+from accelerated_evaluation.laws.joint.truncated_normals import TruncatedNormalMixture
+from accelerated_evaluation.records.checks import inspect_records
+>>>>>>> merged
 from accelerated_evaluation.scenarios import SCENARIOS
 from accelerated_evaluation.scenarios.left_turn import LEFT_TURN
-from accelerated_evaluation.scenarios.record_report import inspect_scenario_records
+from accelerated_evaluation.scenarios.record_table import records_to_check
 from accelerated_evaluation.track import weighted_set
 from accelerated_evaluation.track.campaign_file import read_campaign, write_campaign
 from accelerated_evaluation.track.export import page, table_of
@@ -129,10 +137,10 @@ def test_the_report_on_records_counts_what_is_wrong(folder, capsys):
     report = pd.read_csv("report.csv").set_index("check")
     before = rows.duplicated([*LEFT_TURN.names, "driver"]).sum()
     assert report.loc["repeated rows", "number"] == before + 2
-    assert report.loc["rows outside limits", "number"] == 1
+    assert report.loc["rows outside limits", "rows"] == 1
     assert report.loc["rows outside limits", "example_rows"] == "203"
     assert report.loc["replayed crashes", "verdict"] == "warning"
-    assert "1 in turning_speed_mps (0 to 60 m/s)" in capsys.readouterr().out
+    assert "1 with turning_speed_mps not from 0 to 60 m/s" in capsys.readouterr().out
     spoiled.assign(turning_speed_mps=-1.0).to_csv("records.csv", index=False)
     with pytest.raises(SystemExit):
         cli.main(arguments)
@@ -145,7 +153,9 @@ def test_values_that_are_constant_or_heaped_are_reported(equal, verdict):
     rows.loc[: equal - 1, LEFT_TURN.names[1]] = 7.0
     rows = rows.assign(cluster=[f"driver {k % 30}" for k in range(100)], fitted=True)
     simulate = load_vehicle(LEFT_TURN.default_vehicle, LEFT_TURN).simulate
-    found = inspect_scenario_records(LEFT_TURN, rows, simulate).set_index("check").loc["equal values"]
+    found = (
+        inspect_records(records_to_check(LEFT_TURN, rows, simulate)).set_index("check").loc["equal values"]
+    )
     assert found["verdict"] == verdict
     assert found["number"] == equal / 100
     assert LEFT_TURN.names[1] in found["seen"]

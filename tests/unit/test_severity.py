@@ -4,10 +4,10 @@ import mpmath
 import numpy as np
 import pytest
 from accelerated_evaluation.crash_map.exact import ALL, exact_probabilities
-from accelerated_evaluation.crash_map.exact_variance import exact_variation, variation_table
+from accelerated_evaluation.crash_map.exact_variance import exact_variation, tail_decay, variation_table
 from accelerated_evaluation.crash_map.mapping import map_crashes
 from accelerated_evaluation.crash_map.severity import impact_speed_table, severity_table
-from accelerated_evaluation.distributions import BoundedExponential, PiecewiseMixture
+from accelerated_evaluation.distributions import BoundedExponential, BoundedNormal, PiecewiseMixture
 from accelerated_evaluation.laws import Factors
 from accelerated_evaluation.methods.cross_entropy.sample import Sample
 from accelerated_evaluation.problem import Problem
@@ -52,8 +52,21 @@ def test_variation_without_end_is_infinite_and_trimming_ends_it():
     light = {"5-15": Factors(BoundedExponential(400.0, LOWER), TTC_LAWS["exponential"])}
     table = variation_table(crash_map, law_of(*laws), {("light", 0): light})
     assert np.all(table["variation"] > 1e3 * table["variation_trimmed"])
+    assert table["decay"].tolist() == pytest.approx([8.0, 8.0])
     steep = {"5-15": Factors(RANGE_LAWS["exponential"], BoundedExponential(43.0))}
     assert exact_variation(crash_map, law_of(*laws), steep)[ALL] == (np.inf,)
+
+
+def test_the_decay_of_a_tail_decides_on_the_variance():
+    """The integral of f^2 / f* is 1 / (a (2 - a)) for exponentials of rates 1 and a < 2."""
+    f = BoundedExponential(5.0, 0.2)
+    for ratio in (0.5, 1.0, 1.9, 2.1):
+        assert tail_decay(f, BoundedExponential(5.0 * ratio, 0.2)) == pytest.approx(ratio)
+    pieces = PiecewiseMixture([0.9, 0.1], [BoundedExponential(9.0, 0.0, 0.2), f])
+    assert tail_decay(pieces, pieces.accelerated([3.0, 1.0], [0.1, 0.9])) == pytest.approx(0.8)
+    assert tail_decay(pieces, BoundedExponential(11.0)) == pytest.approx(2.2)
+    normal = BoundedNormal(0.1, 0.0)
+    assert tail_decay(normal, normal.tilt(20.0)) == pytest.approx(1, abs=0.1)
 
 
 def test_severity_of_a_known_car():

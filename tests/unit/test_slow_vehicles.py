@@ -83,7 +83,7 @@ def slow(workers, batch_size=3, time_limit=60.0, **parameters):
 @pytest.fixture
 def threads():
     with ThreadPoolExecutor(2) as pool:
-        yield Workers(pool, 2)
+        yield Workers(pool, pool, 2)
 
 
 def run(vehicle, ranges=RANGES):
@@ -181,7 +181,13 @@ def test_a_car_that_hangs_or_ends_its_process(here, trouble, limit):
         "hangs": "seen no end after 2 s; expected outcomes within this time limit of a batch",
     }[trouble]
     with Processes(2) as processes:
-        car = slow(Workers(processes, 2), 1, 30.0 if trouble == "exits" else limit, trouble=trouble, at=11.0)
+        car = slow(
+            Workers(processes, processes, 2),
+            1,
+            30.0 if trouble == "exits" else limit,
+            trouble=trouble,
+            at=11.0,
+        )
         # A process needs its time to start, which counts; so the first run only starts them.
         car.time_limit = 60.0
         run(car, RANGES[2:4])

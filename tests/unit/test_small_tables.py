@@ -160,7 +160,7 @@ def test_laws_of_few_records_have_tails_above_thresholds_that_some_exceed(record
     assert weighted.weights.sum(axis=1) == pytest.approx(1)
 
 
-def test_a_rival_whose_fit_overflows_has_no_scores(recorded, monkeypatch):
+def test_another_law_whose_fit_overflows_has_no_scores(recorded, monkeypatch):
     class Overflown:
         def given(self, places):
             return self
@@ -174,11 +174,10 @@ def test_a_rival_whose_fit_overflows_has_no_scores(recorded, monkeypatch):
     scored = score_family(DistinctRecords.of(rows), (Member(),))
     weighted = WeightedLaws.drawn(scored, np.random.default_rng(1), 20)
     monkeypatch.setattr(law_scores, "regions", lambda records, _: {"all": np.zeros(records.size)})
-    monkeypatch.setattr(law_scores, "rivals", lambda *_: {"a regression": lambda _: Overflown()})
     with pytest.warns(
         UserWarning, match="a regression cannot be fitted, and has no scores: .* parameters that overflow"
     ):
-        scores, crps = law_scores.score_laws(weighted, AccAeb())
+        scores, crps = law_scores.score_laws(weighted, AccAeb(), {"a regression": lambda _: Overflown()})
     assert set(scores) == set(crps) == {member.name for member in weighted.members}
 
 

@@ -1,11 +1,9 @@
-"""One reader of a study, and how the workflow finds out what notebooks read and make."""
+"""One reader of a study, and what notebooks declare that they read and make."""
 
 import json
-import math
 from pathlib import Path
 
 import matplotlib.pyplot as plt
-import nbformat
 import pandas as pd
 import pytest
 from accelerated_evaluation.base.errors import InputError
@@ -43,21 +41,12 @@ def study(tmp_path):
     (results / "config.json").write_text(json.dumps(CONFIG))
     exact = pd.DataFrame({"segment": ["5-15", "all"], "probability": [2.5e-6, 1.23456e-6]})
     exact.to_csv(results / "exact.csv", index=False)
-    report = pd.DataFrame({"check": ["speed unit"], "verdict": ["fine"]})
+    report = pd.DataFrame(
+        {"check": ["speed unit"], "verdict": ["fine"], "seen": [""], "advice": [""], "explained": [False]}
+    )
     report.to_csv(results / "records_report.csv", index=False)
     yield Study(results, tmp_path / "figures")
     plt.close("all")
-
-
-def notebook(path, *cells):
-    """Write a notebook that imports two published things, and has these cells of code."""
-    imports = [
-        "from accelerated_evaluation.publishing.figures.searches import fig08_thresholds",
-        "from accelerated_evaluation.publishing.tables.exact import exact_table",
-    ]
-    cells = [nbformat.v4.new_code_cell(code) for code in (*imports, *cells)]
-    nbformat.write(nbformat.v4.new_notebook(cells=cells), path)
-    return path
 
 
 def test_a_result_is_read_once_and_kept(study):
@@ -105,45 +94,25 @@ def test_a_table_is_published_whole_with_its_source_and_read_as_its_digest(study
     assert "2.5 × 10⁻⁶" in shown._repr_html_()
 
 
-def test_what_a_notebook_reads_and_makes_follows_from_its_code(tmp_path):
-    path = notebook(
-        tmp_path / "n.ipynb",
-        "show(study, fig08_thresholds, segment=study.first_segment)",
-        "show(study, exact_table)\nstudy.truth, study.results",
-    )
-    contents = read_contents(path)
-    assert contents.figures == ("fig08_thresholds",)
-    assert contents.tables == ("exact",)
-    # The trace for the figure, the laws for the name of the segment, the configuration for the source.
-    models = {f"models/{name}.json" for name in ("single", "three_pieces", "two_pieces")}
-    expected = {"config.json", "cross_entropy_trace.csv", "exact.csv", "encounters.parquet", *models}
-    assert set(contents.reads) == expected
-    assert len(contents.reads) == len(expected)
-
-
-def test_a_notebook_reads_a_new_table_by_the_name_of_its_file(tmp_path, study):
-    made = notebook(tmp_path / "n.ipynb", "show(study, exact_table)", 'study.table("new/result.csv")')
-    assert set(read_contents(made).reads) == {"config.json", "exact.csv", "new/result.csv"}
+def test_a_study_knows_what_was_read_and_published(study):
+    assert study.truth["probability"] == 1.23456e-6
     assert study.table("exact.csv").equals(study.exact)
+    show(study, example_table)
+    show(study, fig99_example, marker="s")
+    assert study.used == (["fig99_example"], ["example"], ["exact.csv", "config.json"])
     with pytest.raises(AttributeError, match="exakt"):
         _ = study.exakt
 
 
-@pytest.mark.parametrize(
-    ("code", "seen"),
-    [
-        ("show(study, fig08_threshold)", "fig08_threshold, which is not a registered"),
-        ("show(study, fig08_thresholds)", "study.segment, or a parameter segment"),
-        ("study.exakt", "study.exakt"),
-    ],
-)
-def test_a_mistyped_name_is_an_error_before_anything_runs(tmp_path, code, seen):
-    with pytest.raises(InputError) as error:
-        read_contents(notebook(tmp_path / "n.ipynb", code))
-    assert error.value.seen.startswith(seen)
+@pytest.mark.parametrize("metadata", [{}, {"study": {"figures": [], "reads": ["exact.csv"]}}])
+def test_a_notebook_has_to_declare_what_it_reads_and_makes(tmp_path, metadata):
+    path = tmp_path / "n.ipynb"
+    path.write_text(json.dumps({"metadata": metadata}))
+    with pytest.raises(InputError, match=r"n\.ipynb, key study of the metadata: seen the lists"):
+        read_contents(path)
 
 
-def test_every_notebook_reads_what_the_reader_has_and_every_caption_is_used():
+def test_every_caption_is_that_of_a_figure_or_table():
     slow = sorted((ROOT / "notebooks/slow").glob("*.ipynb"))  # of another book, with figures of this one
     of_slow = [name for path in slow for name in _made(path)]
     made = [name for path in NOTEBOOKS if path not in slow for name in _made(path)]
@@ -159,19 +128,6 @@ def test_a_caption_that_is_missing_and_a_name_that_is_shared_are_errors(tmp_path
         require_captions(["one", "two"], tmp_path)
     with pytest.raises(InputError, match="two uses"):
         require_captions(["one", "one"], tmp_path)
-
-
-def test_what_a_notebook_was_found_to_read_is_all_that_its_figures_touch(study, monkeypatch):
-    """The files that the code names are those that running it opens."""
-    opened = []
-    path = Study.path
-    monkeypatch.setattr(
-        Study, "path", lambda self, name, **parts: opened.append(name) or path(self, name, **parts)
-    )
-    fresh = Study(study.results, study.figures)
-    assert math.isclose(fresh.truth["probability"], 1.23456e-6)
-    show(fresh, example_table)
-    assert sorted(set(opened)) == ["config.json", "exact.csv"]
 
 
 def _made(path):

@@ -14,6 +14,7 @@ from accelerated_evaluation.publishing.tables.coverage import COVERAGE_COLUMNS, 
 from accelerated_evaluation.publishing.tables.exact import (
     needed_simulations,
     severity_digest,
+    share_of_one_run,
 )
 from figure_checks import check_bytes_and_legend
 from scipy.special import ndtri
@@ -233,21 +234,39 @@ def test_the_same_tables_give_the_same_bytes_and_legends_cover_no_data(draw, nam
     check_bytes_and_legend(draw, name, tmp_path)
 
 
-def test_simulations_follow_from_the_variation():
+def test_simulations_follow_from_the_variation(exact):
     variation = pd.DataFrame(
         {
-            "method": ["single", "single", "piecewise"],
-            "segment": ["all", "5-15", "all"],
-            "variation": [10.0, 99.0, math.inf],
-            "variation_trimmed": [10.0, 99.0, 5.0],
+            "method": ["single", "single", "single", "piecewise"],
+            "segment": ["all", "all", "5-15", "all"],
+            "variation": [10.0, 20.0, 99.0, math.inf],
+            "variation_trimmed": [10.0, 20.0, 99.0, 5.0],
+            "decay": [1.9, 2.1, 1.0, 1.0],
         }
     )
-    table = needed_simulations(variation, 1e-6, 0.2, 0.2).set_index("method")
-    z = -ndtri(0.1)
-    assert table["simulations"].tolist() == pytest.approx([2500 * z**2, 625 * z**2, 25 * z**2 * (1e6 - 1)])
-    assert table["heavy_tailed"].tolist() == [0, 1, 0]
-    assert table.loc["piecewise", "paper_simulations"] == 7840
-    assert "crude" not in needed_simulations(variation, 0.0, 0.2, 0.2)["method"].tolist()
+    table = needed_simulations(variation, exact, 0.2, 0.2).set_index(["scope", "method"])
+    unit = 25 * ndtri(0.1) ** 2
+    assert table.loc["all", "simulations"].to_dict() == pytest.approx(
+        {"single": 250 * unit, "piecewise": 25 * unit, "crude": unit * (1 / 9e-7 - 1)}
+    )
+    assert table.loc[("5-15", "single"), "simulations"] == pytest.approx(99**2 * unit)
+    assert table.loc["all", "infinite"].to_dict() == {"single": 1, "piecewise": 0, "crude": 0}
+    assert table.loc["all", "hidden"].to_dict() == {"single": 0, "piecewise": 1, "crude": 0}
+    assert table.loc[("all", "single"), "decay"] == 2.1
+    assert table["paper_simulations"].dropna().to_dict() == {
+        ("all", "single"): 12320,
+        ("all", "piecewise"): 7840,
+        ("all", "crude"): 5.5e7,
+    }
+    never = needed_simulations(variation, exact.assign(probability=0.0), 0.2, 0.2)
+    assert "crude" not in never["method"].tolist()
+
+
+def test_one_converged_run_has_more_of_the_variance_than_many():
+    budget = {"source": ["sampling", "data", "choice of model"], "standard_deviation": [0.0, 3.0, 4.0]}
+    uncertainty = pd.DataFrame(budget).assign(probability=[1.0, 10.0, 10.0])
+    error = (0.2 / 1.2815515655446004) ** 2
+    assert share_of_one_run(uncertainty, 0.2, 0.2) == pytest.approx(error / (error + 0.25))
 
 
 def test_the_digest_says_what_happens_over_all_segments(severity):

@@ -74,6 +74,15 @@ class Forks(Coasting):
         return super().simulate(lead_speed, range_, closing_speed)
 
 
+class Mutes(Coasting):
+    # Prints nothing any more.
+    def simulate(self, lead_speed, range_, closing_speed):
+        import sys
+
+        sys.stdout = sys.stderr = None
+        return super().simulate(lead_speed, range_, closing_speed)
+
+
 class Reusing(Coasting):
     # Writes every batch into the same arrays.
     def simulate(self, lead_speed, range_, closing_speed):
@@ -202,6 +211,13 @@ def test_users_vehicle_that_exits(user_file, error, reported):
 
 def test_processes_that_a_vehicle_forks_end_as_they_like(user_file):
     assert load_vehicle(f"{user_file}:Forks").simulate([20], [10], [5]).crash.all()
+
+
+def test_streams_that_a_vehicle_replaces_are_restored(user_file, capsys):
+    vehicle = load_vehicle(f"{user_file}:Mutes")
+    assert vehicle.simulate([20], [10], [5]).crash.all()
+    print("still printed")
+    assert capsys.readouterr().out == "still printed\n"
 
 
 def test_an_interruption_at_the_keyboard_is_not_the_vehicles(user_file):

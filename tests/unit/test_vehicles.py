@@ -15,9 +15,12 @@ from accelerated_evaluation.base.errors import InputError
 from accelerated_evaluation.scenarios.compiled import available_threads
 from accelerated_evaluation.scenarios.parameters import required_names
 from accelerated_evaluation.vehicles import VEHICLES, AccAeb, Vehicle, load_vehicle
-from accelerated_evaluation.vehicles.builtin import kernel, reference
-from accelerated_evaluation.vehicles.builtin.acc_aeb import simulate_encounters
+from accelerated_evaluation.vehicles.builtin import kernel
 from accelerated_evaluation.vehicles.checks import INPUTS, OUTCOMES
+
+sys.path.append(str(Path(__file__).resolve().parents[2] / "benchmarks"))
+
+import reference_car
 
 CARS = {
     "acc_aeb": AccAeb(),
@@ -138,7 +141,7 @@ def test_another_parameter_is_not_the_published_car(parameters, stored):
 )
 def test_another_line_is_not_the_published_model(line, wrong, stored):
     table = pd.concat([stored("reference_outcomes.parquet"), BY_HAND])
-    source = inspect.getsource(reference)
+    source = inspect.getsource(reference_car)
     assert source.count(line) == 1
     mutant = ModuleType("mutant")
     exec(source.replace(line, wrong), vars(mutant))
@@ -148,13 +151,13 @@ def test_another_line_is_not_the_published_model(line, wrong, stored):
 @pytest.mark.parametrize("car", CARS.values(), ids=CARS)
 def test_compiled_equals_reference_to_the_bit(car):
     for encounters in random_encounters():
-        assert_same_bits(car.simulate(*encounters), reference.simulate(car, *encounters))
+        assert_same_bits(car.simulate(*encounters), reference_car.simulate(car, *encounters))
 
 
 def test_compiled_equals_reference_on_published_inputs(stored):
     for name in ("verdicts.parquet", "reference_outcomes.parquet"):
         encounters = inputs(stored(name))
-        assert_same_bits(AccAeb().simulate(*encounters), reference.simulate(AccAeb(), *encounters))
+        assert_same_bits(AccAeb().simulate(*encounters), reference_car.simulate(AccAeb(), *encounters))
 
 
 @pytest.mark.parametrize("case", BY_HAND.index)
@@ -166,23 +169,23 @@ def test_by_hand(case):
 def test_threshold_of_the_v60():
     speeds = np.array([0, 16, 28, 40, 41, 120]) / 3.6
     expected = [0.86 - 0.05 * 16 / 24, 0.86, 0.885, 0.91, 0.91, 0.91]
-    np.testing.assert_allclose(reference.aeb_threshold(AccAeb(), speeds), expected, rtol=1e-15)
-    np.testing.assert_array_equal(reference.aeb_threshold(CARS["weak"], speeds), 0.7)
-    np.testing.assert_array_equal(reference.aeb_threshold(CARS["acc_only"], speeds), 0)
+    np.testing.assert_allclose(reference_car.aeb_threshold(AccAeb(), speeds), expected, rtol=1e-15)
+    np.testing.assert_array_equal(reference_car.aeb_threshold(CARS["weak"], speeds), 0.7)
+    np.testing.assert_array_equal(reference_car.aeb_threshold(CARS["acc_only"], speeds), 0)
 
 
 def test_switch_and_commands_by_hand():
     ttc = np.array([0.5, 0.905, 0.905, 1.0, 1.001, -0.5, -np.inf])
     speed = np.array([20, 20, 9, 20, 20, 20, 20.0])
     for was_on, expected in ((False, [1, 1, 0, 0, 0, 0, 0]), (True, [1, 1, 1, 1, 0, 0, 0])):
-        switch = reference.aeb_switch(AccAeb(), ttc, speed, np.full(7, was_on))
+        switch = reference_car.aeb_switch(AccAeb(), ttc, speed, np.full(7, was_on))
         np.testing.assert_array_equal(switch, np.array(expected) == 1)
-    np.testing.assert_allclose(reference.aeb_command(AccAeb(), -5.0, np.array([0.1, 0.4])), [-6.6, -10])
-    np.testing.assert_allclose(reference.actuator(AccAeb(), np.array([-10, 10, 0]), 9.0), [7, 9.8, 7])
+    np.testing.assert_allclose(reference_car.aeb_command(AccAeb(), -5.0, np.array([0.1, 0.4])), [-6.6, -10])
+    np.testing.assert_allclose(reference_car.actuator(AccAeb(), np.array([-10, 10, 0]), 9.0), [7, 9.8, 7])
     # Kp 0.1 = -3.8625 and Ki 0.05 1.9 = -0.1286 from the errors 0.9 and 1.0, at 30 and at 41 m/s.
     command = np.array([4.5, 4.5, 0.0, 4.5])
     errors = np.array([1.0, 0.9, 1.0, 0.9]), np.array([0.9, 1.0, 0.9, 1.0])
-    acc = reference.acc_command(AccAeb(), np.array([30, 30, 41, 41]), command, *errors)
+    acc = reference_car.acc_command(AccAeb(), np.array([30, 30, 41, 41]), command, *errors)
     np.testing.assert_allclose(acc, [4.5 - 3.991171, 5, -3.991171, 0], atol=1e-6)
 
 
@@ -200,9 +203,9 @@ def test_host_at_rest_is_safe_at_once(encounter):
 
 def test_same_bits_on_any_threads_in_any_batch():
     encounters = np.array(next(random_encounters()))
-    wanted = simulate_encounters(AccAeb(), encounters, threads=1)
+    wanted = AccAeb().outcomes(encounters, threads=1)
     for threads in (2, 3, 6):
-        assert_same_bits(simulate_encounters(AccAeb(), encounters, threads=threads), wanted)
+        assert_same_bits(AccAeb().outcomes(encounters, threads=threads), wanted)
     some = np.random.default_rng(4).permutation(encounters.shape[1])[: kernel.LANES + 7]
     alone = AccAeb().simulate(*encounters[:, some])
     for name in OUTCOMES:

@@ -40,6 +40,22 @@ def test_a_row_that_cannot_be_used(project):
     assert not left_behind(project)
 
 
+def test_a_job_that_fails_while_it_writes_runs_again_although_its_files_are_kept(project):
+    """Snakemake issue 3808: with --keep-incomplete, files of a failed job count as complete."""
+    varied = {name: [low + 0.1 * i for i in range(60)] for name, low in [("range", 20), ("closing_speed", 1)]}
+    (project.folder / "good.yaml").write_text(yaml.safe_dump({"study": "bad", **table(project, **varied)}))
+    target, last = "results/bad/encounters.parquet", project.folder / "results/bad/exposure.json"
+    last.mkdir(parents=True)
+    (last / "in_the_way").touch()
+    message(project.run(target, "--keep-incomplete", config="good.yaml"))
+    (last / "in_the_way").unlink()
+    last.rmdir()
+    again = project.run(target, config="good.yaml")
+    assert again.returncode == 0, again.stdout + again.stderr
+    assert len(pd.read_parquet(project.folder / target)) == 60
+    assert last.is_file()
+
+
 def test_missing_file(project):
     output = message(study(project, data={"source": "table", "table": {"path": "nowhere.csv"}}))
     assert "nowhere.csv" in output

@@ -3,9 +3,7 @@
 The browser is the Chromium of the machine, driven by Playwright. Every page is opened from the disk.
 """
 
-import os
 import re
-import shutil
 from functools import partial
 from http.server import SimpleHTTPRequestHandler, ThreadingHTTPServer
 from pathlib import Path
@@ -14,12 +12,7 @@ from urllib.parse import unquote, urlsplit
 
 import pytest
 
-playwright = pytest.importorskip("playwright.sync_api", reason="Playwright is not installed")
-CHROMIUM = shutil.which("chromium") or shutil.which("chromium-browser") or shutil.which("google-chrome")
-pytestmark = [
-    pytest.mark.browser,
-    pytest.mark.skipif(CHROMIUM is None, reason="no Chromium is installed on this machine"),
-]
+pytestmark = pytest.mark.browser
 SCREENS = {"wide": (1400, 900), "narrow": (390, 800)}
 BROKEN = "() => [...document.images].filter(i => !i.complete || !i.naturalWidth).map(i => i.src)"
 SILENT = "() => [...document.images].filter(i => !i.alt.trim()).map(i => i.src)"
@@ -47,16 +40,6 @@ class Watch:
     def open(self, path, wait="load"):
         self.page.goto(Path(path).as_uri() if isinstance(path, Path) else path, wait_until=wait)
         return self.page
-
-
-@pytest.fixture(scope="module")
-def browser():
-    with playwright.sync_playwright() as driver:
-        # A container's root has no sandbox for the pages, which are our own.
-        options = ["--no-sandbox"] if os.geteuid() == 0 else []
-        started = driver.chromium.launch(executable_path=CHROMIUM, args=options)
-        yield started
-        started.close()
 
 
 @pytest.fixture

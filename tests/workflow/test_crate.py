@@ -117,7 +117,7 @@ def test_code_that_did_not_make_the_study_is_refused(finished, tmp_path):
     module.write_text(module.read_text() + "\n# edited\n")
     run = pack(project, "smoke")
     assert run.returncode == 2
-    assert "laws/paper/pieces.py" in run.stderr
+    assert "accelerated_evaluation/laws: seen code with the digest" in run.stderr
     assert "Run the study again" in run.stderr
     assert not (project.folder / "results/smoke.crate.zip").exists()
 

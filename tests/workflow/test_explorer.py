@@ -1,10 +1,8 @@
-"""The explorer in a real browser without a network: its vehicles, its probabilities, and its page."""
+"""The explorer in a real browser without a network: its probabilities, and its page."""
 
-import base64
 import json
 import re
 
-import numba
 import numpy as np
 import pytest
 from accelerated_evaluation.answer.explored import DrawnLaws
@@ -17,162 +15,11 @@ from accelerated_evaluation.crash_map.mapping import map_crashes
 from accelerated_evaluation.crash_map.maps import Grid
 from accelerated_evaluation.laws.smooth.family import DistinctRecords
 from accelerated_evaluation.laws.smooth.support import Support
-from accelerated_evaluation.publishing.explorer.kernels import translated_kernels
-from accelerated_evaluation.publishing.explorer.kinds import FLOAT, INT, ArrayOf
-from accelerated_evaluation.publishing.explorer.translator import Translator
 from accelerated_evaluation.records.encounter_table import read_encounters
 from accelerated_evaluation.scenarios.cut_in import CUT_IN
 from accelerated_evaluation.vehicles import load_vehicle
 from accelerated_evaluation.vehicles.events import CRASH
-from conftest import ROOT
-from test_browser import TOO_WIDE, Watch, browser, pytestmark, watch  # noqa: F401
-
-OUTCOMES = ("crash", "min_range", "min_ttc", "impact_speed")
-VEHICLES = [
-    ("car", "acc_aeb", {}),
-    ("car", "acc_aeb", {"aeb_ttc": 1.7, "aeb_release_ttc": 1.9, "aeb_deceleration": 6.0, "headway": 1.3}),
-    ("car", "acc_only", {}),
-    ("driver", "cc_human", {}),
-    ("driver", "cc_human", {"reaction_time": 0.3, "keeps_watching": False}),
-    ("driver", "reg157", {}),
-    ("driver", "rss", {"lateral_speed": 0.7}),
-    ("driver", "fsm", {}),
-    ("driver", "fsm", {"lateral_speed": 1.1, "entry_offset": 1.75}),
-]
-RUN = """([kernel, numbers, encounters]) => {
-  const rows = encounters.map((row) => Float64Array.from(row));
-  const found = simulator.simulate(kernel, numbers, ...rows);
-  return [found.crash, found.minRange, found.minTtc, found.impactSpeed].map((values) => Array.from(values));
-}"""
-LOAD = """async ([source, code, layout]) => {
-  (0, eval)(source + "; globalThis.Simulator = Simulator; globalThis.fromBase64 = fromBase64;");
-  const { instance } = await WebAssembly.instantiate(fromBase64(code));
-  window.simulator = new Simulator(layout, instance.exports);
-}"""
-TRACE = """([kernel, numbers, [leadSpeed, range, closingSpeed]]) =>
-  simulator.trace(kernel, numbers, { leadSpeed, range, closingSpeed })"""
-
-
-@pytest.fixture(scope="module")
-def simulator(browser):  # noqa: F811
-    """Return a blank page with the translated kernels."""
-    page, kernels = browser.new_page(), translated_kernels()
-    source = (
-        (ROOT / "workflow/explorer/simulator.js")
-        .read_text()
-        .replace("class Simulator", "var Simulator = class")
-    )
-    source = source.replace("const fromBase64", "var fromBase64").replace('"use strict";', "")
-    page.evaluate(LOAD, [source, base64.b64encode(kernels.module).decode(), kernels.layout])
-    yield page
-    page.close()
-
-
-def numbers_of(vehicle):
-    return [float(number) for number in vehicle.compiled()]
-
-
-@pytest.mark.parametrize(("kernel", "name", "parameters"), VEHICLES)
-def test_the_browser_computes_what_python_computes_to_the_bit(simulator, kernel, name, parameters):
-    generator = np.random.default_rng(5)
-    ends = np.array([35.0, 75.0, 35.0])[:, None]
-    encounters = ends * generator.random((3, 20_001))  # an odd number, and more than one batch of the page
-    vehicle = load_vehicle(name, **parameters)
-    expected = vehicle.simulate(*encounters)
-    found = simulator.evaluate(RUN, [kernel, numbers_of(vehicle), encounters.tolist()])
-    for name, values in zip(OUTCOMES, found, strict=True):
-        np.testing.assert_array_equal(values, np.asarray(getattr(expected, name), dtype=float))
-    other = load_vehicle("acc_aeb", headway=1.9) if kernel == "car" else load_vehicle("cc_human", jerk=12.0)
-    wrong = simulator.evaluate(RUN, [kernel, numbers_of(other), encounters.tolist()])
-    assert wrong[1] != found[1]
-
-
-def test_every_published_verdict(simulator, stored):
-    table = stored("verdicts.parquet")
-    assert len(table) == 4695
-    encounters = table[["lead_speed", "range", "closing_speed"]].to_numpy().T.tolist()
-    crash = simulator.evaluate(RUN, ["car", numbers_of(load_vehicle("acc_aeb")), encounters])[0]
-    np.testing.assert_array_equal(crash, table.crash)
-
-
-@pytest.mark.parametrize(
-    ("kernel", "name", "encounter"),
-    [
-        ("car", "acc_aeb", (9.0, 41.7, 24.7)),
-        ("car", "acc_aeb", (20.0, 30.0, 3.0)),
-        ("driver", "cc_human", (8.0, 64.0, 10.0)),
-        ("driver", "fsm", (15.0, 70.0, 0.5)),
-    ],
-)
-def test_a_trace_is_that_of_the_library(simulator, kernel, name, encounter):
-    vehicle = load_vehicle(name)
-    states = simulator.evaluate(TRACE, [kernel, numbers_of(vehicle), list(encounter)])
-    expected = vehicle.trace(*encounter)
-    assert len(states) == len(expected)
-    columns = {
-        "range": "range_m",
-        "speed": "host_speed_m_per_s",
-        "acceleration": "host_acceleration_m_per_s2",
-        "ttc": "time_to_collision_s",
-        "emergency": "emergency",
-    }
-    for key, column in columns.items():
-        np.testing.assert_allclose(
-            [float(state[key]) for state in states], expected[column], rtol=0, atol=1e-12
-        )
-
-
-@numba.njit
-def pair_of(x):
-    return x, -x
-
-
-def snippets(values, out, count, start):
-    """Use the parts of the subset that the kernels need, where a mistake would change a number."""
-    total = start
-    for i in range(count):
-        out[0, i] = values[0, i] if values[0, i] > 2.0 else -values[0, i]
-        out[1, i] = min(values[0, i], 2.5) + max(1.5, values[0, i])
-    for i in range(count):
-        total += values[0, i]
-    k = 0
-    while True:
-        k += 1
-        if k % 3 == 0 and not k > 6:
-            continue
-        if k > 8 or total < 0.0:
-            break
-        out[2, k] = pair_of(total)[1] / k
-    low, high = pair_of(values[0, 1])
-    out[2, 0], out[3, 0] = high, low
-    out[3, 1] = out[3, 2] = int(values[0, 3]) + np.floor(-0.5) + abs(low)
-    for i in range(1, count, 2):
-        out[3, i + 2] = i
-
-
-def test_statements_of_the_subset(browser):  # noqa: F811
-    size, translator = 9, Translator()
-    kind = ArrayOf.of(4, size)
-    translator.export("f", snippets, kind, kind, INT, FLOAT)
-    places = [translator.allocate(kind) for _ in range(2)]
-    values = np.array([[1.5, 2.5, 3.5, 4.75, -1.0, 0.0, 2.0, 8.0, 9.0]] * 4)
-    expected = np.zeros_like(values)
-    snippets(values, expected, 7, 0.5)  # an odd number of lanes: the last one is alone
-    ask = """async ([code, [from, to], values]) => {
-      const bytes = Uint8Array.from(atob(code), (letter) => letter.charCodeAt(0));
-      const { f, memory } = (await WebAssembly.instantiate(bytes)).instance.exports;
-      const words = new Float64Array(memory.buffer);
-      words.set(values, from / 8);
-      f(from, to, 7, 0.5);
-      return Array.from(words.subarray(to / 8, to / 8 + values.length));
-    }"""
-    page = browser.new_page()
-    code = base64.b64encode(translator.module()).decode()
-    found = page.evaluate(ask, [code, places, values.ravel().tolist()])
-    page.close()
-    np.testing.assert_array_equal(np.reshape(found, values.shape), expected)
-    assert (expected[0, 7:] == 0).all()  # lanes beyond the count are not touched
-
+from test_browser import TOO_WIDE, Watch, pytestmark, watch  # noqa: F401
 
 READY = "() => window.page && window.page.isSettled"
 EXPLORE = """([name, values, threshold]) => {

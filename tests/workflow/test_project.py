@@ -8,6 +8,7 @@ from pathlib import Path
 import nbformat
 import pytest
 import yaml
+from accelerated_evaluation.study.dependencies import LIBRARY, ROOMS, SAMPLER, files_of
 from packaging.requirements import Requirement
 from packaging.utils import canonicalize_name
 
@@ -69,23 +70,29 @@ def test_every_pin_has_a_hash_and_none_names_a_host(lock):
             assert "--hash=sha256:" in entry, entry
 
 
+IMPORTED = re.compile(r"^ *(?:from|import) (?:accelerated_evaluation\.)?(\w+)", re.MULTILINE)
+
+
+def rooms_in(code: str) -> set[str]:
+    """Return the rooms, and the package of the sampler, that code imports, apart from what compiles."""
+    named = IMPORTED.findall(code.replace("fewruns.compiling", ""))
+    return {SAMPLER if name == "fewruns" else name for name in named} & set(ROOMS)
+
+
 def test_rooms_import_only_rooms_to_their_left():
-    library = ROOT / "workflow" / "accelerated_evaluation"
-    rooms = [
-        "base",
-        "records",
-        "distributions",
-        "laws",
-        "scenarios",
-        "vehicles",
-        "problem",
-        "crash_map",
-        "methods",
-        "answer",
-    ]
-    rooms += ["track", "study", "publishing", "commands"]
-    assert {path.stem for path in library.iterdir()} - {"__init__", "__pycache__", "cli"} == set(rooms)
-    for index, room in enumerate(rooms):
-        for path in [*(library / room).rglob("*.py"), *library.glob(f"{room}.py")]:
-            imported = set(re.findall(r"^from accelerated_evaluation\.(\w+)", path.read_text(), re.MULTILINE))
-            assert not imported & set(rooms[index + 1 :]), path
+    found = {path.stem for path in LIBRARY.iterdir()} - {"__init__", "__pycache__", "cli"}
+    assert found | {SAMPLER} == set(ROOMS)
+    for index, room in enumerate(ROOMS):
+        for path in files_of(room):
+            assert rooms_in(path.read_text()) <= set(ROOMS[: index + 1]), path
+
+
+def test_every_rule_depends_on_the_last_room_from_which_its_script_imports():
+    rules = "\n".join(path.read_text() for path in (ROOT / "workflow/rules").glob("*.smk"))
+    declared = re.findall(r'library=code_up_to\("(\w+)"\).*?scripts/(\w+\.py)', rules, re.DOTALL)
+    assert {script for _, script in declared} == {path.name for path in (ROOT / "workflow/scripts").iterdir()}
+    assert len(declared) == rules.count("    script:")
+    for room, script in declared:
+        code = (ROOT / "workflow/scripts" / script).read_text()
+        imported = rooms_in(code.replace("accelerated_evaluation.study.jobs", ""))
+        assert max(imported, key=ROOMS.index, default="base") == room, script

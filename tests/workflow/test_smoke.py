@@ -7,6 +7,8 @@ import subprocess
 import sys
 import time
 
+from accelerated_evaluation.publishing.book.catalogue import read_contents
+
 DATA = "Safety Pilot Model Deployment (real events), a sample of 6,000"
 TABLES = (
     "encounters_account",
@@ -87,6 +89,13 @@ def test_every_figure_and_table_of_the_paper_is_made(finished):
         html = (finished.folder / "results" / "smoke" / "book" / f"{notebook.stem}.html").read_text()
         assert DATA in html
     assert (finished.folder / "results/smoke/logs/book.log").read_text() == ""  # Sphinx warns of nothing
+
+
+def test_every_notebook_declares_exactly_what_it_read_and_made(finished):
+    executed = sorted((finished.folder / "results/smoke/notebooks").glob("*.ipynb"))
+    assert len(executed) > 10
+    for path in executed:
+        assert read_contents(path) == read_contents(finished.folder / "notebooks" / path.name), path.name
 
 
 def test_published_tables_say_what_the_data_are(finished):

@@ -19,16 +19,14 @@ function cubic(x, n) {
 const inside = (low, width, share) => low - Math.log1p(share * Math.expm1(-width));
 
 class Engine {
-  static async load(text, block, code) {
-    const stream = new Blob([fromBase64(block)]).stream().pipeThrough(new DecompressionStream("gzip"));
-    const bytes = new Uint8Array(await new Response(stream).arrayBuffer());
-    const { instance } = await WebAssembly.instantiate(fromBase64(code));
-    const meta = JSON.parse(text);
-    return new Engine(meta, bytes, new Simulator(meta.kernels, instance.exports));
+  static async load(text, block) {
+    const packed = Uint8Array.from(atob(block), (letter) => letter.charCodeAt(0));
+    const stream = new Blob([packed]).stream().pipeThrough(new DecompressionStream("gzip"));
+    return new Engine(JSON.parse(text), new Uint8Array(await new Response(stream).arrayBuffer()));
   }
 
-  constructor(meta, bytes, simulator) {
-    Object.assign(this, { meta, simulator, data: {} });
+  constructor(meta, bytes) {
+    Object.assign(this, { meta, data: {} });
     for (const [name, place] of Object.entries(meta.arrays)) this.data[name] = unpacked(bytes, place);
     this.prepareLines();
     this.prepareRatios();
@@ -40,13 +38,10 @@ class Engine {
     return this.meta.vehicles.find((vehicle) => vehicle.name === name);
   }
 
-  // The numbers of a vehicle with each of its sliders at a stop.
+  // The numbers of a vehicle by name, with each of its sliders at a stop.
   numbers(vehicle, stops) {
-    const numbers = vehicle.numbers.map(Number);
-    vehicle.sliders.forEach((slider, k) => {
-      for (const [place, value] of Object.entries(slider.stops[stops[k]].changes)) numbers[place] = Number(value);
-    });
-    return numbers;
+    const texts = Object.assign({}, vehicle.numbers, ...vehicle.sliders.map((slider, k) => slider.stops[stops[k]].changes));
+    return Object.fromEntries(Object.entries(texts).map(([name, text]) => [name, Number(text)]));
   }
 
   // Laws
@@ -113,7 +108,7 @@ class Engine {
       lead[k] = this.data.lead_speed[lines[k]];
       range[k] = this.data.range_[lines[k]];
     }
-    const found = this.simulator.simulate(vehicle.kernel, numbers, lead, range, this.closingSpeeds(lines, hazards));
+    const found = simulate(vehicle.kernel, numbers, lead, range, this.closingSpeeds(lines, hazards));
     return threshold === null ? found.crash : found.impactSpeed.map((speed) => (speed > threshold ? 1 : 0));
   }
 

@@ -167,7 +167,7 @@ class Page extends Settings {
     if (this.vehicle.kernel) {
       drawn.cells = this.map.cells();
       const leads = new Float64Array(drawn.cells.range.length).fill(lead);
-      drawn.found = this.engine.simulator.simulate(this.vehicle.kernel, this.engine.numbers(this.vehicle, this.state.stops), leads, drawn.cells.range, drawn.cells.closing);
+      drawn.found = simulate(this.vehicle.kernel, this.engine.numbers(this.vehicle, this.state.stops), leads, drawn.cells.range, drawn.cells.closing);
     } else if (data.map_range) {
       drawn.lines = [...data.map_range.keys()].filter((k) => Math.abs(data.map_lead_speed[k] - lead) < NEAR)
         .map((k) => [data.map_range[k], data.map_start[k], data.map_end[k]]);
@@ -201,9 +201,9 @@ class Page extends Settings {
       return;
     }
     const numbers = this.engine.numbers(vehicle, this.state.stops);
-    this.states = this.engine.simulator.trace(vehicle.kernel, numbers, encounter);
+    this.states = trace(vehicle.kernel, numbers, encounter);
     const single = [encounter.leadSpeed, encounter.range, encounter.closingSpeed].map((value) => Float64Array.of(value));
-    const { crash, impactSpeed, minRange } = this.engine.simulator.simulate(vehicle.kernel, numbers, ...single);
+    const { crash, impactSpeed, minRange } = simulate(vehicle.kernel, numbers, ...single);
     const which = this.state.own ? "This cut-in" : `The likeliest ${this.state.event === "crash" ? "crash" : this.state.event}`;
     element("outcome").textContent = crash[0]
       ? `${which} ends in a contact after ${this.states[this.states.length - 1].time.toFixed(1)} s, at an impact speed of ${impactSpeed[0].toFixed(1)} m/s.`
@@ -233,7 +233,7 @@ class Page extends Settings {
   }
 }
 
-Engine.load(...["data", "arrays", "kernels"].map((id) => element(id).textContent)).then((engine) => {
+Engine.load(...["data", "arrays"].map((id) => element(id).textContent)).then((engine) => {
   window.explorer = engine;
   window.page = new Page(engine);
 }).catch((error) => {

@@ -89,15 +89,14 @@ class Settings {
 
   showStops() {
     if (!this.isExplored) return;
-    const names = this.meta.kernels[this.vehicle.kernel].names, numbers = this.engine.numbers(this.vehicle, this.state.stops);
+    const numbers = this.engine.numbers(this.vehicle, this.state.stops);
     this.vehicle.sliders.forEach((slider, k) => {
       const stop = slider.stops[this.state.stops[k]], input = element(`slider-${k}`);
       input.value = this.state.stops[k];
       element(`value-${k}`).textContent = `${stop.label} ${slider.unit}`;
       input.setAttribute("aria-valuetext", `${stop.label} ${slider.unit}`);
       input.parentElement.classList.toggle("changed", this.state.stops[k] !== slider.start);
-      const [full, growth] = [numbers[names.indexOf("aeb_deceleration")], numbers[names.indexOf("aeb_jerk")]];
-      const helps = { aeb_jerk: `full braking after ${(full / growth).toFixed(2)} s` };
+      const helps = { aeb_jerk: `full braking after ${(numbers.aeb_deceleration / numbers.aeb_jerk).toFixed(2)} s` };
       element(`help-${k}`).textContent = helps[slider.name] || (this.state.stops[k] === slider.start ? "as in the study" : "");
     });
   }

@@ -8,7 +8,6 @@ from collections.abc import Sequence
 from operator import itemgetter
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 from scipy.linalg.lapack import dpotrf, dpotrs, dtrtri, dtrtrs
 from scipy.optimize import minimize
@@ -16,6 +15,7 @@ from scipy.spatial import cKDTree
 from scipy.special import log_ndtr, ndtr
 
 from fewruns.arrays import Array
+from fewruns.compiling import cached_njit
 from fewruns.constants import (
     AMPLITUDE,
     AMPLITUDE_SPREAD,
@@ -46,7 +46,7 @@ from fewruns.predecessor import Predecessor
 LOG_ROOT_2PI = 0.5 * math.log(2 * math.pi)
 
 
-@njit(cache=True)
+@cached_njit()
 def _scale_both_sides(covariance: Array, root: Array, scaled: Array) -> None:
     """Write the lower triangle of I + S^1/2 K S^1/2 to ``scaled``, for a diagonal S^1/2 in ``root``."""
     for i in range(len(root)):

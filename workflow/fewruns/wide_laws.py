@@ -5,10 +5,10 @@ from dataclasses import dataclass
 from typing import Self
 
 import numpy as np
-from numba import njit
 from scipy.special import chdtr, chdtrc, chdtri, gammaincinv, gammaln
 
 from fewruns.arrays import Array
+from fewruns.compiling import cached_njit
 from fewruns.constants import REACH, SMALLEST_SPREAD
 
 
@@ -115,7 +115,7 @@ class KernelMixture:
         return normal - np.logaddexp(wide, kernels)
 
 
-@njit(cache=True)
+@cached_njit()
 def _mean_kernel(a: Array, b: Array) -> Array:
     """Return the mean over the rows of b of (1 + |a - b|^2)^-d, for each row of a, shape (len(a),)."""
     n, d = a.shape

@@ -13,10 +13,6 @@ rule search_proposals:
         encounters=rules.ingest_encounters.output.encounters,
         model=rules.fit_models.output[MODEL],
         vehicle=ancient(VEHICLE_FILES),
-        library=modules_of(
-            "search_proposals.py",
-            members=lambda wildcards: OF_VEHICLE | {"methods": [wildcards.method]},
-        ),
     output:
         proposals=searched(".json", "{method}"),
         trace=searched("_trace.csv", "{method}"),
@@ -34,6 +30,7 @@ rule search_proposals:
         simulations=SIMULATIONS,
         seeds=[*SEEDS],
         settings=lambda wildcards: settings_of(wildcards.method),
+        library=code_up_to("methods"),
     message:
         "Cross-Entropy searches, method {wildcards.method}"
     script:
@@ -44,7 +41,6 @@ rule collect_traces:
     """Join the traces of all searches."""
     input:
         trace=searched("_trace.csv", *SEARCHING),
-        library=modules_of("collect_tables.py"),
     output:
         trace=result("cross_entropy_trace.csv"),
     log:
@@ -54,6 +50,8 @@ rule collect_traces:
     threads: 1
     resources:
         mem_mb=500,
+    params:
+        library=code_up_to("base"),
     message:
         "Collecting the traces of the Cross-Entropy searches"
     script:

@@ -1,86 +1,180 @@
-# Answer: laws of cut-ins that fit where crashes happen, and one crash probability with its interval (beyond the paper).
+# Answer: laws that fit where crashes happen, and one probability with its interval, for every scenario (beyond the paper).
 #
-# In: encounters.parquet, the vehicles and their crash maps. Out: the answer with its budget, its law, and as rates per
-# kilometre and hour; the calibration; and the most probable crashes and the most critical records over time.
+# In: the encounters, the vehicles, and their crash maps where there are any. Out: the answer with its budget and rates, the
+# laws and draws from them, what the answer rests on, the comparison with other vehicles, and the most probable crashes.
+# The vehicle under test comes first; the others may still be mapped while one reads its answer.
+
+EVERY = ["answer", "answer_budget", "answer_draws", "exposure", "extrapolation"]
+EVERY += ["crash_places", "vehicle"]
+OF_MAPS = ["answer_thresholds", "calibration", "near_misses"]
+OF_FEW_RUNS = ["estimate", "runs", "crashes", "replays"]
+OF_LAWS_OF_CUT_INS = ["calibration"] if IS_CUT_IN else ["laws"]
+WITH_INJURIES = SCENARIOS[SCENARIO].has_injuries
+INJURIES = ["injuries", "injuries_by_curve", "injury_budget", "injury_curves"]
+INJURIES += ["risk_balance"]
+OWN_MAP = (
+    [] if SLOW or not IS_CUT_IN else [f"{FOLDERS['under_test']}/crash_map/full.npz"]
+)
+OTHERS = [
+    name
+    for name in VEHICLES
+    if name != "under_test" and (name in FOLDERS or not IS_CUT_IN)
+]
+OWN_TABLES = ["answer_draws", "vehicle", *(["risks"] if WITH_INJURIES else [])]
+OF_WAY = OF_FEW_RUNS if SLOW else OF_MAPS if OWN_MAP else ["crash_shares"]
 
 
-rule study_laws:
-    """Weight the laws, compute the answer for every event and vehicle, and the sources of its uncertainty."""
+def tables_of_laws(*names):
+    """Paths of tables of the answer, by their names."""
+    return {name: result("laws", f"{name}.csv") for name in dict.fromkeys(names)}
+
+
+rule study_answer:
+    """Weight the laws, draw from them, and compute the answer for the vehicle under test.
+
+    An interrupted job uses the stored outcomes of a slow vehicle when it is started again.
+    """
     input:
         encounters=rules.ingest_encounters.output.encounters,
         exposure=rules.ingest_encounters.output.exposure,
-        family=rules.fit_family.output.family,
-        maps=[f"{folder}/crash_map/full.npz" for folder in FOLDERS.values()],
-        vehicles=ancient(ALL_FILES),
-        library=modules_of("study_laws.py", members=OF_VEHICLES),
+        report=rules.inspect_records.output.report,
+        family=[result("laws", "family.npz")] if IS_CUT_IN else [],
+        map=OWN_MAP,
+        vehicle=ancient(VEHICLE_FILES),
     output:
-        answer=result("laws", "answer.csv"),
-        exposure=result("laws", "exposure.csv"),
-        vehicles=result("laws", "vehicles.csv"),
-        answer_budget=result("laws", "answer_budget.csv"),
-        answer_draws=result("laws", "answer_draws.csv"),
-        answer_thresholds=result("laws", "answer_thresholds.csv"),
-        calibration=result("laws", "calibration.csv"),
-        crash_places=result("laws", "crash_places.csv"),
-        injuries=result("laws", "injuries.csv"),
-        injuries_by_curve=result("laws", "injuries_by_curve.csv"),
-        injury_budget=result("laws", "injury_budget.csv"),
-        injury_curves=result("laws", "injury_curves.csv"),
-        risk_balance=result("laws", "risk_balance.csv"),
+        **tables_of_laws(
+            *EVERY, *OF_LAWS_OF_CUT_INS, *OF_WAY, *(["risks"] if WITH_INJURIES else [])
+        ),
         law=result("laws", "answer.json"),
+        draws=result("laws", "draws.json"),
     log:
-        log_of("study_laws.log"),
+        log_of("study_answer.log"),
     benchmark:
-        benchmark_of("study_laws.tsv")
+        benchmark_of("study_answer.tsv")
+    priority: 85
+    threads: WORKERS
+    resources:
+        mem_mb=3000,
+    params:
+        settings=part(
+            config,
+            "seed",
+            "scenario",
+            "vehicle",
+            "importance_sampling",
+            "surrogate",
+        ),
+        slow=SLOW,
+        draws=config["answer"]["draws"] if IS_CUT_IN else config["scenario"]["draws"],
+        events=config["answer"]["events"],
+        closing_speed_max=config["answer"]["grid"]["closing_speed_max"],
+        vehicle_content=VEHICLE_CONTENT,
+        simulations=SIMULATIONS,
+        support=SUPPORT,
+        library=code_up_to("answer"),
+    message:
+        "Weighting the laws, and computing the answer for {params.settings[vehicle][name]}"
+    script:
+        "../scripts/study_answer.py"
+
+
+rule compare_vehicles:
+    """Compare the vehicle under test with others under the same draws of the law."""
+    input:
+        **tables_of_laws(*OWN_TABLES),
+        encounters=rules.ingest_encounters.output.encounters,
+        exposure=rules.ingest_encounters.output.exposure,
+        draws=rules.study_answer.output.draws,
+        maps=[
+            f"{FOLDERS[name]}/crash_map/full.npz" for name in OTHERS if name in FOLDERS
+        ],
+        vehicles=ancient(INPUTS.files_of(*OTHERS)),
+    output:
+        **tables_of_laws("vehicles", "compared", *(INJURIES if WITH_INJURIES else [])),
+    log:
+        log_of("compare_vehicles.log"),
+    benchmark:
+        benchmark_of("compare_vehicles.tsv")
     priority: 70
-    threads: ALL_WORKERS
+    threads: INPUTS.simulating(*OTHERS)[0]
     resources:
         mem_mb=3000,
     params:
         seed=config["seed"],
-        vehicles=VEHICLES,
-        vehicle_content=ALL_CONTENT,
-        simulations=ALL_SIMULATIONS,
-        draws=config["answer"]["draws"],
-        support=SUPPORT,
+        scenario=config["scenario"],
+        own=OWN_TABLES,
+        vehicles={name: VEHICLES[name] for name in OTHERS},
+        vehicle_content=INPUTS.content_of(*OTHERS),
+        simulations=INPUTS.simulating(*OTHERS)[1],
         half_width=config["importance_sampling"]["beta"],
+        support=SUPPORT,
+        library=code_up_to("answer"),
     message:
-        "Weighting the laws with dependence, and drawing the answer"
+        "Comparing the vehicle under test with others under the same draws"
     script:
-        "../scripts/study_laws.py"
+        "../scripts/compare_vehicles.py"
 
 
-rule replay_encounters:
-    """Simulate the most probable crashes and the most critical records, and find which crashes are preventable."""
-    input:
-        encounters=rules.ingest_encounters.output.encounters,
-        law=result("laws", "answer.json"),
-        map=f"{FOLDERS['under_test']}/crash_map/full.npz",
-        vehicles=ancient(ALL_FILES),
-        library=modules_of(
-            "replay_encounters.py", members=OF_VEHICLES | {"laws": ["dependent"]}
-        ),
-    output:
-        encounters=result("happened", "encounters.csv"),
-        traces=result("happened", "traces.csv"),
-        preventable=result("happened", "preventable.csv"),
-    log:
-        log_of("replay_encounters.log"),
-    benchmark:
-        benchmark_of("replay_encounters.tsv")
-    threads: ALL_WORKERS
-    resources:
-        mem_mb=2000,
-    params:
-        seed=config["seed"],
-        tested="under test",
-        vehicles={
-            name.replace("under_test", "under test"): section
-            for name, section in VEHICLES.items()
-        },
-        vehicle_content=ALL_CONTENT,
-        simulations=ALL_SIMULATIONS,
-    message:
-        "Simulating the most probable crashes and the most critical records"
-    script:
-        "../scripts/replay_encounters.py"
+if OWN_MAP:
+
+    rule replay_encounters:
+        """Simulate the most probable crashes and the most critical records, and find which crashes are preventable."""
+        input:
+            encounters=rules.ingest_encounters.output.encounters,
+            law=rules.study_answer.output.law,
+            map=f"{FOLDERS['under_test']}/crash_map/full.npz",
+            vehicles=ancient(ALL_FILES),
+        output:
+            encounters=result("happened", "encounters.csv"),
+            traces=result("happened", "traces.csv"),
+            preventable=result("happened", "preventable.csv"),
+        log:
+            log_of("replay_encounters.log"),
+        benchmark:
+            benchmark_of("replay_encounters.tsv")
+        threads: ALL_WORKERS
+        resources:
+            mem_mb=2000,
+        params:
+            seed=config["seed"],
+            tested="under test",
+            vehicles={
+                name.replace("under_test", "under test"): section
+                for name, section in VEHICLES.items()
+            },
+            vehicle_content=ALL_CONTENT,
+            simulations=ALL_SIMULATIONS,
+            library=code_up_to("answer"),
+        message:
+            "Simulating the most probable crashes and the most critical records"
+        script:
+            "../scripts/replay_encounters.py"
+
+elif IS_CUT_IN:
+
+    rule replay_crashes:
+        """Repeat the simulations of the most probable crashes, about a dozen, and record the states over time."""
+        input:
+            crashes=rules.study_answer.output.crashes,
+            answer=rules.study_answer.output.answer,
+            vehicle=ancient(VEHICLE_FILES),
+        output:
+            encounters=result("happened", "encounters.csv"),
+            traces=result("happened", "traces.csv"),
+        log:
+            log_of("replay_crashes.log"),
+        benchmark:
+            benchmark_of("replay_crashes.tsv")
+        threads: WORKERS
+        resources:
+            mem_mb=1000,
+        params:
+            seed=config["seed"],
+            vehicle=config["vehicle"],
+            vehicle_content=VEHICLE_CONTENT,
+            simulations=SIMULATIONS,
+            library=code_up_to("answer"),
+        message:
+            "Simulating the most probable crashes again"
+        script:
+            "../scripts/replay_crashes.py"

@@ -16,7 +16,6 @@ rule article:
             str(PROJECT / "benchmarks/results" / f"{name}.csv") for name in BENCHMARKS
         ],
         config=result("config.json"),
-        library=modules_of("write_article.py"),
     output:
         pdf=result("article.pdf"),
         numbers=result("article.json"),
@@ -29,6 +28,7 @@ rule article:
         mem_mb=1000,
     params:
         study={"results": str(RESULTS), "figures": str(FIGURES)},
+        library=code_up_to("publishing"),
     message:
         "Writing the article"
     script:

@@ -1,4 +1,4 @@
-# Catalogue: inputs and outputs of each notebook, determined from its code, and their entries in the report.
+# Catalogue: inputs and outputs of each notebook, which its metadata declare, and their entries in the report.
 #
 # In: the notebooks, the captions. Out: nothing; definitions only.
 
@@ -23,10 +23,10 @@ if SLOW:
     )
 PATHS = {path.stem: path for path in CHAPTERS}
 GUIDES = sorted(map(str, (PROJECT / "docs").glob("*.md"))) if IS_CUT_IN else []
-ON_FIRST_PAGE = ["scenario/answer.csv"]
+ON_FIRST_PAGE = ["records_report.csv", "laws/answer.csv"]
 if IS_CUT_IN:
     ON_FIRST_PAGE = ["records_report.csv", "laws/answer.csv"]
-    ON_FIRST_PAGE += ["sampled/compared.csv"] if SLOW else ["exact.csv", "crude.csv"]
+    ON_FIRST_PAGE += ["laws/compared.csv"] if SLOW else ["exact.csv", "crude.csv"]
 try:
     NOTEBOOKS = {name: read_contents(path) for name, path in PATHS.items()}
     require_captions(

@@ -1,4 +1,4 @@
-# Definitions for all rules: the checked configuration, names, functions for paths, and dependencies on the library.
+# Definitions for all rules: the checked configuration, names, and functions for paths.
 #
 # In: config. Out: nothing; definitions only.
 #
@@ -11,10 +11,12 @@ from pathlib import Path
 
 from accelerated_evaluation.base.digests import content_digest
 from accelerated_evaluation.base.errors import StudyError
+from accelerated_evaluation.laws.smooth.support import Support
 from accelerated_evaluation.methods import METHODS
 from accelerated_evaluation.records.segments import segment_names
+from accelerated_evaluation.scenarios import SCENARIOS
 from accelerated_evaluation.study.configuration import WORKFLOW
-from accelerated_evaluation.study.dependencies import imported_modules
+from accelerated_evaluation.study.dependencies import code_up_to
 from accelerated_evaluation.study.inputs import StudyInputs, map_folder, part
 from snakemake.exceptions import WorkflowError
 
@@ -34,11 +36,12 @@ config = INPUTS.config
 STUDY = config["study"]
 SCENARIO = config["scenario"]["name"]
 IS_CUT_IN = SCENARIO == "cut_in"
-JOINT = {"joint": []} if IS_CUT_IN else {}  # cut-ins do not use joint laws
+# Limits of the smooth laws of cut-ins, which contain the records; other laws have those of their scenario.
+SUPPORT = Support.configured(config).content() if IS_CUT_IN else None
 RESULTS = Path("results") / STUDY
 FIGURES = Path("figures") / STUDY
 # Whether the vehicle is slow to simulate: about 150 simulations are made, but no crash map and no crude Monte Carlo.
-SLOW = IS_CUT_IN and config["simulations"]["slow"]
+SLOW = config["simulations"]["slow"]
 REPLICATED = [name for name in config["methods"] if METHODS[name].replicates(config)]
 SEARCHING = [name for name in REPLICATED if METHODS[name].learns_apart]
 JUDGED = [*SEARCHING, "crude"]
@@ -54,32 +57,12 @@ VEHICLES = INPUTS.vehicles
 VEHICLE_FILES = INPUTS.files_of("under_test")
 VEHICLE_CONTENT = INPUTS.content_of("under_test")
 WORKERS, SIMULATIONS = INPUTS.simulating("under_test")
-OF_VEHICLE = {"vehicles": [config["vehicle"]["name"]]}  # what most rules use
 
 
 wildcard_constraints:
     scope="|".join(["all", *SEGMENTS]),
     method="|".join(SEARCHING),
     judged="|".join(JUDGED),
-
-
-def modules_of(script: str, *notebooks: str, members=None):
-    """Return an input function for the modules of the library that a script and notebooks import.
-
-    The modules are inputs of a rule because Snakemake itself does not notice their changes. With a function, each
-    job determines the modules of its own rule only. ``members`` contains, for packages of the library with a
-    registry, the members that the rule uses; it may be a function of the wildcards. All members of other packages
-    are included.
-    """
-    sources = [PROJECT / "workflow/scripts" / script, *notebooks]
-    library = PROJECT / "workflow/accelerated_evaluation"
-
-    def modules(wildcards):
-        looked_up = members(wildcards) if callable(members) else members
-        all_looked_up = {"scenarios": [SCENARIO]} | JOINT | (looked_up or {})
-        return [str(path) for path in imported_modules(sources, library, all_looked_up)]
-
-    return modules
 
 
 def content_of_records(_) -> str:
@@ -133,3 +116,14 @@ def answered(name: str) -> dict:
     if name != "under_test":
         events = {quantity: [] for quantity in events}
     return INPUTS.mapped(name, {"grid": config["answer"]["grid"], "events": events})
+
+
+# FOLDERS has the folder of each vehicle's map, which all studies of the vehicle share; UNCAPPED has the vehicle of each
+# folder. In a study of a slow vehicle, vehicles whose outcomes are stored are too slow for a map.
+MAPPED_VEHICLES = [
+    name for name in VEHICLES if IS_CUT_IN and not (SLOW and INPUTS.is_slow(name))
+]
+FOLDERS = {name: map_folder(answered(name)) for name in MAPPED_VEHICLES}
+UNCAPPED = {Path(folder).name: name for name, folder in FOLDERS.items()}
+ALL_FILES, ALL_CONTENT = INPUTS.files_of(*VEHICLES), INPUTS.content_of(*VEHICLES)
+ALL_WORKERS, ALL_SIMULATIONS = INPUTS.simulating(*VEHICLES)

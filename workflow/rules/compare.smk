@@ -16,7 +16,6 @@ rule compare_laws:
     """Score every law and its alternatives on held-out records near the crash set."""
     input:
         **OF_LAWS,
-        library=modules_of("compare_laws.py", members=OF_VEHICLE),
     output:
         laws=result("laws", "laws.csv"),
     log:
@@ -33,6 +32,7 @@ rule compare_laws:
         simulations=SIMULATIONS,
         draws=config["answer"]["draws"],
         support=SUPPORT,
+        library=code_up_to("answer"),
     message:
         "Comparing the laws with dependence and alternative laws"
     script:
@@ -43,9 +43,9 @@ rule compare_record_variants:
     """Compute the answer again for other treatments of the records, which leave out or change some of them."""
     input:
         **OF_LAWS,
-        library=modules_of("compare_record_variants.py", members=OF_VEHICLE),
     output:
         data_quality=result("laws", "data_quality.csv"),
+        choices=result("laws", "choices.csv"),
     log:
         log_of("compare_record_variants.log"),
     benchmark:
@@ -61,6 +61,7 @@ rule compare_record_variants:
         answer=part(config["answer"], "draws", "quality_draws"),
         support=SUPPORT,
         outlier_rows=INPUTS.source["outlier_rows"],
+        library=code_up_to("answer"),
     message:
         "Computing the answer for other treatments of the records"
     script:

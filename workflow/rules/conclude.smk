@@ -1,4 +1,4 @@
-# Conclude: whether the records of the study of cut-ins can be trusted.
+# Conclude: whether the records of the study can be trusted.
 #
 # In: the book, the report on the records. Out: records_verdict.txt.
 
@@ -11,7 +11,6 @@ rule accept_records:
     input:
         report=rules.inspect_records.output.report,
         finished=rules.book.output.site,
-        library=modules_of("accept_records.py"),
     output:
         verdict=result("records_verdict.txt"),
     log:
@@ -23,7 +22,8 @@ rule accept_records:
         mem_mb=500,
     params:
         accepted=ACCEPTED,
-        records=INPUTS.source["path"],
+        records=INPUTS.place,
+        library=code_up_to("records"),
     message:
         "Checking whether a check of the records says stop"
     script:

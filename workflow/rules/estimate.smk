@@ -16,9 +16,6 @@ for _method in REPLICATED:
                 searched(".json", _method) if METHODS[_method].learns_apart else []
             ),
             vehicle=ancient(VEHICLE_FILES),
-            library=modules_of(
-                "estimate_probability.py", members=OF_VEHICLE | {"methods": [_method]}
-            ),
         output:
             **{
                 table: result("estimates", f"{{scope}}_{_method}_{table}.csv")
@@ -42,6 +39,7 @@ for _method in REPLICATED:
             settings=settings_of(_method),
             stopping=asdict(METHODS[_method].stopping(config)),
             replicates=METHODS[_method].replicates(config),
+            library=code_up_to("methods"),
         message:
             f"Estimating by the method {_method}, segments {{wildcards.scope}}"
         script:
@@ -54,7 +52,6 @@ rule collect_estimates:
         estimates=estimates_of("estimates"),
         course=estimates_of("course"),
         runs=estimates_of("runs"),
-        library=modules_of("collect_tables.py"),
     output:
         estimates=result("estimates.csv"),
         course=result("estimates_course.csv"),
@@ -66,6 +63,8 @@ rule collect_estimates:
     threads: 1
     resources:
         mem_mb=500,
+    params:
+        library=code_up_to("base"),
     message:
         "Collecting the estimates"
     script:

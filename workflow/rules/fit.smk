@@ -4,18 +4,12 @@
 # families with log-likelihood, AIC, BIC and rank, and the family of laws with dependence (beyond the paper).
 
 from accelerated_evaluation.laws.paper.models import PAPER_LAWS, PIECEWISE
-from accelerated_evaluation.laws.smooth.support import Support
-
-SUPPORT = Support.configured(
-    config
-).content()  # region of the smooth laws, which contains the records
 
 
 rule fit_models:
     """Fit the piecewise mixtures, with knots as configured, and the single parametric model."""
     input:
         encounters=rules.ingest_encounters.output.encounters,
-        library=modules_of("fit_models.py"),
     output:
         **{model: result("models", f"{model}.json") for model in PAPER_LAWS},
     log:
@@ -37,6 +31,7 @@ rule fit_models:
         description=lambda _: INPUTS.description,
         closing_speed_max=config["models"]["closing_speed_max"],
         range_max=config["filters"]["range_max"],
+        library=code_up_to("laws"),
     message:
         "Fitting the lane-change models"
     script:
@@ -47,7 +42,6 @@ rule fit_family:
     """Fit the laws with dependence, score them on held-out records, and store laws and scores for other jobs."""
     input:
         encounters=rules.ingest_encounters.output.encounters,
-        library=modules_of("fit_family.py"),
     output:
         family=result("laws", "family.npz"),
     log:
@@ -60,6 +54,7 @@ rule fit_family:
         mem_mb=2000,
     params:
         support=SUPPORT,
+        library=code_up_to("answer"),
     message:
         "Fitting the laws with dependence"
     script:
@@ -79,7 +74,6 @@ rule fit_candidates:
     input:
         encounters=rules.ingest_encounters.output.encounters,
         models=[rules.fit_models.output[name] for name in PIECEWISE],
-        library=modules_of("fit_candidates.py"),
     output:
         tables=CANDIDATES,
     log:
@@ -91,6 +85,7 @@ rule fit_candidates:
         mem_mb=1000,
     params:
         compared=COMPARED,
+        library=code_up_to("laws"),
     message:
         "Comparing candidate families of R^-1 and TTC^-1"
     script:
@@ -101,7 +96,6 @@ rule collect_candidates:
     """Join the comparisons of all variables and segments."""
     input:
         candidates=CANDIDATES,
-        library=modules_of("collect_tables.py"),
     output:
         candidates=result("candidates.csv"),
     log:
@@ -111,6 +105,8 @@ rule collect_candidates:
     threads: 1
     resources:
         mem_mb=500,
+    params:
+        library=code_up_to("base"),
     message:
         "Collecting the candidate families"
     script:

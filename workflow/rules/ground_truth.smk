@@ -1,7 +1,7 @@
 # Ground truth: the exact crash probability, its sensitivity and its uncertainty (beyond the paper).
 #
 # In: the vehicle, the models, the encounters, f* of every search. Out: the crash map, exact probabilities with
-# their error, the exact variation of every f*, severity, sensitivity and the budget of uncertainty.
+# their error, the exact variation of every f*, severity, sensitivity and the budget of uncertainty; longer searches.
 
 
 MAPPED = INPUTS.mapped("under_test", config["crash_map"])
@@ -12,7 +12,6 @@ rule map_crashes:
     """Compute the crash map of the vehicle, which does not depend on a model, at full, half and quarter resolution."""
     input:
         vehicle=ancient(VEHICLE_FILES),
-        library=modules_of("map_crashes.py", members=OF_VEHICLE),
     output:
         full=f"{MAP_FOLDER}/crash_map/full.npz",
         half=f"{MAP_FOLDER}/crash_map/half.npz",
@@ -30,6 +29,7 @@ rule map_crashes:
         checked=True,
         vehicle=config["vehicle"],
         simulations=SIMULATIONS,
+        library=code_up_to("crash_map"),
     message:
         "Mapping the crashes of {params.mapped[vehicle]}"
     script:
@@ -46,7 +46,6 @@ rule compute_exact:
         encounters=rules.ingest_encounters.output.encounters,
         exposure=rules.ingest_encounters.output.exposure,
         proposals=searched(".json", *SEARCHING),
-        library=modules_of("compute_exact.py", members={"methods": SEARCHING}),
     output:
         exact=result("exact.csv"),
         convergence=result("convergence.csv"),
@@ -64,10 +63,42 @@ rule compute_exact:
         methods=[method for method in SEARCHING for _ in SEEDS],
         seeds=[seed for _ in SEARCHING for seed in SEEDS],
         variant=MODEL,
+        library=code_up_to("methods"),
     message:
         "Computing exact probabilities"
     script:
         "../scripts/compute_exact.py"
+
+
+rule repeat_searches:
+    """Search f* of the first segment with more seeds and more updates, and judge it by its exact variance."""
+    input:
+        encounters=rules.ingest_encounters.output.encounters,
+        model=rules.fit_models.output[MODEL],
+        quarter=rules.map_crashes.output.quarter,
+        vehicle=ancient(VEHICLE_FILES),
+    output:
+        repeated=result("repeated_searches.csv"),
+    log:
+        log_of("repeat_searches.log"),
+    benchmark:
+        benchmark_of("repeat_searches.tsv")
+    threads: WORKERS
+    resources:
+        mem_mb=1000,
+    params:
+        seed=config["seed"],
+        segment=SEGMENTS[0],
+        methods=SEARCHING,
+        vehicle=config["vehicle"],
+        vehicle_content=VEHICLE_CONTENT,
+        simulations=SIMULATIONS,
+        settings=part(config, "cross_entropy", "importance_sampling"),
+        library=code_up_to("methods"),
+    message:
+        "Cross-Entropy searches with more updates, segment {params.segment}"
+    script:
+        "../scripts/repeat_searches.py"
 
 
 rule study_sensitivity:
@@ -78,7 +109,6 @@ rule study_sensitivity:
         half=rules.map_crashes.output.half,
         encounters=rules.ingest_encounters.output.encounters,
         vehicle=ancient(VEHICLE_FILES),
-        library=modules_of("study_sensitivity.py", members=OF_VEHICLE),
     output:
         sensitivity=result("sensitivity.csv"),
     log:
@@ -95,6 +125,7 @@ rule study_sensitivity:
         vehicle_content=VEHICLE_CONTENT,
         simulations=SIMULATIONS,
         sensitivity=config["sensitivity"] | part(INPUTS.source, "outlier_rows"),
+        library=code_up_to("crash_map"),
     message:
         "Computing the crash probability with one choice changed at a time"
     script:
@@ -107,7 +138,6 @@ rule bootstrap_uncertainty:
         **{name: rules.fit_models.output[name] for name in PIECEWISE},
         half=rules.map_crashes.output.half,
         encounters=rules.ingest_encounters.output.encounters,
-        library=modules_of("bootstrap_uncertainty.py"),
     output:
         uncertainty=result("uncertainty.csv"),
         bootstrap=result("bootstrap.csv"),
@@ -123,6 +153,7 @@ rule bootstrap_uncertainty:
         variant=MODEL,
         alpha=config["importance_sampling"]["alpha"],
         uncertainty=config["uncertainty"],
+        library=code_up_to("crash_map"),
     message:
         "Resampling the lane changes, {params.uncertainty[replicates]} refits"
     script:

@@ -1,47 +1,14 @@
-# Ingest: from a source of lane changes to the encounter table (paper, section II).
+# Ingest: from the records to the table of encounters (paper, section II).
 #
-# In: the records that the configuration names (data). Out: the report on the records, encounters.parquet, the
-# account of every row that was left out, the kilometres and hours in which the records were made, the counts of the
-# segments and the test of independence within them.
-
-
-rule inspect_records:
-    """Check the records before any other job, and print checks with a warning or a stop; see `accept_records`."""
-    input:
-        records=ancient(RECORDS),
-        vehicle=ancient(VEHICLE_FILES),
-        library=modules_of("inspect_records.py", members=OF_VEHICLE),
-    output:
-        report=result("records_report.csv"),
-    log:
-        log_of("inspect_records.log"),
-    benchmark:
-        benchmark_of("inspect_records.tsv")
-    priority: 100  # faults of the records are shown first; the longest chain of jobs starts afterwards
-    threads: WORKERS
-    resources:
-        mem_mb=1000,
-    params:
-        seed=config["seed"],
-        content=content_of_records,
-        data=config["data"],
-        filters=config["filters"],
-        segments=config["segments"],
-        vehicle=config["vehicle"],
-        vehicle_content=VEHICLE_CONTENT,
-        simulations=SIMULATIONS,
-        replays=not SLOW,
-    message:
-        "Checking the records: {params.data[source]}"
-    script:
-        "../scripts/inspect_records.py"
+# In: the records that the configuration names. Out: encounters.parquet, the account of every row that was left out, the
+# kilometres and hours in which the records were made; for cut-ins the counts of the segments and the test of
+# independence within them.
 
 
 rule ingest_encounters:
-    """Read, filter and segment the lane changes, and account for every row."""
+    """Read the records, filter and segment lane changes, and account for every row."""
     input:
         records=ancient(RECORDS),
-        library=modules_of("ingest_encounters.py"),
     output:
         encounters=result("encounters.parquet"),
         account=result("encounters_account.csv"),
@@ -58,31 +25,37 @@ rule ingest_encounters:
     params:
         seed=config["seed"],
         content=content_of_records,
+        scenario=config["scenario"],
         data=config["data"],
         filters=config["filters"],
         segments=config["segments"],
+        library=code_up_to("scenarios"),
     message:
-        "Ingesting lane changes: {params.data[source]}"
+        "Ingesting the records"
     script:
         "../scripts/ingest_encounters.py"
 
 
-rule describe_encounters:
-    """Count the segments and test whether the variables are independent inside them."""
-    input:
-        encounters=rules.ingest_encounters.output.encounters,
-        library=modules_of("describe_encounters.py"),
-    output:
-        segments=result("segments.csv"),
-        dependence=result("dependence.csv"),
-    log:
-        log_of("describe_encounters.log"),
-    benchmark:
-        benchmark_of("describe_encounters.tsv")
-    threads: 1
-    resources:
-        mem_mb=1000,
-    message:
-        "Testing the independence of v_L, R^-1 and TTC^-1"
-    script:
-        "../scripts/describe_encounters.py"
+if IS_CUT_IN:
+
+    rule describe_encounters:
+        """Count the segments, and test whether variables are independent inside them and whether they are similar."""
+        input:
+            encounters=rules.ingest_encounters.output.encounters,
+        output:
+            segments=result("segments.csv"),
+            dependence=result("dependence.csv"),
+            similarity=result("similarity.csv"),
+        log:
+            log_of("describe_encounters.log"),
+        benchmark:
+            benchmark_of("describe_encounters.tsv")
+        threads: 1
+        resources:
+            mem_mb=1000,
+        params:
+            library=code_up_to("records"),
+        message:
+            "Testing the independence of v_L, R^-1 and TTC^-1, and the similarity of the segments"
+        script:
+            "../scripts/describe_encounters.py"

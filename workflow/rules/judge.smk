@@ -14,9 +14,6 @@ rule run_crude_monte_carlo:
         encounters=rules.ingest_encounters.output.encounters,
         model=rules.fit_models.output[MODEL],
         vehicle=ancient(VEHICLE_FILES),
-        library=modules_of(
-            "run_crude_monte_carlo.py", members=OF_VEHICLE | {"methods": ["crude"]}
-        ),
     output:
         estimates=result("crude.csv"),
         course=result("crude_course.csv"),
@@ -35,6 +32,7 @@ rule run_crude_monte_carlo:
         crude_monte_carlo=config["crude_monte_carlo"],
         alpha=config["importance_sampling"]["alpha"],
         checkpoint=result("crude_checkpoint.json"),
+        library=code_up_to("methods"),
     message:
         "Crude Monte Carlo, {params.crude_monte_carlo[simulations]} simulations"
     script:
@@ -53,10 +51,6 @@ rule study_coverage:
             else []
         ),
         vehicle=ancient(VEHICLE_FILES),
-        library=modules_of(
-            "study_coverage.py",
-            members=lambda wildcards: OF_VEHICLE | {"methods": [wildcards.judged]},
-        ),
     output:
         coverage=result("coverage", "{judged}.csv"),
         replicates=result("coverage", "{judged}_replicates.csv"),
@@ -80,6 +74,7 @@ rule study_coverage:
             "maximum_simulations",
         ),
         coverage=config["coverage"],
+        library=code_up_to("methods"),
     message:
         "Computing the coverage of the intervals of {wildcards.judged}"
     script:
@@ -90,7 +85,6 @@ rule collect_coverage:
     """Join the tables of coverage of all methods."""
     input:
         coverage=expand(rules.study_coverage.output.coverage, judged=JUDGED),
-        library=modules_of("collect_tables.py"),
     output:
         coverage=result("coverage.csv"),
     log:
@@ -100,6 +94,8 @@ rule collect_coverage:
     threads: 1
     resources:
         mem_mb=500,
+    params:
+        library=code_up_to("base"),
     message:
         "Collecting the coverage of intervals"
     script:

@@ -3,26 +3,11 @@
 # In: the vehicle under test and those that it is compared with. Out: a crash map of each, which studies share. In a
 # study of a slow vehicle only those of the other vehicles that are fast to simulate have a map.
 
-# FOLDERS has the folder of each vehicle's map, which all studies of the vehicle share; UNCAPPED has the vehicle of each
-# folder. In a study of a slow vehicle, vehicles whose outcomes are stored are too slow for a map.
-MAPPED_VEHICLES = [name for name in VEHICLES if not (SLOW and INPUTS.is_slow(name))]
-FOLDERS = {name: map_folder(answered(name)) for name in MAPPED_VEHICLES}
-UNCAPPED = {Path(folder).name: name for name, folder in FOLDERS.items()}
-ALL_FILES, ALL_CONTENT = INPUTS.files_of(*VEHICLES), INPUTS.content_of(*VEHICLES)
-ALL_WORKERS, ALL_SIMULATIONS = INPUTS.simulating(*VEHICLES)
-OF_VEHICLES = {"vehicles": [section["name"] for section in VEHICLES.values()]}
-
 
 rule map_crashes_uncapped:
     """Compute the crash map of a vehicle up to closing speeds above which nothing changes."""
     input:
         vehicle=ancient(lambda wildcards: INPUTS.files[UNCAPPED[wildcards.mapped]]),
-        library=modules_of(
-            "map_crashes.py",
-            members=lambda wildcards: {
-                "vehicles": [VEHICLES[UNCAPPED[wildcards.mapped]]["name"]]
-            },
-        ),
     output:
         full="results/vehicles/{mapped}/crash_map/full.npz",
         vehicle="results/vehicles/{mapped}/vehicle.json",
@@ -43,6 +28,7 @@ rule map_crashes_uncapped:
         or bool(INPUTS.files[UNCAPPED[wildcards.mapped]]),
         vehicle=lambda wildcards: VEHICLES[UNCAPPED[wildcards.mapped]],
         simulations=lambda wildcards: INPUTS.simulating(UNCAPPED[wildcards.mapped])[1],
+        library=code_up_to("crash_map"),
     message:
         "Mapping the crashes of {params.mapped[vehicle]} without a cap on closing speeds"
     script:

@@ -2,7 +2,7 @@
 # book of all notebooks.
 #
 # In: everything under results/<study>/. Out: figures/<study>/*.{pdf,svg,png,csv}, figures/<study>/tables/*, the
-# executed notebooks and the book. Inputs and outputs of each notebook are determined from its code.
+# executed notebooks and the book. The metadata of each notebook declare its inputs and outputs.
 
 # Templates of the first and the last page; a study of a slow vehicle has another first page.
 PAGES = [PROJECT / "workflow/book", *([PROJECT / "workflow/book_slow"] if SLOW else [])]
@@ -10,8 +10,6 @@ PAGES = [PROJECT / "workflow/book", *([PROJECT / "workflow/book_slow"] if SLOW e
 
 rule record_configuration:
     """Write the resolved configuration into the folder of the results."""
-    input:
-        library=modules_of("record_configuration.py"),
     output:
         config=result("config.json"),
     log:
@@ -23,6 +21,7 @@ rule record_configuration:
         mem_mb=500,
     params:
         config=config,
+        library=code_up_to("base"),
     message:
         "Recording the configuration"
     script:
@@ -37,7 +36,6 @@ for _notebook in NOTEBOOKS:
         input:
             results=read_by(_notebook),
             notebook=notebook_of(_notebook),
-            library=modules_of("run_notebook.py", notebook_of(_notebook)),
         output:
             figures=figures_of(_notebook),
             tables=tables_of(_notebook),
@@ -51,6 +49,7 @@ for _notebook in NOTEBOOKS:
             mem_mb=1500,
         params:
             parameters={"results": str(RESULTS), "figures": str(FIGURES)},
+            library=code_up_to("publishing"),
         message:
             f"Running the notebook {_notebook}"
         script:
@@ -70,11 +69,10 @@ if IS_CUT_IN:
                 for name in MAPPED_VEHICLES[:1]
                 if name == "under_test"
             ],
-            runs=[result("sampled", "runs.csv")] if SLOW else [],
+            runs=[rules.study_answer.output.runs] if SLOW else [],
             answer=result("laws", "answer.csv"),
             vehicles=result("laws", "vehicles.csv"),
             templates=sorted(map(str, (PROJECT / "workflow/explorer").iterdir())),
-            library=modules_of("build_explorer.py"),
         output:
             page=result("explorer.html"),
         log:
@@ -88,6 +86,7 @@ if IS_CUT_IN:
         params:
             config=part(config, "seed", "study", "vehicle", "answer"),
             support=SUPPORT,
+            library=code_up_to("publishing"),
         message:
             "Making the explorer"
         script:
@@ -105,7 +104,6 @@ rule book:
         captions=sorted(map(str, CAPTIONS.glob("*.rst"))),
         pages=sorted(str(path) for folder in PAGES for path in folder.iterdir()),
         explorer=[rules.explorer.output.page] if IS_CUT_IN else [],
-        library=modules_of("build_book.py"),
     output:
         site=directory(result("book")),
     log:
@@ -120,6 +118,7 @@ rule book:
         pages=[str(folder) for folder in PAGES],
         tables={name: made.tables for name, made in NOTEBOOKS.items()},
         records=RECORDS,
+        library=code_up_to("publishing"),
     message:
         "Making the book"
     script:

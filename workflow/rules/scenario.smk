@@ -1,58 +1,16 @@
-# Scenario: the crash probability in a scenario other than the cut-in, from its records, and a comparison of methods.
+# Scenario: methods that need no strata, and published verdicts, for another scenario than the cut-in.
 #
-# In: the records and published verdicts of the scenario, the vehicle. Out: the account of the records, the laws with
-# their scores, the answer with its budget and draws, the law with the largest weight, the estimates of every method,
-# the agreement with the verdicts, the checks of stored experiments.
+# In: the law with the largest weight, the vehicle, published verdicts of the scenario. Out: the estimates of every method,
+# and the agreement with the verdicts.
 
-OF_SCENARIO = {
-    "vehicles": [config["vehicle"]["name"]],
-    SCENARIO: [config["vehicle"]["name"]],
-}
 VERDICTS = INPUTS.verdicts
-EXPERIMENTS = INPUTS.experiments
-
-
-rule study_scenario:
-    """Account for the records, fit and score the laws, and compute the answer with its uncertainty."""
-    input:
-        records=ancient(RECORDS),
-        vehicle=ancient(VEHICLE_FILES),
-        library=modules_of("study_scenario.py", members=OF_SCENARIO),
-    output:
-        encounters=result("scenario", "encounters.csv"),
-        account=result("scenario", "records.csv"),
-        laws=result("scenario", "laws.csv"),
-        answer=result("scenario", "answer.csv"),
-        budget=result("scenario", "budget.csv"),
-        draws=result("scenario", "draws.csv"),
-        crash_shares=result("scenario", "crash_shares.csv"),
-        law=result("scenario", "law.json"),
-    log:
-        log_of("study_scenario.log"),
-    benchmark:
-        benchmark_of("study_scenario.tsv")
-    threads: WORKERS
-    resources:
-        mem_mb=2000,
-    params:
-        seed=config["seed"],
-        content=content_of_records,
-        scenario=config["scenario"],
-        vehicle=config["vehicle"],
-        vehicle_content=VEHICLE_CONTENT,
-        simulations=SIMULATIONS,
-    message:
-        "Weighting the laws of the scenario {params.scenario[name]}, and drawing the answer"
-    script:
-        "../scripts/study_scenario.py"
 
 
 rule compare_scenario_methods:
     """Estimate the crash probability under the law with the largest weight by every method that uses normal scores."""
     input:
-        law=rules.study_scenario.output.law,
+        law=result("laws", "answer.json"),
         vehicle=ancient(VEHICLE_FILES),
-        library=modules_of("compare_scenario_methods.py", members=OF_SCENARIO),
     output:
         estimates=result("scenario", "estimates.csv"),
         runs=result("scenario", "runs.csv"),
@@ -70,6 +28,7 @@ rule compare_scenario_methods:
         vehicle=config["vehicle"],
         vehicle_content=VEHICLE_CONTENT,
         simulations=SIMULATIONS,
+        library=code_up_to("answer"),
     message:
         "Comparing the methods on the scenario {params.config[scenario][name]}"
     script:
@@ -81,7 +40,6 @@ rule compare_verdicts:
     input:
         verdicts=ancient(VERDICTS),
         vehicle=ancient(VEHICLE_FILES),
-        library=modules_of("compare_verdicts.py", members=OF_SCENARIO),
     output:
         agreement=result("scenario", "agreement.csv"),
     log:
@@ -96,31 +54,8 @@ rule compare_verdicts:
         vehicle=config["vehicle"],
         vehicle_content=VEHICLE_CONTENT,
         simulations=SIMULATIONS,
+        library=code_up_to("answer"),
     message:
         "Comparing the vehicle with published verdicts"
     script:
         "../scripts/compare_verdicts.py"
-
-
-rule check_experiments:
-    """Check the authors' stored experiments by importance sampling; an empty table if there are none."""
-    input:
-        records=ancient(EXPERIMENTS[:1]),
-        published=ancient(EXPERIMENTS[1:]),
-        verdicts=ancient(VERDICTS),
-        library=modules_of("check_experiments.py", members=OF_SCENARIO),
-    output:
-        experiments=result("scenario", "experiments.csv"),
-    log:
-        log_of("check_experiments.log"),
-    benchmark:
-        benchmark_of("check_experiments.tsv")
-    threads: 1
-    resources:
-        mem_mb=1000,
-    params:
-        scenario=SCENARIO,
-    message:
-        "Checking stored experiments by importance sampling"
-    script:
-        "../scripts/check_experiments.py"

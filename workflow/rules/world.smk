@@ -11,7 +11,6 @@ rule count_crashes:
         exposure=result("laws", "exposure.csv"),
         events=str(PROJECT / "data/crash_counts/hundred_car_events.tsv.gz"),
         published=str(PROJECT / "data/crash_counts/published_rates.csv"),
-        library=modules_of("count_crashes.py"),
     output:
         counted=result("counted_crashes.csv"),
     log:
@@ -21,6 +20,8 @@ rule count_crashes:
     threads: 1
     resources:
         mem_mb=500,
+    params:
+        library=code_up_to("answer"),
     message:
         "Comparing predicted crash rates with counted ones"
     script:
@@ -34,7 +35,6 @@ rule predict_humans:
         family=rules.fit_family.output.family,
         exposure=result("laws", "exposure.csv"),
         events=str(PROJECT / "data/crash_counts/hundred_car_events.tsv.gz"),
-        library=modules_of("predict_humans.py", members={"vehicles": ["human"]}),
     output:
         predicted=result("human_predictions.csv"),
     log:
@@ -50,6 +50,7 @@ rule predict_humans:
         grid=answered("under_test")["limits"] | config["answer"]["grid"],
         draws=config["answer"]["draws"],
         support=SUPPORT,
+        library=code_up_to("answer"),
     message:
         "Predicting crashes and near-crashes of human drivers"
     script:
@@ -64,7 +65,6 @@ rule study_lead_motion:
         family=rules.fit_family.output.family,
         maps=[f"{folder}/crash_map/full.npz" for folder in FOLDERS.values()],
         vehicles=ancient(INPUTS.files_of(*MAPPED_VEHICLES)),
-        library=modules_of("study_lead_motion.py", members=OF_VEHICLES),
     output:
         moving=result("lead_motion.csv"),
     log:
@@ -84,6 +84,7 @@ rule study_lead_motion:
         simulations=INPUTS.simulating(*MAPPED_VEHICLES)[1],
         draws=config["answer"]["draws"],
         support=SUPPORT,
+        library=code_up_to("answer"),
     message:
         "Estimating crashes with a lead vehicle that changes its speed"
     script:

@@ -1,8 +1,8 @@
-"""Count the segments and test the independence that the model assumes."""
+"""Count the segments, and test that variables are independent inside them and that they are similar."""
 
 import pandas as pd
 from accelerated_evaluation.base.files import write_csv
-from accelerated_evaluation.records.segments import dependence, segment_counts
+from accelerated_evaluation.records.segments import dependence, segment_counts, similarity
 from accelerated_evaluation.study.jobs import job
 
 if __name__ == "__main__":
@@ -10,3 +10,4 @@ if __name__ == "__main__":
         table = pd.read_parquet(snakemake.input.encounters)
         write_csv(snakemake.output.segments, segment_counts(table))
         write_csv(snakemake.output.dependence, dependence(table))
+        write_csv(snakemake.output.similarity, similarity(table))

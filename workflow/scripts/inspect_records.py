@@ -3,21 +3,21 @@
 import sys
 
 from accelerated_evaluation.base.files import write_csv
-from accelerated_evaluation.base.randomness import child_generator
-from accelerated_evaluation.records.checks import Records, inspect_records
+from accelerated_evaluation.records.checks import inspect_records
 from accelerated_evaluation.records.report import report_in_words
-from accelerated_evaluation.records.sources import read_source
 from accelerated_evaluation.records.verdict import Verdict
+from accelerated_evaluation.scenarios import SCENARIOS
+from accelerated_evaluation.scenarios.record_table import configured_records
 from accelerated_evaluation.study.jobs import job
 from accelerated_evaluation.vehicles.external.slow import loaded_for
 
 if __name__ == "__main__":
     with job(snakemake.log[0]) as say:
-        params = snakemake.params
-        raw = read_source(params.data, child_generator(params.seed, "sample"))
-        with loaded_for(params.vehicle, params.simulations | {"workers": snakemake.threads}) as vehicle:
-            simulate = vehicle.simulate if params.replays else None
-            report = inspect_records(Records.of(raw, dict(params.items()), simulate))
+        params = dict(snakemake.params.items())
+        settings, scenario = params["simulations"], SCENARIOS[params["scenario"]["name"]]
+        with loaded_for(params["vehicle"], settings | {"workers": snakemake.threads}, scenario) as vehicle:
+            records = configured_records(params, vehicle.simulate if params["replays"] else None)
+            report = inspect_records(records)
         print(report_in_words(report), file=sys.stderr)
         write_csv(snakemake.output.report, report)
         for line in Verdict.of(report).lines():

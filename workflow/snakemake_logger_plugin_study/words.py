@@ -32,13 +32,16 @@ def duration(seconds: float) -> str:
     return f"{minutes} min {rest:02d} s"
 
 
+PARAMS = "Params have changed since last execution"
+
+
 def short_reason(reason: str) -> str:
     """Shorten Snakemake's reason for a job: only files that somebody edited are named."""
     parts = []
     for part in reason.split("; "):
         kind, _, files = part.partition(": ")
-        is_edited = kind == "Updated input files"
-        parts.append(f"edited {files}" if is_edited else kind[:1].lower() + kind[1:])
+        words = {"Updated input files": f"edited {files}", PARAMS: "changed settings or code of the library"}
+        parts.append(words.get(kind, kind[:1].lower() + kind[1:]))
     return "; ".join(parts)
 
 

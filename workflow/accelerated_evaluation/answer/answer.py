@@ -6,7 +6,7 @@ from typing import Any, Protocol, Self
 
 import numpy as np
 import pandas as pd
-from scipy.stats import beta
+from numpy.typing import NDArray
 
 from accelerated_evaluation.answer.calibration import mid_p
 from accelerated_evaluation.answer.posterior import Posterior, SampledPosterior, answer_row, budget
@@ -42,25 +42,28 @@ class Crashes:
 
 @dataclass(frozen=True)
 class Replayed:
-    """How often an event happened when the vehicle replayed records: a check that needs no law."""
+    """In which records the event happened when the vehicle replayed them: a check that needs no law."""
 
-    events: int
-    records: int
+    happened: NDArray[np.bool_]  # shape (n,)
 
     @classmethod
     def of(cls, problem: Problem, x: Array) -> Self:
         """Replay records x, shape (n, d)."""
-        return cls(int(problem.event.happens(problem.simulate(x)).sum()), len(x))
+        return cls(problem.event.happens(problem.simulate(x)))
+
+    @property
+    def events(self) -> int:
+        """Number of records that end in the event."""
+        return int(self.happened.sum())
+
+    @property
+    def records(self) -> int:
+        """Number of records."""
+        return len(self.happened)
 
     def supports(self, probability: float) -> bool:
         """Return whether the count is possible for a probability of the event in an encounter."""
         return bool(mid_p(self.events, self.records * probability) > MISSED)
-
-    def interval(self, level: float = 0.95) -> tuple[float, float]:
-        """Return the exact binomial interval of the probability (Clopper and Pearson 1934)."""
-        miss, k, n = (1 - level) / 2, self.events, self.records
-        low = float(beta.ppf(miss, k, n - k + 1)) if k else 0.0
-        return low, float(beta.isf(miss, k + 1, n - k)) if k < n else 1.0
 
 
 @dataclass(frozen=True)
@@ -111,6 +114,14 @@ class Answer:
     def posterior(self) -> Posterior | None:
         """The probability of the main event under each draw."""
         return self.posteriors[self.problem.event]
+
+    @property
+    def crash_weights(self) -> Array:
+        """Probability of each crash under each draw, shape (K, m); a row sums to that of the draw."""
+        weights = self.crashes.weights
+        with np.errstate(divide="ignore", invalid="ignore"):
+            scale = self.posterior.probabilities / weights.sum(axis=1)  # sampled: without control variates
+        return weights * np.nan_to_num(scale, nan=1.0, posinf=1.0)[:, None]
 
     def table(self, events_per_km: float | None = None) -> pd.DataFrame:
         """Return one row for each event: mean, median, 50, 80 and 95 % interval, and rate per kilometre."""

@@ -6,10 +6,11 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from accelerated_evaluation.answer.answer import Answer, Crashes, Replayed
+from accelerated_evaluation.answer.extrapolation import speed_limits
 from accelerated_evaluation.answer.posterior import Posterior
 from accelerated_evaluation.base.arrays import Array
 from accelerated_evaluation.crash_map.impacts import with_impacts
-from accelerated_evaluation.crash_map.lines import CrashLines
+from accelerated_evaluation.crash_map.lines import CrashLines, divided
 from accelerated_evaluation.crash_map.maps import CrashMap
 from accelerated_evaluation.crash_map.sampled import sample_crashes
 from accelerated_evaluation.laws.draws import Draws, MixedDraws, single_laws
@@ -56,9 +57,10 @@ class Map:
             if event != problem.event:
                 lines = self._lines(self.crash_map, event, vehicle, draws, generator)
             if event == CRASH and (law := typical_law(draws)) is not None:
-                lines, closing_speed, impact_speed = with_impacts(lines, vehicle, law)
-                x = [*lines.place(lines.row), closing_speed.mean(axis=1)]
-                crashes = Crashes(np.column_stack(x), impact_speed, masses_under(lines, draws))
+                lines, impact_speed = with_impacts(lines, vehicle, law)
+                limits = speed_limits(self.records.cut_ins, *lines.place(np.arange(lines.places.size)))
+                lines, part = divided(lines, limits.values())
+                crashes = Crashes(lines.inside, impact_speed[part], masses_under(lines, draws))
                 probabilities = crashes.weights.sum(axis=1)
             else:
                 probabilities = masses_under(lines, draws).sum(axis=1)

@@ -10,7 +10,7 @@ import pandas as pd
 from numpy.typing import ArrayLike, NDArray
 from scipy.stats import poisson
 
-from accelerated_evaluation.answer.scores import GivenLaw
+from accelerated_evaluation.answer.scores import GivenLaw, HeldOut, contiguous_blocks
 from accelerated_evaluation.base.arrays import Array
 from accelerated_evaluation.laws.smooth.conditional import Places
 from accelerated_evaluation.laws.smooth.family import DistinctRecords
@@ -105,39 +105,48 @@ def strips(support: Support = SUPPORT) -> list[Strip]:
     ]
 
 
-def cell_counts(
-    records: DistinctRecords, given: Callable[[Places], Iterable[GivenLaw]]
-) -> list[pd.DataFrame]:
-    """Count the records in each cell of the cut-ins, and compute the number expected under each law.
+def recorded_counts(records: DistinctRecords) -> pd.DataFrame:
+    """Count the records in each cell of the cut-ins.
 
-    The cells are rectangles of range and closing speed, and of lead speed and host speed. The expected number
-    is conditional on the lead speeds and ranges of the records.
-
-    Parameters
-    ----------
-    records
-        Distinct cut-ins.
-    given
-        Function that returns the distributions of the closing speed, one for each law, at given pairs of lead
-        speed and range. It is called with the records of one strip of cells at a time, which limits the
-        memory.
-
-    Returns
-    -------
-    list of pandas.DataFrame
-        One table for each law, with a row for each cell: the name of the cell (``where``), the speed by which
-        cells are divided (``counted``), and the numbers of ``recorded`` and ``expected`` cut-ins.
+    The cells are rectangles of range and closing speed, and of lead speed and host speed. The columns are the
+    name of the cell (``where``), the speed by which cells are divided (``counted``), and the number
+    ``recorded``.
     """
-    counts, expected = [], []
+    counts = []
+    for strip in strips(records.support):
+        part = records.only(strip.inside(records))
+        for name, (low, high) in zip(strip.names, pairwise(strip.ends(part)), strict=True):
+            inside = (part.closing_speed >= low) & (part.closing_speed < high)
+            counts.append((name, strip.counted, int(inside.sum())))
+    return pd.DataFrame(counts, columns=["where", "counted", "recorded"])
+
+
+def expected_counts(records: DistinctRecords, given: Callable[[Places], Iterable[GivenLaw]]) -> Array:
+    """Return the expected number of records in each cell of `recorded_counts`, shape (laws, cells).
+
+    The expected number is conditional on the lead speeds and ranges of the records. The function ``given``
+    returns the distributions of the closing speed, one for each law, at given pairs of lead speed and range.
+    It is called with the records of one strip of cells at a time, which limits the memory.
+    """
+    expected = []
     for strip in strips(records.support):
         part = records.only(strip.inside(records))
         ends = strip.ends(part)
-        for name, (low, high) in zip(strip.names, pairwise(ends), strict=True):
-            inside = (part.closing_speed >= low) & (part.closing_speed < high)
-            counts.append((name, strip.counted, int(inside.sum())))
         expected.append([_expected(law, ends) for law in given(part.places)])
-    table = pd.DataFrame(counts, columns=["where", "counted", "recorded"])
-    return [table.assign(expected=np.concatenate(of_law)) for of_law in zip(*expected, strict=True)]
+    return np.concatenate(expected, axis=1)
+
+
+def held_out_counts(held_out: HeldOut) -> Array:
+    """Return the expected number of records in each cell, under laws fitted without the block of the record.
+
+    The result has shape (laws, cells).
+    """
+    records = held_out.records
+    block = contiguous_blocks(records.size, len(held_out.given))
+    return sum(
+        expected_counts(records.only(np.flatnonzero(block == number)), given)
+        for number, given in enumerate(held_out.given)
+    )
 
 
 def _expected(law: GivenLaw, ends: list[Array]) -> list[float]:

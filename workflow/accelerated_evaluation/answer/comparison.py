@@ -4,20 +4,24 @@ The ratio of two crash probabilities is computed for each draw. Uncertainty abou
 vehicles in the same way therefore cancels.
 """
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pandas as pd
 
 from accelerated_evaluation.answer.answer import Answer
-from accelerated_evaluation.answer.posterior import SUMMARY, Posterior, SampledPosterior, answer_row
+from accelerated_evaluation.answer.posterior import Posterior, SampledPosterior, answer_row
 from accelerated_evaluation.base.digests import file_digest
 from accelerated_evaluation.base.errors import InputError
-from accelerated_evaluation.base.tables import require_file
+from accelerated_evaluation.base.tables import read_csv, require_file
 
 RATIO = ("ratio", "ratio_low80", "ratio_high80")
 SAFER = "safer"
+# Columns of draws.csv that are read, and those columns of tables that are texts.
+DRAWS = ("law", "probability", "error", "shared_error", "own_error", "batches", "unseen_lapses")
+TEXTS = ("law", "event", "converged")
 CHANGE = "Name the folder results/STUDY/estimate of an estimate with the same records, seed and --law."
 
 
@@ -37,29 +41,40 @@ def compare(own: Posterior | None, other: Posterior | None) -> dict[str, float]:
     return dict(zip(RATIO, map(float, ends), strict=True)) | {SAFER: float(np.mean(highest < 1))}
 
 
-def vehicle_table(answers: Mapping[str, Answer], references: Mapping[str, str]) -> pd.DataFrame:
-    """Return one row for each vehicle: its replayed records, its answer, and its ratios to references.
+def vehicle_row(name: str, own: Answer) -> dict[str, Any]:
+    """Return the row of a vehicle in `vehicle_table` without its ratios.
 
-    ``references`` names the reference vehicles by the prefix of their columns. A vehicle whose replayed
-    records contradict its answer is not ``resolved``, and has no numbers.
+    A vehicle whose replayed records contradict its answer is not ``resolved``, and has no numbers.
     """
-    resolved = {name: is_resolved(answer) for name, answer in answers.items()}
-    rows = []
-    for name, own in answers.items():
-        replayed, known = own.replayed, resolved[name]
-        row = {"vehicle": name, "recorded": None, "expected": np.nan, "resolved": known}
-        if replayed is not None and own.posterior is not None:
-            expected = replayed.records * own.posterior.probabilities.mean()
-            row |= {"recorded": replayed.events, "expected": expected}
-        row |= answer_row(own.posterior if known else None)
-        for prefix, reference in references.items():
-            other = answers[reference].posterior if resolved.get(reference, False) else None
-            found = compare(own.posterior if known else None, other)
-            row |= {f"{prefix}{column}": value for column, value in found.items()}
-        rows.append(row | {"scan": own.notes.get("scan", "none")})
-    ratios = [f"{prefix}{column}" for prefix in references for column in (*RATIO, SAFER)]
-    columns = ["vehicle", "recorded", "expected", "resolved", *SUMMARY, *ratios, "scan"]
-    return pd.DataFrame(rows, columns=columns)
+    known = is_resolved(own)
+    row = {"vehicle": name, "recorded": None, "expected": np.nan, "resolved": known}
+    if (replayed := own.replayed) is not None and own.posterior is not None:
+        expected = replayed.records * own.posterior.probabilities.mean()
+        row |= {"recorded": replayed.events, "expected": expected}
+    return row | answer_row(own.posterior if known else None) | {"scan": own.notes.get("scan", "none")}
+
+
+def vehicle_table(
+    rows: pd.DataFrame, posteriors: Mapping[str, Posterior | None], references: Mapping[str, str]
+) -> pd.DataFrame:
+    """Return the rows of vehicles with their ratios to reference vehicles.
+
+    ``posteriors`` has the crash probability of each vehicle, None if it is not known; ``references`` names
+    the reference vehicles by the prefix of their columns.
+    """
+    table = rows.reset_index(drop=True)
+    for prefix, reference in references.items():
+        found = [compare(posteriors[name], posteriors.get(reference)) for name in table["vehicle"]]
+        for column in (*RATIO, SAFER):
+            table[f"{prefix}{column}"] = [ratios[column] for ratios in found]
+    return table[[*(name for name in table if name != "scan"), "scan"]]
+
+
+def compared_table(posteriors: Mapping[str, Posterior | None]) -> pd.DataFrame:
+    """Return the ratio of the first vehicle's probability to that of each ``other``, with its interval."""
+    (_, own), *others = posteriors.items()
+    rows = [{"other": name} | compare(own, other) for name, other in others]
+    return pd.DataFrame(rows, columns=["other", *RATIO, SAFER])
 
 
 def is_resolved(answer: Answer) -> bool:
@@ -96,22 +111,63 @@ def posterior_of(table: pd.DataFrame) -> Posterior | None:
 
 
 def compare_estimates(own: Path, others: list[Path]) -> pd.DataFrame:
-    """Compare the first replicates of estimates, given by their folders; one row for each other estimate."""
+    """Compare an estimate with other estimates, by the files that the command ``estimate`` wrote.
+
+    Parameters
+    ----------
+    own, others
+        Folders of the estimates. Of several replicates, the first is used.
+
+    Returns
+    -------
+    pandas.DataFrame
+        One row for each other estimate: its folder ``other``; the median ``ratio`` of the probabilities,
+        first by other; the ends ``ratio_low80`` and ``ratio_high80`` of its 80 % interval; and ``safer``, the
+        probability that the first vehicle has the smaller probability; and ``other_converged``, whether the
+        other estimate has converged.
+
+    Raises
+    ------
+    InputError
+        If a folder has no draws or damaged ones, or has draws of another law or for another event.
+    """
     rows = []
     for other in others:
-        for name in ("law.json", "draws.csv", "answer.csv"):
-            require_file(other / name, CHANGE)
+        require_estimate(other)
         if file_digest(own / "law.json") != file_digest(other / "law.json"):
-            seen, expected = "draws of another law", "the same law.json"
-            raise InputError(str(other), seen=seen, expected=expected, change=CHANGE)
-        events = [pd.read_csv(folder / "answer.csv")["event"].iloc[0] for folder in (own, other)]
+            raise _error(other, "draws of another law", "the same law.json")
+        events = [_first(folder / "answer.csv", ("event",))["event"].iloc[0] for folder in (own, other)]
         if events[0] != events[1]:
-            raise InputError(str(other), seen=f"the event {events[1]}", expected=events[0], change=CHANGE)
-        first = [posterior_of(_first(folder)) for folder in (own, other)]
-        rows.append({"other": str(other)} | compare(*first))
+            raise _error(other, f"the event {events[1]}", events[0])
+        draws = [_first(folder / "draws.csv", DRAWS) for folder in (own, other)]
+        if len(draws[0]) != len(draws[1]):
+            raise _error(other / "draws.csv", f"{len(draws[1])} draws of the law", f"{len(draws[0])}")
+        has_converged = _first(other / "estimate.csv", ("converged",))["converged"].iloc[0] == "True"
+        ratio = compare(*map(posterior_of, draws))
+        rows.append({"other": str(other), **ratio, "other_converged": has_converged})
     return pd.DataFrame(rows)
 
 
-def _first(folder: Path) -> pd.DataFrame:
-    draws = pd.read_csv(folder / "draws.csv")
-    return draws[draws["replicate"] == 0]
+def require_estimate(folder: Path) -> None:
+    """Raise InputError if a folder is not that of an estimate with draws of the law."""
+    for name in ("law.json", "draws.csv", "answer.csv", "estimate.csv"):
+        require_file(folder / name, CHANGE)
+    _first(folder / "draws.csv", DRAWS)
+
+
+def _first(path: Path, names: Sequence[str]) -> pd.DataFrame:
+    """Return the first replicate of a table that ``estimate`` wrote; InputError if a cell is missing."""
+    table = read_csv(path, {name: name for name in ("replicate", *names)})
+    first = table[table["replicate"] == "0"].copy()
+    for name in names:
+        if name not in TEXTS:
+            first[name] = pd.to_numeric(first[name], errors="coerce").replace([np.inf, -np.inf], np.nan)
+    if first.empty or first[list(names)].isna().any(axis=None):
+        raise _error(
+            path, "no rows" if first.empty else "a cell that is missing or no number", "a whole table"
+        )
+    return first
+
+
+def _error(path: Path, seen: str, expected: str) -> InputError:
+    return InputError(str(path), seen=seen, expected=expected, change=CHANGE)

@@ -10,7 +10,7 @@ from pathlib import Path
 
 import numpy as np
 import pandas as pd
-from scipy.stats import gamma, poisson
+from scipy.stats import beta, gamma, poisson
 
 from accelerated_evaluation.base.errors import InputError
 
@@ -19,6 +19,9 @@ HUNDRED_CAR = "100-Car"
 HUNDRED_CAR_MILES = 2.0  # [million miles], Neale and others 2005, paper 05-0400, abstract
 LEVEL = 0.95  # confidence level of all limits
 SIGNIFICANT = 0.05  # probability below which a count contradicts a prediction
+# Near-crashes of cut-ins in SHRP 2 that a driver model of UN R157 replayed, and its crashes: Olleja, Markkula
+# and Bärgman 2024, arXiv 2406.09493, abstract.
+REPLAYED, CRASHED = 38, 3
 COLUMNS = {0: "event", 4: "severity", 9: "incident", 12: "precipitating_event", 13: "evasive_manoeuvre"}
 SEVERITIES = {"Crash": "crash", "Near-Crash": "near-crash"}
 
@@ -156,6 +159,38 @@ def counted_rows(counts: pd.DataFrame, published: pd.DataFrame) -> pd.DataFrame:
     return pd.DataFrame(rows)
 
 
+def replayed_row(near_crashes: int) -> pd.DataFrame:
+    """Return the crash rate of the careful driver of UN R157 in near-crashes that were recorded on roads.
+
+    The rate is the share of crashes among the near-crashes of SHRP 2 that this driver replayed, times the
+    near-crashes of the 100-Car study.
+
+    Parameters
+    ----------
+    near_crashes
+        Number of near-crashes of cut-ins in the 100-Car study.
+
+    Returns
+    -------
+    pandas.DataFrame
+        One row with the columns of `predicted_rows`, except those of the verdict. The 95 % limits are those
+        of the share (Clopper and Pearson 1934).
+    """
+    tail = (1 - LEVEL) / 2
+    low, high = (
+        beta.ppf(tail, CRASHED, REPLAYED - CRASHED + 1),
+        beta.isf(tail, CRASHED + 1, REPLAYED - CRASHED),
+    )
+    share, rate = CRASHED / REPLAYED, near_crashes / HUNDRED_CAR_MILES
+    row = {"who": "cc_human in near-crashes of SHRP 2", "kind": "replayed"}
+    row |= {"what": "crash: near-crashes of cut-ins, replayed", "count": CRASHED}
+    row |= {"per_million_miles": share * rate, "low95": low * rate, "high95": high * rate}
+    row |= {"in_hundred_car": share * near_crashes}
+    row["comparable"] = "with the prediction for cc_human, if near-crashes are as severe in both studies"
+    row["reference"] = "Olleja, Markkula and Bärgman 2024, arXiv 2406.09493, abstract"
+    return pd.DataFrame([row])
+
+
 def predicted_rows(vehicles: pd.DataFrame, cut_ins_per_km: float | None, counted: int) -> pd.DataFrame:
     """Return the predicted crash rates of vehicles, and whether the counted crashes contradict them.
 
@@ -226,16 +261,19 @@ def compare_with_counts(
     Returns
     -------
     pandas.DataFrame
-        Columns ``who`` (vehicle or source); ``kind`` (counted or predicted); ``what`` (kind of crash);
-        ``million_miles`` and ``count`` of counted rows; the rate ``per_million_miles`` with its 95 % limits
-        ``low95`` and ``high95``. Predicted rows also have ``in_hundred_car``, the number of crashes that is
-        expected in the distance of the 100-Car study; ``probability_of_so_few``, the probability of at most
-        the counted number at the lower limit of the prediction; and ``verdict``. The columns ``comparable``
-        and ``reference`` say in words whether a row is comparable, and where it is from.
+        Columns ``who`` (vehicle or source); ``kind`` (counted, replayed or predicted); ``what`` (kind of
+        crash); ``million_miles`` and ``count`` of counted rows, and the crashes of the replay; the rate
+        ``per_million_miles`` with its 95 % limits ``low95`` and ``high95``. Other rows than counted ones have
+        ``in_hundred_car``, the number of crashes that is expected in the distance of the 100-Car study, and
+        predicted ones ``probability_of_so_few``, the probability of at most the counted number at the lower
+        limit of the prediction, and ``verdict``. The columns ``comparable`` and ``reference`` say in words
+        whether a row is comparable, and where it is from.
     """
     counts = count_events(events)
     most = count_of(counts, LANE_CHANGE, "crash")
-    rows = [predicted_rows(vehicles, cut_in_rate(exposure), most), counted_rows(counts, published)]
+    predicted = predicted_rows(vehicles, cut_in_rate(exposure), most)
+    replayed = replayed_row(count_of(counts, STRUCK, "near-crash"))
+    rows = [predicted, replayed, counted_rows(counts, published)]
     table = pd.concat([part for part in rows if not part.empty], ignore_index=True)
     return table.reindex(columns=OUTPUT)
 

@@ -16,10 +16,12 @@ from accelerated_evaluation.answer.answer import Answer, Way, answer
 from accelerated_evaluation.answer.by_few_runs import SHARE, FewRuns, Shown
 from accelerated_evaluation.answer.by_map import Map
 from accelerated_evaluation.answer.by_simulations import Simulations
-from accelerated_evaluation.answer.choice import ANSWER, choose_draws
-from accelerated_evaluation.answer.comparison import compare, compare_estimates
+from accelerated_evaluation.answer.choice import ANSWER, FILE, choose_draws
+from accelerated_evaluation.answer.comparison import compare, compare_estimates, require_estimate
 from accelerated_evaluation.answer.estimate_tables import estimate_tables
-from accelerated_evaluation.answer.fitted_records import FittedRecords, read_records
+from accelerated_evaluation.answer.evidence import Evidence, checked_answers
+from accelerated_evaluation.answer.extrapolation import extrapolation, in_words
+from accelerated_evaluation.answer.fitted_records import FittedRecords, read_records, records_named
 from accelerated_evaluation.answer.posterior import LEVEL
 from accelerated_evaluation.answer.words import answer_in_words, budget_in_words
 from accelerated_evaluation.base.errors import InputError
@@ -28,16 +30,17 @@ from accelerated_evaluation.base.randomness import child_generator
 from accelerated_evaluation.crash_map.mapping import map_crashes
 from accelerated_evaluation.crash_map.maps import Grid
 from accelerated_evaluation.laws.draws import Draws
-from accelerated_evaluation.laws.files import write_law
+from accelerated_evaluation.laws.files import read_verdict, write_law
 from accelerated_evaluation.laws.smooth.family import DistinctRecords
 from accelerated_evaluation.methods.surrogate import Surrogate, read_predecessor
 from accelerated_evaluation.methods.surrogate_words import chance_in_words, unseen_in_words
 from accelerated_evaluation.problem import Problem
+from accelerated_evaluation.records.checks import Records
 from accelerated_evaluation.records.verdict import Verdict, verdict_on
 from accelerated_evaluation.scenarios import SCENARIOS, Scenario
 from accelerated_evaluation.vehicles.events import event_named, events_of
-from accelerated_evaluation.vehicles.external.alone import difference_when_alone
 from accelerated_evaluation.vehicles.external.slow import SlowVehicle, is_slow, loaded_for
+from accelerated_evaluation.vehicles.loading import load_vehicle, vehicles_of
 
 LIMITS = ("lead_speed_min", "lead_speed_max", "range_max")  # limits of a crash map
 
@@ -65,17 +68,16 @@ class Estimated:
     vehicle: SlowVehicle | None  # with its stored outcomes; None for a fast vehicle
     references: Mapping[str, Answer]
     request: Request
-    warning: str | None
+    evidence: Evidence
 
     def write(self, folder: Path) -> None:
         """Write all tables and the law to a folder."""
-        tables = estimate_tables(self.answers, self.records)
+        tables = self.evidence.added_to(estimate_tables(self.answers, self.records))
         if self.records.account is not None:
             tables["account"] = self.records.account
-        for name, table in tables.items():
-            judged = name in ("answer", "estimate")
-            write_csv(folder / f"{name}.csv", self.verdict.added_to(table) if judged else table)
-        write_law(folder / "law.json", self.answers[0].draws.proposal, self.records.table)
+        for name, table in self.verdict.added_to_answers(tables).items():
+            write_csv(folder / f"{name}.csv", table)
+        write_law(folder / "law.json", self.answers[0].draws.proposal, self.records.table, self.verdict)
         self.records.write(folder / "encounters.parquet")
         if len(compared := self.compared(folder)):
             write_csv(folder / "compared.csv", compared)
@@ -90,9 +92,10 @@ class Estimated:
     def lines(self) -> list[str]:
         """Return the answer in words."""
         return [
-            *([] if self.warning is None else [f"warning: {self.warning}"]),
             *self.verdict.lines(),
+            *(f"warning: {doubt}" for doubt in self.evidence.doubts),
             *(line for number, each in enumerate(self.answers) for line in self._lines_of(number, each)),
+            self.evidence.in_words,
             *self._simulated(),
         ]
 
@@ -104,6 +107,8 @@ class Estimated:
             yield _not_settled(estimate.diagnostics.get("unseen_lapses", math.nan))
         for row in answer.table(self.records.per_km).to_dict("records"):
             yield from answer_in_words(row, scenario.noun)
+        if answer.crashes is not None:
+            yield in_words(extrapolation(answer, self.records), answer.problem.scenario)
         yield from budget_in_words(answer.budget())
         yield f"law of {scenario.noun}s: {answer.draws.proposal.description}"
         verdict = "converged" if answer.converged else "not converged"
@@ -132,71 +137,79 @@ def estimate(config: Mapping[str, Any], request: Request) -> Estimated:
     """Estimate the probability of an event for the vehicle and the records of a complete configuration."""
     scenario = SCENARIOS[config["scenario"]["name"]]
     event = event_named(request.event or config["scenario"]["event"], scenario)
+    # Before the simulations, which would otherwise be in vain.
+    references = {name: reference_section(name, scenario, config) for name in request.reference}
+    for other in request.compare:
+        require_estimate(other)
     verdicts: list[Verdict] = []
     with loaded_for(config["vehicle"], config["simulations"], scenario) as vehicle, _progress() as show:
-        records = read_records(config, lambda raw: verdicts.append(_verdict(scenario, raw, config)))
+        records = read_records(config, lambda checked: verdicts.append(_verdict(checked, request, config)))
         draws = choose_draws(request.law, records, config)
         problem = Problem(scenario, draws.proposal, vehicle, event)
-        way = FewRuns(
-            Surrogate.stopping(config),
-            config["surrogate"]["batch_size"],
-            request.sampling_share,
-            None if request.predecessor is None else read_predecessor(request.predecessor, problem),
-            show,
-        )
-        stream = partial(child_generator, config["seed"])
+        known = None if request.predecessor is None else read_predecessor(request.predecessor, problem)
+        stopping, batch_size = Surrogate.stopping(config), config["surrogate"]["batch_size"]
+        way = FewRuns(stopping, batch_size, request.sampling_share, known, show)
         further = events_of(scenario, config["answer"]["events"])
-        answers = [
-            answer(problem, draws, way, further, generator=stream(*Surrogate.stream("all", replicate)))
-            for replicate in range(request.replicates)
-        ]
-        warning = _reproduced(config["vehicle"], problem, answers[-1])
-        if warning is not None:
-            answers = [replace(each, converged=False) for each in answers]
-    references = {
-        name: reference_answer(name, replace(problem, vehicle=None), draws, records, config)
-        for name in request.reference
+        streams = partial(child_generator, config["seed"], "laws")  # as in the study of a slow vehicle
+        answers, evidence = checked_answers(
+            problem, draws, records, way, further, streams, request.replicates
+        )
+    compared = {
+        name: reference_answer(name, section, replace(problem, vehicle=None), draws, records, config)
+        for name, section in references.items()
     }
     slow = vehicle if isinstance(vehicle, SlowVehicle) else None
-    return Estimated(answers, records, verdicts[0], slow, references, request, warning)
+    return Estimated(answers, records, verdicts[0], slow, compared, request, evidence)
 
 
-def _verdict(scenario: Scenario, raw: pd.DataFrame, config: Mapping[str, Any]) -> Verdict:
-    return verdict_on(raw, config) if scenario.has_sources else Verdict({}, (), frozenset(), {})
+def _verdict(records: Records, request: Request, config: Mapping[str, Any]) -> Verdict:
+    """Return the verdict on the records, or on those of a law file that contains a verdict.
+
+    Raises InputError if a check has the verdict ``stop`` that the configuration does not accept.
+    """
+    accepted, scenario = config["data"]["accepted_warnings"], config["scenario"]
+    if request.law.endswith(FILE) and not SCENARIOS[scenario["name"]].has_sources:
+        return read_verdict(request.law, accepted)
+    return verdict_on(records, records_named(config), accepted)
 
 
-def reference_answer(
-    name: str, problem: Problem, draws: Draws, records: FittedRecords, config: Mapping[str, Any]
-) -> Answer:
-    """Return the answer of a fast vehicle, by its name, under the same draws of the law."""
-    named = {"name": name, "parameters": {}, "files": [], "deterministic": None}
-    section = named | config["compared_vehicles"].get(name, {})
-    if is_slow(section["name"], config["simulations"], problem.scenario):
+def reference_section(name: str, scenario: Scenario, config: Mapping[str, Any]) -> dict[str, Any]:
+    """Return the section of a configuration that describes a vehicle which is fast to simulate, by its name.
+
+    Raises InputError if there is no such vehicle, or if it is slow.
+    """
+    section = {"name": name, "parameters": {}, "files": [], "deterministic": None}
+    section |= config["compared_vehicles"].get(name, {}) if scenario.has_sources else {}
+    vehicles = vehicles_of(scenario)
+    if ":" not in section["name"] and section["name"] not in vehicles:
+        known = ", ".join(vehicles)
+        expected = f"one of {known}, or path/to/file.py:ClassName"
+        raise InputError("--reference", seen=repr(name), expected=expected, change="Correct the name.")
+    if is_slow(section["name"], config["simulations"], scenario):
         change = "Estimate this vehicle under the same law, and compare the two estimates by --compare."
         raise InputError(
             "--reference", seen=name, expected="a vehicle that is fast to simulate", change=change
         )
+    load_vehicle(section["name"], scenario, **section["parameters"])  # raises an error for an unknown class
+    return section
+
+
+def reference_answer(
+    name: str,
+    section: Mapping[str, Any],
+    problem: Problem,
+    draws: Draws,
+    records: FittedRecords,
+    config: Mapping[str, Any],
+) -> Answer:
+    """Return the answer of a fast vehicle, by its section, under the same draws of the law."""
     generator = child_generator(config["seed"], "laws", "references", name)
     with loaded_for(section, config["simulations"], problem.scenario) as vehicle:
         way: Way = Simulations(config["scenario"]["simulations"])
         if isinstance(records.data, DistinctRecords):
-            limits = {
-                key: config["filters"][key] for key in ("lead_speed_min", "lead_speed_max", "range_max")
-            }
-            grid = Grid(**limits, **config["answer"]["grid"])
+            grid = Grid(**{key: config["filters"][key] for key in LIMITS}, **config["answer"]["grid"])
             way = Map(map_crashes(vehicle, grid, [problem.event], generator), records.data)
         return answer(replace(problem, vehicle=vehicle), draws, way, generator=generator)
-
-
-def _reproduced(section: Mapping[str, Any], problem: Problem, found: Answer) -> str | None:
-    """Return a warning if the last runs end differently in another process; None if they do not."""
-    if getattr(problem.vehicle, "deterministic", None) is False:
-        return None
-    runs = found.tables["runs"]
-    own = runs[runs["phase"] != "repeat"]
-    encounters = own[list(problem.scenario.names)].to_numpy().T
-    happened = own["event"].to_numpy(dtype=bool)
-    return difference_when_alone(section, encounters, happened, event=problem.event)
 
 
 @contextmanager

@@ -66,9 +66,11 @@ class DrawnLaws:
         member = [smooth.names.index(name) for name in own.names]
         for place, count in enumerate(np.bincount(member, minlength=len(smooth.names))):
             for _ in range(FEWEST - count):
-                laws.append(
-                    (smooth.family.ranges.drawn(more), smooth.speeds(smooth.names[place]).drawn(more))
+                ranges, law = (
+                    smooth.family.ranges.drawn(more),
+                    smooth.family.drawn(smooth.members[place], more),
                 )
+                laws.append((ranges, law))
                 member.append(place)
         return cls(laws, np.array(member), own.size)
 

@@ -14,10 +14,15 @@ The other arrays, in metres and seconds, are:
 
 ================================== ==================================================================
 scores                             Held-out log scores, shape (members, records).
+expected                           Held-out expected numbers of records, shape (members, cells).
 ranges NAME, body NAME             Smooth hazards; NAME is ``coefficients``, ``smoothing`` or
                                    ``factor``, as in `SmoothHazard`.
 threshold LEVEL                    Closing speeds at the nodes of a threshold [m/s].
 tail MEMBER, NAME                  The excess of one law; NAME as above, or ``parameters``.
+far MEMBER, NAME                   The far tail of one law; NAME is ``levels``, ``factors`` or
+                                   ``shapes``, as in `FarTail`.
+far records, NAME                  The records from which draws of far tails follow; NAME is ``size``,
+                                   ``lowest`` or ``table`` (lead speeds, ranges and closing speeds).
 ================================== ==================================================================
 
 Reading a file restores exactly the family that was written. Quantities that are quickly computed from the
@@ -29,7 +34,6 @@ import json
 import os
 from collections.abc import Mapping
 from pathlib import Path
-from zipfile import BadZipFile
 
 import numpy as np
 
@@ -38,9 +42,9 @@ from accelerated_evaluation.answer.smooth_family import NAMED, SmoothFamily
 from accelerated_evaluation.base.arrays import Array
 from accelerated_evaluation.base.digests import content_digest
 from accelerated_evaluation.base.errors import InputError
-from accelerated_evaluation.base.files import atomic_path
+from accelerated_evaluation.base.files import atomic_path, read_arrays
 from accelerated_evaluation.laws import smooth
-from accelerated_evaluation.laws.smooth.conditional import Threshold
+from accelerated_evaluation.laws.smooth.conditional import Places, Threshold
 from accelerated_evaluation.laws.smooth.excess import Excess
 from accelerated_evaluation.laws.smooth.family import (
     DistinctRecords,
@@ -49,14 +53,17 @@ from accelerated_evaluation.laws.smooth.family import (
     LawFamily,
     Member,
 )
+from accelerated_evaluation.laws.smooth.far_records import FarRecords
+from accelerated_evaluation.laws.smooth.far_tail import FarTail
 from accelerated_evaluation.laws.smooth.shapes import SHAPES
 from accelerated_evaluation.laws.smooth.smooth_hazard import HazardGrid, SmoothHazard
 
 FORMAT = "accelerated-evaluation family"
-VERSION = 1
+VERSION = 2
 HAZARD = ("coefficients", "smoothing", "factor")
 EXCESS = (*HAZARD, "parameters")
-SCORING = ("scores.py", "smooth_family.py", "family_file.py")
+FAR = ("levels", "factors", "shapes")
+SCORING = ("scores.py", "calibration.py", "smooth_family.py", "family_file.py")
 
 
 def fit_or_read(path: str | os.PathLike, records: DistinctRecords) -> SmoothFamily:
@@ -85,13 +92,20 @@ def write_family(path: str | os.PathLike, scored: SmoothFamily) -> None:
     family = scored.family
     header = _header(scored.records) | {"members": [member.name for member in scored.members]}
     arrays = {"header": np.array(json.dumps(header)), "scores": scored.scores}
+    arrays |= {"expected": scored.expected}
     for kind in ("ranges", "body"):
         arrays |= {f"{kind} {name}": getattr(getattr(family, kind), name) for name in HAZARD}
+    if (few := family.far_records) is not None:
+        table = few.places.lead_speed, few.places.range_, few.closing_speed
+        columns = {"size": few.size, "lowest": few.lowest, "table": table}
+        arrays |= {f"far records, {name}": np.array(value) for name, value in columns.items()}
     for level, threshold in family.thresholds.items():
         arrays[f"threshold {level!r}"] = threshold.table
     for member in scored.members:
         if member in family.tails:
             arrays |= {f"tail {member.name}, {name}": getattr(family.tails[member], name) for name in EXCESS}
+        if member in family.far:
+            arrays |= {f"far {member.name}, {name}": getattr(family.far[member], name) for name in FAR}
     with atomic_path(path) as temporary, temporary.open("wb") as file:
         np.savez(file, **arrays)
 
@@ -113,15 +127,14 @@ def read_family(path: str | os.PathLike, records: DistinctRecords) -> SmoothFami
     """
     change = "Run the study, which fits the family of laws again."
     try:
-        with np.load(path) as archive:
-            arrays = dict(archive)
+        arrays = read_arrays(path)
         header = json.loads(str(arrays.pop("header")))
         differing = [key for key, value in _header(records).items() if header[key] != value]
         if differing:
             seen, expected = f"another value of {' and '.join(differing)}", "the family of these records"
             raise InputError(str(path), seen=seen, expected=expected, change=change)
         return _from_arrays(arrays, tuple(NAMED[name] for name in header["members"]), records)
-    except (OSError, EOFError, ValueError, KeyError, TypeError, BadZipFile) as error:
+    except (LookupError, OSError, TypeError, ValueError) as error:
         seen, expected = f"{type(error).__name__}: {error}", "a family file"
         raise InputError(str(path), seen=seen, expected=expected, change=change) from error
 
@@ -150,8 +163,17 @@ def _from_arrays(
     tails = {member: _excess(arrays, member) for member in members if member.level is not None}
     used = dict.fromkeys(member.level for member in tails)
     exceedances = {level: Exceedances.of(records, thresholds[level]) for level in sorted(used)}
-    family = LawFamily(ranges, body, thresholds, exceedances, tails)
-    return SmoothFamily(fitter, family, arrays["scores"])
+    far = {
+        member: FarTail(*(arrays[f"far {member.name}, {name}"] for name in FAR))
+        for member in members
+        if f"far {member.name}, {FAR[0]}" in arrays
+    }
+    few = None
+    if far:
+        size, lowest, table = (arrays[f"far records, {name}"] for name in ("size", "lowest", "table"))
+        few = FarRecords(Places.of(*table[:2], records.support), table[2], int(size), float(lowest))
+    family = LawFamily(ranges, body, thresholds, exceedances, tails, far, few)
+    return SmoothFamily(fitter, family, arrays["scores"], arrays["expected"])
 
 
 def _hazard(arrays: Mapping[str, Array], kind: str, grid: HazardGrid) -> SmoothHazard:

@@ -13,17 +13,20 @@ from accelerated_evaluation.base.arrays import Array
 from accelerated_evaluation.base.errors import InputError
 from accelerated_evaluation.base.files import atomic_path
 from accelerated_evaluation.base.randomness import child_generator
+from accelerated_evaluation.base.tables import read_parquet
 from accelerated_evaluation.laws import Box
 from accelerated_evaluation.laws.smooth.family import DistinctRecords
 from accelerated_evaluation.laws.smooth.support import Support
-from accelerated_evaluation.records.encounter_table import write_encounters
+from accelerated_evaluation.records.checks import Records
+from accelerated_evaluation.records.encounter_table import read_encounters, write_encounters
 from accelerated_evaluation.records.filters import Account
 from accelerated_evaluation.records.ingest import ingest
 from accelerated_evaluation.records.segments import require_rows
 from accelerated_evaluation.records.sources import read_source
 from accelerated_evaluation.scenarios import SCENARIOS
 from accelerated_evaluation.scenarios.protocol import CLUSTER, FITTED, Scenario
-from accelerated_evaluation.scenarios.record_table import read_scenario_records
+from accelerated_evaluation.scenarios.record_table import read_scenario_records, records_to_check
+from accelerated_evaluation.vehicles.loading import load_vehicle
 
 FEWEST = 50  # smallest number of records, so that the region near the event, with a tenth of them, has a few
 TIED = 1e-9  # relative size of the residuals of a variable that is a linear function of others
@@ -81,27 +84,47 @@ class FittedRecords:
         return None if kilometres is None else self.size / kilometres
 
 
-def read_records(
-    config: Mapping[str, Any], check: Callable[[pd.DataFrame], None] | None = None
-) -> FittedRecords:
-    """Read the records that a complete configuration names, and apply its filters.
+def read_records(config: Mapping[str, Any], check: Callable[[Records], None] | None = None) -> FittedRecords:
+    """Read the records of a complete configuration, and filter and segment cut-ins.
 
-    ``check`` is called with the records as they were read, before the filters.
+    ``check`` gets the records as the checks of records need them, and may raise an error. The lead speeds of
+    cut-ins and the vehicle that is known to the scenario are used, never the vehicle under test.
     """
     scenario = SCENARIOS[config["scenario"]["name"]]
     if not scenario.has_sources:
         table = read_scenario_records(scenario, config["scenario"]["records"])
         if check is not None:
-            check(table)
+            known = load_vehicle(scenario.default_vehicle, scenario)
+            check(records_to_check(scenario, table, known.simulate))
         return FittedRecords.of(scenario, table)
     raw = read_source(config["data"], child_generator(config["seed"], "sample"))
     if check is not None:
-        check(raw)
+        check(Records.of(raw, config))
     account = Account.of(raw)
     encounters = ingest(raw, config, account)
     require_rows(encounters)
     data = DistinctRecords.of(encounters, Support.configured(config))
     return FittedRecords(scenario, encounters, data, raw.attrs["exposure"], account.table())
+
+
+def stored_records(
+    scenario: Scenario,
+    path: str | os.PathLike,
+    support: Mapping[str, Any] | None,
+    exposure: Mapping[str, float | None] = UNKNOWN,
+) -> FittedRecords:
+    """Read the encounter table of a study; cut-ins need the content of the limits of their laws."""
+    if scenario.has_sources:
+        return FittedRecords.of(scenario, read_encounters(path), Support.of(support), exposure)
+    return FittedRecords.of(scenario, read_parquet(path), exposure=exposure)
+
+
+def records_named(config: Mapping[str, Any]) -> str:
+    """Return the file or folder of the records, or words for those that come with the project."""
+    scenario, data = config["scenario"], config["data"]
+    if SCENARIOS[scenario["name"]].has_sources:
+        return str(data[data["source"]]["path"])
+    return str(scenario["records"] or f"records of the scenario {scenario['name']} in the project")
 
 
 def clustered(scenario: Scenario, table: pd.DataFrame) -> ClusteredRecords:

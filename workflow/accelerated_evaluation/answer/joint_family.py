@@ -173,6 +173,10 @@ class JointFamily:
             laws.append(self.candidates[k].fit(self.records, generator, **known))
         return DrawnLaws.of(laws, [self.names[k] for k in chosen], generator)
 
+    def law(self, name: str) -> JointLaw:
+        """Return the law of one candidate, fitted to all records."""
+        return self.laws[self.names.index(name)]
+
     def table(self, weights: Array) -> pd.DataFrame:
         """Return one row for each candidate: its fit to all records, its scores, and its mean weight.
 

@@ -18,6 +18,7 @@ from accelerated_evaluation.answer.joint_family import ClusteredRecords, JointFa
 from accelerated_evaluation.answer.smooth_family import SmoothFamily
 from accelerated_evaluation.answer.weights import bootstrapped_weights
 from accelerated_evaluation.base.arrays import Array
+from accelerated_evaluation.laws import Law
 from accelerated_evaluation.laws.draws import Draws
 from accelerated_evaluation.scenarios.protocol import Scenario
 from accelerated_evaluation.vehicles.loading import load_vehicle
@@ -30,6 +31,9 @@ class Family(Protocol):
     names: tuple[str, ...]  # of the M candidates
     scores: Array  # log score of each candidate on each unit (a record, or a cluster of records), (M, units)
     resampled: NDArray[np.bool_]  # the units that the Bayesian bootstrap resamples, shape (units,)
+
+    def law(self, name: str) -> Law:
+        """Return the law of one candidate, fitted to all records."""
 
     def draws(self, chosen: NDArray[np.intp], generator: np.random.Generator) -> Draws:
         """Draw the chosen candidates, shape (K,), each with parameters from their posterior."""
@@ -123,6 +127,16 @@ class LawStudy:
     def heaviest(self) -> str:
         """Name of the candidate with the largest mean weight."""
         return self.names[int(self.mean_weights.argmax())]
+
+    def smooth_only(self) -> Self:
+        """Return the study of cut-ins without the laws that users have added."""
+        names = self.smooth.names
+        return replace(self, family=self.smooth, weights=self.only(names).weights[:, : len(names)])
+
+    def law(self) -> Law:
+        """Return the law with the largest weight, for cut-ins without the laws that users have added."""
+        study = self.smooth_only() if isinstance(self.family, Together) else self
+        return study.family.law(study.heaviest)
 
     def draws(self, generator: np.random.Generator) -> Draws:
         """Draw K laws from the posterior: a candidate by its weight in each draw, and then its parameters.

@@ -2,7 +2,6 @@
 
 import warnings
 from collections.abc import Callable, Mapping, Sequence
-from functools import cache, partial
 
 import numpy as np
 import pandas as pd
@@ -20,11 +19,9 @@ from accelerated_evaluation.answer.weights import mixture_scores, stacking_weigh
 from accelerated_evaluation.base.arrays import Array
 from accelerated_evaluation.base.errors import ConvergenceError
 from accelerated_evaluation.crash_map.lines import CrashLines
-from accelerated_evaluation.laws.smooth.family import DistinctRecords, Fitter, LawFamily
-from accelerated_evaluation.laws.smooth.regressions import REGRESSIONS, fit_regression
-from accelerated_evaluation.laws.smooth.rivals import ConditionalExtremes, IndependentTail
-from accelerated_evaluation.laws.smooth.shapes import Exponential, Generalised
-from accelerated_evaluation.laws.smooth.smooth_hazard import fit_hazard
+from accelerated_evaluation.laws.smooth.family import DistinctRecords
+from accelerated_evaluation.laws.smooth.independent import IndependentTail
+from accelerated_evaluation.laws.smooth.shapes import Exponential
 from accelerated_evaluation.vehicles.protocol import Vehicle
 
 INVERSE_TTC = (0.25, 0.35, 0.45)  # [1/s], regions: inverse time to collision at the cut-in above these values
@@ -32,7 +29,6 @@ SIMULATED_TTC = (2.0, 3.0, 4.0)  # [s], regions: smallest simulated time to coll
 PAPER = "paper: independent, exponential 0.95"
 TOGETHER = "all laws, weighted"
 KNOT = 0.95  # level of the threshold of the laws that are listed
-EXTREME = 0.98  # level of the threshold of conditional extremes
 ERRORS = 2.5  # a law is rejected if its score is this number of standard errors below that of the best law
 THIN_CRPS = 20  # outside of the region, only one in this number of records enters the CRPS
 
@@ -60,41 +56,20 @@ def regions(records: DistinctRecords, vehicle: Vehicle) -> dict[str, Array]:
     return inside
 
 
-def rivals(fitter: Fitter, family: LawFamily) -> dict[str, Callable[[DistinctRecords], FittedLaw]]:
-    """Return functions that fit the laws with which the family is compared, by name.
-
-    The paper's law is the first. Each function takes records and returns a law of the closing speed.
-
-    Parameters
-    ----------
-    fitter
-        The records, with the grids of the smooth hazards.
-    family
-        The family fitted to all records, from which fits start.
-    """
-
-    def extremes(records: DistinctRecords) -> ConditionalExtremes:
-        body = fit_hazard(fitter.grids[1], fitter.count_speeds(records), start=family.body)
-        return ConditionalExtremes.fit(records, body, EXTREME, Exponential())
-
-    fits = {
-        PAPER: lambda records: IndependentTail.fit(records, KNOT, Exponential()),
-        "independent, generalised 0.95": lambda records: IndependentTail.fit(records, KNOT, Generalised()),
-        f"conditional extremes {EXTREME:g}": extremes,
-    }
-    for regression in REGRESSIONS:
-        whole = cache(partial(fit_regression, regression, fitter.records))
-        fits[f"regression: {regression.name}"] = lambda records, r=regression, w=whole: fit_regression(
-            r, records, w()
-        )
-    return fits
+def papers_law(records: DistinctRecords) -> IndependentTail:
+    """Fit the paper's law of the closing speed, the baseline of all scores, with one threshold."""
+    return IndependentTail.fit(records, KNOT, Exponential())
 
 
-def score_laws(study: LawStudy, vehicle: Vehicle) -> tuple[dict[str, dict[str, Array]], dict[str, Array]]:
-    """Score the laws of the family, and the laws with which they are compared, on held-out records.
+def score_laws(
+    study: LawStudy,
+    vehicle: Vehicle,
+    others: Mapping[str, Callable[[DistinctRecords], FittedLaw]],
+) -> tuple[dict[str, dict[str, Array]], dict[str, Array]]:
+    """Score the laws of the family, and other laws, on held-out records.
 
-    The scores are computed for several regions of the cut-ins; `regions` returns them by name. If a law
-    outside the family cannot be fitted, a warning is given, and the law has no scores.
+    The scores are computed for several regions of the cut-ins; `regions` returns them by name. If another law
+    cannot be fitted, a warning is given, and the law has no scores.
 
     Parameters
     ----------
@@ -102,6 +77,8 @@ def score_laws(study: LawStudy, vehicle: Vehicle) -> tuple[dict[str, dict[str, A
         The laws with its weights.
     vehicle
         The vehicle whose simulated time to collision defines some of the regions.
+    others
+        Functions that fit the other laws to records, by name.
 
     Returns
     -------
@@ -131,7 +108,7 @@ def score_laws(study: LawStudy, vehicle: Vehicle) -> tuple[dict[str, dict[str, A
             crps[name] = of_crps[place]
 
     add([member.name for member in fitter.members], HeldOut.of_family(fitter, family))
-    for name, fit in tqdm(rivals(fitter, family).items(), desc="rivals", unit=" laws"):
+    for name, fit in tqdm(others.items(), desc="other laws", unit=" laws"):
         try:
             add([name], HeldOut.of_law(fit, fitter.records))
         except (ConvergenceError, LinAlgError) as error:
@@ -140,7 +117,7 @@ def score_laws(study: LawStudy, vehicle: Vehicle) -> tuple[dict[str, dict[str, A
 
 
 def compare_laws(study: LawStudy, vehicle: Vehicle, lines: CrashLines) -> pd.DataFrame:
-    """Score all laws, and tabulate them with their weights and crash probabilities.
+    """Score the laws of the family and the paper's law, and tabulate them with their crash probabilities.
 
     Parameters
     ----------
@@ -159,7 +136,7 @@ def compare_laws(study: LawStudy, vehicle: Vehicle, lines: CrashLines) -> pd.Dat
     """
     found = lines.probabilities(study.smooth.family, study.smooth.members)
     crash = {member.name: probability for member, probability in found.items()}
-    return law_table(study, *score_laws(study, vehicle), crash)
+    return law_table(study, *score_laws(study, vehicle, {PAPER: papers_law}), crash)
 
 
 def law_table(

@@ -14,7 +14,6 @@ from accelerated_evaluation.vehicles.events import CRASH
 from accelerated_evaluation.vehicles.protocol import Outcomes, Vehicle
 
 WAYS = 12  # number of groups of crashes, and of records
-LIKE_RANGE = 5.0  # [m], largest difference of two ranges that count as similar
 DRAWN = 4000  # number of drawn crashes that are divided into groups
 PLACE = ("lead_speed", "range", "closing_speed")
 SHOWN = ("kind", "number", "probability", *PLACE, "crash", "min_range", "min_ttc", "impact_speed")
@@ -188,20 +187,3 @@ def _tabulated(table: pd.DataFrame, kind: str, vehicle: Vehicle) -> pd.DataFrame
     outcomes: Outcomes = vehicle.simulate(*(table[name].to_numpy() for name in PLACE))
     table = table.assign(kind=kind, number=np.arange(len(table)) + 1, **vars(outcomes))
     return table[list(SHOWN)]
-
-
-def largest_near(records: DistinctRecords, ranges: Array) -> Array:
-    """Return the largest recorded closing speed [m/s] at similar ranges; 0 if there are no such records.
-
-    Parameters
-    ----------
-    records
-        The distinct cut-ins.
-    ranges
-        Ranges [m], shape (n,). A range is similar if the difference is less than `LIKE_RANGE`.
-    """
-    order = np.argsort(records.range_)
-    recorded, speeds = records.range_[order], records.closing_speed[order]
-    first = np.searchsorted(recorded, ranges - LIKE_RANGE, side="right")
-    end = np.searchsorted(recorded, ranges + LIKE_RANGE, side="left")
-    return np.array([speeds[i:k].max(initial=0.0) for i, k in zip(first, end, strict=True)])

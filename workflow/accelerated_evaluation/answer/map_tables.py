@@ -1,5 +1,6 @@
 """Tables that a crash map of the vehicle under test allows: calibration, thresholds and places of crashes."""
 
+from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import cached_property
 
@@ -7,20 +8,18 @@ import numpy as np
 import pandas as pd
 
 from accelerated_evaluation.answer.by_map import thinned
-from accelerated_evaluation.answer.calibration_table import NearMisses, calibration_table, shown_members
+from accelerated_evaluation.answer.calibration_table import NearMisses, calibration_table
 from accelerated_evaluation.answer.law_study import LawStudy
-from accelerated_evaluation.answer.likeliest_crashes import largest_near
+from accelerated_evaluation.answer.near_misses import near_miss_table
+from accelerated_evaluation.answer.posterior import Posterior
 from accelerated_evaluation.answer.variants import threshold_table
-from accelerated_evaluation.base.arrays import Array
-from accelerated_evaluation.crash_map.lines import CrashLines, crash_places
+from accelerated_evaluation.crash_map.lines import CrashLines
 from accelerated_evaluation.crash_map.maps import CrashMap
 from accelerated_evaluation.laws.draws import Draws
 from accelerated_evaluation.laws.smooth.family import DistinctRecords
 from accelerated_evaluation.scenarios.protocol import Event, Scenario
 from accelerated_evaluation.vehicles.events import CRASH
 from accelerated_evaluation.vehicles.protocol import Outcomes, Vehicle
-
-DRAWN = 2000  # number of crashes that are drawn from each law
 
 
 @dataclass(frozen=True)
@@ -65,18 +64,11 @@ class MapTables:
         found = self.lines(event).probabilities(smooth.family, smooth.members)
         return {member.name: probability for member, probability in found.items()}
 
-    def crash_places(self, generator: np.random.Generator) -> pd.DataFrame:
-        """Return crashes drawn from each of the shown laws, and by how much they exceed the records.
-
-        ``beyond_recorded`` is the closing speed minus the largest recorded closing speed at a similar range.
-        """
-        columns = ["lead_speed", "range", "closing_speed", "law", "beyond_recorded"]
-        parts, lines, family = [pd.DataFrame(columns=columns)], self.lines(), self.study.smooth.family
-        for member in shown_members(self.study):
-            law = family.law(member)
-            if (masses := lines.masses(family.ranges, law)).any():
-                drawn: tuple[Array, ...] = crash_places(lines, masses, law, DRAWN, generator)
-                part = pd.DataFrame(dict(zip(columns, drawn, strict=False)))
-                beyond = part["closing_speed"] - largest_near(self.records, part["range"].to_numpy())
-                parts.append(part.assign(law=member.name, beyond_recorded=beyond))
-        return pd.concat(parts, ignore_index=True)
+    def near_misses(
+        self, posteriors: Mapping[Event, Posterior], generator: np.random.Generator
+    ) -> pd.DataFrame:
+        """Return intervals of the near misses that allow for clusters of critical records."""
+        named = {self.scenario.event_in_words(event): event for event in posteriors}
+        replayed = {name: event.happens(self.replayed) for name, event in named.items()}
+        own = {name: posteriors[event] for name, event in named.items()}
+        return near_miss_table(own, replayed, self.study.smooth.resampled, generator)

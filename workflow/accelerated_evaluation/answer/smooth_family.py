@@ -8,6 +8,7 @@ import numpy as np
 import pandas as pd
 from numpy.typing import NDArray
 
+from accelerated_evaluation.answer.calibration import held_out_counts
 from accelerated_evaluation.answer.scores import BLOCKS, HeldOut
 from accelerated_evaluation.base.arrays import Array
 from accelerated_evaluation.laws.smooth.conditional import SpeedLaw
@@ -30,6 +31,7 @@ class SmoothFamily:
     fitter: Fitter  # the records, with the bases of the splines
     family: LawFamily
     scores: Array  # held-out log score of each member on each distinct record, shape (M, n)
+    expected: Array  # held-out number of records in each cell of `calibration.strips`, shape (M, cells)
     encounters: pd.DataFrame | None = None  # encounter table, from which laws take their lead speeds
     closing_speed_max: float = math.inf  # cap on the closing speed of laws [m/s]
 
@@ -51,7 +53,8 @@ class SmoothFamily:
         if fitted != members:
             fitter = Fitter(records, fitted)
         held_out = HeldOut.of_family(fitter, family, blocks)
-        return cls(fitter, family, held_out.scores({"region": boundary})["region"])
+        scores = held_out.scores({"region": boundary})["region"]
+        return cls(fitter, family, scores, held_out_counts(held_out))
 
     @property
     def records(self) -> DistinctRecords:

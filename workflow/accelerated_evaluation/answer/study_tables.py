@@ -1,65 +1,178 @@
-"""The tables of a study's answer, for all ways and scenarios."""
+"""The tables of a study's answer, for all scenarios and for all ways in which an answer is computed."""
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping, Sequence
 
 import numpy as np
 import pandas as pd
 from scipy.special import ndtri
 
-from accelerated_evaluation.answer.answer import Answer
-from accelerated_evaluation.answer.by_few_runs import crashes_table
-from accelerated_evaluation.answer.comparison import draws_table, is_resolved, vehicle_table
-from accelerated_evaluation.answer.estimate_tables import exposure_of
+from accelerated_evaluation.answer.answer import Answer, Replayed, answer
+from accelerated_evaluation.answer.by_few_runs import FewRuns
+from accelerated_evaluation.answer.by_map import Map
+from accelerated_evaluation.answer.by_simulations import Simulations
+from accelerated_evaluation.answer.calibration_table import calibration_table
+from accelerated_evaluation.answer.comparison import (
+    compared_table,
+    draws_table,
+    is_resolved,
+    posterior_of,
+    vehicle_row,
+    vehicle_table,
+)
+from accelerated_evaluation.answer.crash_shares import crash_shares
+from accelerated_evaluation.answer.estimate_tables import estimate_tables, exposure_of
+from accelerated_evaluation.answer.evidence import checked_answers
+from accelerated_evaluation.answer.extrapolation import drawn_crashes, extrapolation
 from accelerated_evaluation.answer.fitted_records import FittedRecords
-from accelerated_evaluation.answer.injuries.impacts import mean_risks, tabulated_risks
+from accelerated_evaluation.answer.injuries.impacts import Key, mean_risks, tabulated_risks
 from accelerated_evaluation.answer.injuries.tables import injury_tables
+from accelerated_evaluation.answer.law_study import LawStudy
+from accelerated_evaluation.answer.map_tables import MapTables
 from accelerated_evaluation.answer.posterior import budget
+from accelerated_evaluation.answer.restricted import restricted
+from accelerated_evaluation.laws.draws import Draws
+from accelerated_evaluation.laws.smooth.family import DistinctRecords
+from accelerated_evaluation.problem import Problem
+from accelerated_evaluation.scenarios.protocol import Event
 
 UNDER_TEST = "under test"
+WHOLE = "all encounters"  # name of the answer without a restriction
+SEPARATOR = " | "  # between the parts of the name of a risk of injury
+
+Streams = Callable[[str], np.random.Generator]
+Tables = dict[str, pd.DataFrame]
 
 
-def study_tables(
-    answers: Mapping[str, Answer], records: FittedRecords, half_width: float
-) -> dict[str, pd.DataFrame]:
-    """Return the tables of the answers of a study, of which the first is that of the vehicle under test.
-
-    They are ``answer``, ``answer_budget``, ``answer_draws``, ``exposure``, ``vehicles`` and ``crashes``, and
-    the tables of injuries if the scenario has risks of injury.
+def answer_tables(
+    problem: Problem,
+    study: LawStudy,
+    draws: Draws,
+    records: FittedRecords,
+    way: Map | Simulations | FewRuns,
+    events: Sequence[Event],
+    half_width: float,
+    streams: Streams,
+) -> Tables:
+    """Compute the answer of the vehicle under test, and return all its tables by name.
 
     Parameters
     ----------
-    answers
-        Answer for each vehicle, by its name.
+    problem
+        The vehicle and its main event.
+    study, draws
+        The laws with their weights, and draws from them.
     records
         The records.
+    way
+        The way in which the answer is computed.
+    events
+        Further events.
     half_width
         Relative half-width of the 80 % interval of an estimate of the paper, which appears in the budget of
         an answer that was not sampled.
+    streams
+        Returns the random stream with a given name.
     """
-    own, scenario = answers[UNDER_TEST], answers[UNDER_TEST].problem.scenario
-    posteriors = {scenario.event_in_words(event): each for event, each in own.posteriors.items()}
-    sampling = half_width / ndtri(0.9)
-    tables = {
-        "answer": own.table(records.per_km),
-        "answer_budget": own.budget() if own.sampled else budget(own.posterior, sampling),
-        "answer_draws": draws_table(own),
-        "exposure": exposure_of(posteriors, records),
-        "vehicles": vehicle_table(answers, scenario.references),
-        "crashes": crashes_table(own),
-    }
-    if scenario.has_injuries:
-        tables |= _injuries(answers, records, sampling)
+    if isinstance(way, FewRuns):
+        (own,), evidence = checked_answers(problem, draws, records, way, events, streams)
+        made, replayed = estimate_tables([own], records), None
+        tables = own_tables(own, records, half_width)
+        tables |= {
+            name: made[name].drop(columns="replicate") for name in ("answer", "estimate", "runs", "crashes")
+        }
+        tables = evidence.added_to(tables)
+    else:
+        own = answer(problem, draws, way, events, generator=streams("answer"))
+        replayed = (own.replayed or Replayed.of(problem, records.x)).happened
+        tables = own_tables(own, records, half_width)
+    tables["extrapolation"] = extrapolation(own, records, replayed)
+    tables["crash_places"] = drawn_crashes(own, records, streams("crash places"))
+    if isinstance(records.data, DistinctRecords):
+        tables["calibration"] = calibration_table(study)
+    if isinstance(way, Map):
+        tables |= _map_tables(own, study, way, streams)
+    if isinstance(way, Simulations):
+        tables |= _simulation_tables(own, study, way, events, streams)
     return tables
 
 
-def _injuries(
-    answers: Mapping[str, Answer], records: FittedRecords, sampling: float
-) -> dict[str, pd.DataFrame]:
-    risks, found = tabulated_risks(), {}
-    for name, answer in answers.items():
-        if answer.crashes is not None and is_resolved(answer):
-            expected = answer.crashes.weights @ mean_risks(answer.crashes.impact_speed, risks).T
-            # The weights of simulated crashes add up to an estimate without control variates.
-            scale = answer.posterior.probabilities / answer.crashes.weights.sum(axis=1)
-            found[name] = answer.posterior, expected * np.nan_to_num(scale, nan=1.0)[:, None]
-    return injury_tables(found, UNDER_TEST, list(risks), records.size, records.exposure, sampling)
+def own_tables(own: Answer, records: FittedRecords, half_width: float) -> Tables:
+    """Return the tables that every answer has; see `answer_tables`."""
+    scenario = own.problem.scenario
+    posteriors = {scenario.event_in_words(event): each for event, each in own.posteriors.items()}
+    tables = {
+        "answer": own.table(records.per_km),
+        "answer_budget": own.budget() if own.sampled else budget(own.posterior, half_width / ndtri(0.9)),
+        "answer_draws": draws_table(own),
+        "exposure": exposure_of(posteriors, records),
+        "vehicle": pd.DataFrame([vehicle_row(UNDER_TEST, own)]),
+    }
+    return tables | ({"risks": risks_table(own)} if scenario.has_injuries else {})
+
+
+def risks_table(own: Answer) -> pd.DataFrame:
+    """Return the expected risk of injury of an encounter under each draw, one column for each curve."""
+    if own.crashes is None or own.posterior is None or not is_resolved(own):
+        return pd.DataFrame()
+    risks = tabulated_risks()
+    expected = own.crash_weights @ mean_risks(own.crashes.impact_speed, risks).T
+    return pd.DataFrame(expected, columns=[SEPARATOR.join(key) for key in risks])
+
+
+def comparison_tables(
+    own: Mapping[str, pd.DataFrame],
+    others: Mapping[str, Answer],
+    records: FittedRecords,
+    references: Mapping[str, str],
+    half_width: float,
+) -> Tables:
+    """Compare the vehicle under test with others under the same draws of the law.
+
+    The tables ``answer_draws``, ``vehicle`` and, if there are risks of injury, ``risks`` of `answer_tables`
+    represent the vehicle under test. The tables ``vehicles`` and ``compared`` are returned, and those of
+    injuries.
+    """
+    rows = pd.concat([own["vehicle"], pd.DataFrame([vehicle_row(*pair) for pair in others.items()])])
+    posteriors = {UNDER_TEST: posterior_of(own["answer_draws"])}
+    posteriors |= {name: each.posterior if is_resolved(each) else None for name, each in others.items()}
+    tables = {
+        "vehicles": vehicle_table(rows, posteriors, references),
+        "compared": compared_table(posteriors),
+    }
+    if "risks" not in own:
+        return tables
+    risks = {UNDER_TEST: own["risks"]} | {name: risks_table(each) for name, each in others.items()}
+    known = {
+        name: (posteriors[name], table.to_numpy(float))
+        for name, table in risks.items()
+        if len(table) and posteriors[name] is not None
+    }
+    keys: list[Key] = list(tabulated_risks())
+    return tables | injury_tables(
+        known, UNDER_TEST, keys, records.size, records.exposure, half_width / ndtri(0.9)
+    )
+
+
+def _map_tables(own: Answer, study: LawStudy, way: Map, streams: Streams) -> Tables:
+    more = MapTables(own.problem.scenario, study, own.draws, own.problem.vehicle, way.crash_map)
+    return {
+        "answer_thresholds": more.thresholds(streams("thresholds")),
+        "calibration": more.calibration(),
+        "near_misses": more.near_misses(own.posteriors, streams("near misses")),
+    }
+
+
+def _simulation_tables(
+    own: Answer, study: LawStudy, way: Simulations, events: Sequence[Event], streams: Streams
+) -> Tables:
+    """Return the answers for parts of the encounters, and shares of crashes by one variable."""
+    problem, scenario = own.problem, own.problem.scenario
+    answers = [own.table().assign(encounters=WHOLE)]
+    for name, holds in scenario.restrictions.items():
+        generator = streams(name)
+        part = answer(problem, restricted(own.draws, holds, generator), way, events, generator=generator)
+        answers.append(part.table().assign(encounters=name))
+    return {
+        "answer": pd.concat(answers, ignore_index=True),
+        "crash_shares": crash_shares(scenario, study.law(), problem.vehicle, streams("crash shares")),
+    }

@@ -29,7 +29,7 @@ def threshold_table(study: LawStudy, lines: CrashLines, generator: np.random.Gen
     rows = []
     for level in sorted({level for level in levels.values() if level is not None}):
         own = study.only([name for name, each in levels.items() if each == level])
-        rows.append({"level": level} | _summary(own, lines, deepcopy(generator)))
+        rows.append({"level": level} | summary_under(own, lines, deepcopy(generator)))
     return pd.DataFrame(rows, columns=["level", *SUMMARY])
 
 
@@ -91,11 +91,12 @@ def quality_table(
             answers[content] = {}
             if records.size >= MINIMUM_ROWS:
                 family = SmoothFamily.of(records, start.members, start=start.family)
-                answers[content] = _summary(LawStudy.of_family(family, draws, own), lines, own)
+                answers[content] = summary_under(LawStudy.of_family(family, draws, own), lines, own)
         rows.append({"reading": reading, "events": records.size} | answers[content])
     return pd.DataFrame(rows)
 
 
-def _summary(study: LawStudy, lines: CrashLines, generator: np.random.Generator) -> dict[str, float]:
+def summary_under(study: LawStudy, lines: CrashLines, generator: np.random.Generator) -> dict[str, float]:
+    """Return the summary of the crash probability under draws of a study of laws."""
     draws = study.draws(generator)
     return summarise(Posterior(masses_under(lines, draws).sum(axis=1), draws.member))

@@ -131,6 +131,19 @@ def read_json(path: str | os.PathLike) -> Any:  # noqa: ANN401
         raise ValueError(f"{path} is nested too deep") from error
 
 
+def read_arrays(path: str | os.PathLike) -> dict[str, Any]:
+    """Return the arrays of an archive of NumPy by name; raise OSError or ValueError if it cannot be read."""
+    import numpy as np  # imported here, because commands that read no archive start faster without it
+
+    try:
+        with np.load(path) as archive:
+            return dict(archive)
+    except (OSError, ValueError):
+        raise
+    except Exception as error:  # damaged archives raise many kinds of errors: zlib.error, BadZipFile, ...
+        raise ValueError(f"a damaged archive, {type(error).__name__}: {error}") from error
+
+
 def require_format(path: str | os.PathLike, content: Any, name: str, version: int, change: str) -> None:  # noqa: ANN401
     """Check that the entries ``format`` and ``version`` of a JSON file have the expected values.
 

@@ -12,6 +12,7 @@ import pandas as pd
 
 from accelerated_evaluation.base.errors import InputError
 
+CLUSTER = "cluster"  # column of records that names the driver or device that made them
 SHOWN = 5  # number of column names that a message shows
 MOST_COLUMNS = 10_000  # limit for tables that are read; pandas takes a minute for ten times as many columns
 LONGEST, LONGEST_REASON = 40, 300  # characters shown of a name, and of the message of another library

@@ -91,7 +91,7 @@ class GivenLaw:
 
     scenario: "Scenario"
     sources: dict[str, "Source"]
-    verdict: "Verdict | None" = None
+    verdict: "Verdict"
     table: "pd.DataFrame | None" = None
 
     def read(self) -> "tuple[Law, str]":
@@ -99,14 +99,6 @@ class GivenLaw:
         from accelerated_evaluation.track.sources import law_in
 
         return law_in(self.scenario, self.sources["law"], self.sources.get("encounters"))
-
-    def stop_lines(self) -> list[str]:
-        """Return a line for each check of the records whose verdict ``stop`` the user has accepted."""
-        return [] if self.verdict is None else self.verdict.stop_lines()
-
-    def lines(self) -> list[str]:
-        """Return the verdict on the records as lines of text; empty for other scenarios than the cut-in."""
-        return [] if self.verdict is None else self.verdict.lines()
 
 
 def given_law(arguments: argparse.Namespace) -> GivenLaw:
@@ -123,7 +115,7 @@ def given_law(arguments: argparse.Namespace) -> GivenLaw:
         If a file is missing; if there is no encounter table for a law of cut-ins, or a table for another law;
         or if a check of the records has the verdict ``stop``, which the user does not accept.
     """
-    from accelerated_evaluation.laws.files import read_law
+    from accelerated_evaluation.laws.files import read_law, read_verdict
     from accelerated_evaluation.records.encounter_table import read_encounters
     from accelerated_evaluation.records.verdict import verdict_on_encounters
     from accelerated_evaluation.scenarios import SCENARIOS
@@ -132,8 +124,9 @@ def given_law(arguments: argparse.Namespace) -> GivenLaw:
 
     scenario = SCENARIOS[arguments.scenario]
     if scenario is not CUT_IN:
-        refuse_options(arguments, scenario.name, "encounters", "accept")
-        return GivenLaw(scenario, {"law": source_of(arguments.law)})
+        refuse_options(arguments, scenario.name, "encounters")
+        law = source_of(arguments.law)
+        return GivenLaw(scenario, {"law": law}, read_verdict(law.file, arguments.accept))
     if arguments.encounters is None:
         raise InputError(
             "--encounters",

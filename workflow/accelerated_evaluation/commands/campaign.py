@@ -196,7 +196,7 @@ def _new(arguments: argparse.Namespace) -> None:
             raise InputError(where, seen=f"{value:g}", expected=expected, change="Correct the value.")
     require_seed(arguments.seed)
     given = given_law(arguments)
-    if given.verdict is None:
+    if given.table is None:
         refuse_options(arguments, given.scenario.name, *(name for name, *_ in LIMITS))
     campaign = Campaign.begin(
         given.sources["law"],
@@ -210,9 +210,9 @@ def _new(arguments: argparse.Namespace) -> None:
         deterministic=DETERMINISTIC[arguments.deterministic],
         scenario=given.scenario,
     )
-    campaign.description = "; ".join([campaign.description, *given.stop_lines()])
+    campaign.description = "; ".join([campaign.description, *given.verdict.lines()])
     write_campaign(arguments.campaign, campaign)
-    for line in given.lines():
+    for line in given.verdict.lines():
         print(line)
     if campaign.limits:
         print(f"{campaign.beyond:.2g} of all cut-ins of the law lie beyond {campaign.limits.in_words}")

@@ -16,10 +16,10 @@ default, or left_turn, pedestrian, or your own (docs/your_scenario.md). Outcomes
 results/vehicles/, so that no encounter is simulated twice if a run is continued or repeated.
 
 laws of the encounters (--law):
-  answer          all laws that the records support, by their weights (default). The simulations are made under
-                  one law that covers draws from the posterior of law and parameters, and are reweighted for
-                  every draw. The intervals contain the uncertainty in the data, in the choice of law and in the
-                  sampling, like those of a complete study
+  answer          all laws that the records support, by their weights (default). The simulations are made
+                  under one law that covers draws from the posterior of law and parameters, and are reweighted
+                  for every draw. The intervals contain the uncertainty in the data, in the choice of law and
+                  in the sampling, like those of a complete study
   NAME            for cut-ins, one law of the family, such as 'two kinds 0.95', with the uncertainty in its
                   parameters; otherwise a kind of joint law, such as gaussian_copula. An unknown name gives an
                   error that lists all names
@@ -42,6 +42,8 @@ files written to results/STUDY/estimate/:
   compared.csv    ratio to other vehicles, its 80 % interval, and the probability to be safer (--compare,
                   --reference)
   crashes.csv     the simulations that crashed, with their shares of the crash probability
+  extrapolation.csv  how far the predicted events lie beyond the records
+  replays.csv     how often the vehicle had the event when it replayed records
   estimate.csv    probability, ci_low, ci_high, simulations under the law that was sampled, for each replicate
   runs.csv        every simulation: its encounter, its phase, and whether it crashed
   account.csv     the number of records that each filter has removed
@@ -142,7 +144,7 @@ class EstimateAlone:
             action="append",
             default=[],
             help="vehicle that is fast to simulate, such as cc_human; the ratio to its crash probability is "
-            "computed for each draw of the law from a crash map or many simulations, which takes some seconds",
+            "computed for each draw of the law from a crash map or many simulations, in some seconds",
         )
         add_accept(command)
 

@@ -88,9 +88,9 @@ class Export:
             **data,
             **{f"{name}, SHA-256": source.sha256 for name, source in given.sources.items()},
             "seed": str(arguments.seed),
-            **dict(line.split(": ", 1) for line in given.stop_lines()),
+            **dict(line.split(": ", 1) for line in given.verdict.lines()),
         }
         write_set(arguments.folder, drawn, origin, scenario)
-        for line in [*given.lines(), *([NOT_WRITTEN] if given.table is None else [])]:
+        for line in [*given.verdict.lines(), *([NOT_WRITTEN] if given.table is None else [])]:
             print(line)
         print(f"{len(drawn.table)} scenarios: {arguments.folder}; read {arguments.folder / 'README.md'}")

@@ -18,7 +18,8 @@ TABLE_OR_CONFIG is one of:
   a configuration .yaml of a study, whose section data names the records, their columns and units
 
 The records of another scenario (--scenario, or scenario.name of the configuration) have the columns of its
-variables and of its clusters. The checks are then repeated rows, limits, clusters, and records that crash.
+variables and of its clusters. The checks of the signs, time gaps and tails of cut-ins are then left out; the
+records are compared with those of the scenario in the project instead.
 
 The exit status is 1 if the verdict of a check is stop."""
 
@@ -51,15 +52,12 @@ class Inspect:
     def run(arguments: argparse.Namespace) -> None:
         """Check the records, and print the report; exit with status 1 if a verdict is ``stop``."""
         from accelerated_evaluation.base.files import write_csv
-        from accelerated_evaluation.base.randomness import child_generator
-        from accelerated_evaluation.records.checks import STOP, Records, inspect_records
+        from accelerated_evaluation.records.checks import STOP, inspect_records
         from accelerated_evaluation.records.limits import limits_in_words
         from accelerated_evaluation.records.report import report_in_words
-        from accelerated_evaluation.records.sources import read_source
         from accelerated_evaluation.scenarios import SCENARIOS
         from accelerated_evaluation.scenarios.cut_in import CUT_IN
-        from accelerated_evaluation.scenarios.record_report import inspect_scenario_records
-        from accelerated_evaluation.scenarios.record_table import read_scenario_records
+        from accelerated_evaluation.scenarios.record_table import configured_records
         from accelerated_evaluation.study.configuration import load, resolved
         from accelerated_evaluation.vehicles.external.slow import loaded_for
 
@@ -72,14 +70,9 @@ class Inspect:
             vehicle = {"name": arguments.vehicle, "parameters": {}, "files": []}
         if scenario is CUT_IN:
             config = resolved(config)
-            raw = read_source(config["data"], child_generator(config["seed"], "sample"))
-            with loaded_for(vehicle, config["simulations"]) as car:
-                report = inspect_records(Records.of(raw, config, car.simulate))
             print(limits_in_words(config))
-        else:
-            records = read_scenario_records(scenario, config["scenario"]["records"])
-            with loaded_for(vehicle, config["simulations"], scenario) as car:
-                report = inspect_scenario_records(scenario, records, car.simulate)
+        with loaded_for(vehicle, config["simulations"], scenario) as car:
+            report = inspect_records(configured_records(config, car.simulate))
         print(report_in_words(report))
         if arguments.report is not None:
             write_csv(arguments.report, report)

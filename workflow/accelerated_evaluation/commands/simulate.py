@@ -19,7 +19,7 @@ from tqdm import tqdm
 from accelerated_evaluation.base.errors import InputError
 from accelerated_evaluation.base.files import atomic_path
 from accelerated_evaluation.commands import COMMANDS, add_scenario
-from accelerated_evaluation.laws.motion import COURSE_COLUMN
+from accelerated_evaluation.laws.motion import course_columns
 from accelerated_evaluation.scenarios import SCENARIOS
 from accelerated_evaluation.scenarios.cut_in import CUT_IN
 from accelerated_evaluation.scenarios.protocol import ENDED, Scenario
@@ -183,7 +183,7 @@ def simulate_table(
         header = [name.strip() for name in next(rows, Row(0, [])).fields]
         inputs = [_position(header, name, source, scenario) for name in scenario.names]
         carried = [column for column, name in enumerate(header) if name not in scenario.outcome_names]
-        courses = _courses(header, scenario)
+        courses = _courses(header, scenario, source)
         if courses:
             require_motion(vehicle, getattr(vehicle, "name", type(vehicle).__name__))
         highest = np.array([[caps.get(name, math.inf)] for name in scenario.names])
@@ -210,10 +210,11 @@ def simulate_table(
         print(f"warning: {runs} did not end; see the column {ENDED} of {target}", file=sys.stderr)
 
 
-def _courses(header: list[str], scenario: Scenario) -> list[int]:
-    """Return the indices of the columns of the lead speed over time; empty if the table has none."""
-    courses = [place for place, name in enumerate(header) if COURSE_COLUMN.fullmatch(name)]
-    return [header.index("lead_speed"), *courses] if courses and scenario is CUT_IN else []
+def _courses(header: list[str], scenario: Scenario, source: Path) -> list[int]:
+    """Return the places of the columns with lead speeds over time; an empty list if there are none."""
+    if scenario is not CUT_IN:
+        return []
+    return [header.index(name) for name in course_columns(header, str(source))]
 
 
 def _opened(source: Path) -> TextIO:

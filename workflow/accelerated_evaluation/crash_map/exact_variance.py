@@ -145,11 +145,13 @@ def _squared_mass(f: Distribution, proposal: Distribution, start: Array, end: Ar
     log_pieces = _log_square(f, proposal, grid[:-1, None] + half * (1 + _NODES))
     if log_pieces[-1, -1] > log_pieces[0].max() - 1:
         return np.full(start.shape, np.inf)
-    tail = np.cumsum(((np.exp(log_pieces) @ _NODE_WEIGHTS) * half[:, 0])[::-1])[::-1]
+    with np.errstate(over="ignore"):
+        tail = np.cumsum(((np.exp(log_pieces) @ _NODE_WEIGHTS) * half[:, 0])[::-1])[::-1]
     # The tail is nearly exponential between the points of the grid, so its logarithm is interpolated.
     log_tail = np.log(np.maximum(tail, np.finfo(float).tiny))
     above = [np.exp(np.interp(x, grid[:-1], log_tail)) * (x < far) for x in (np.maximum(start, low), end)]
-    return np.maximum(above[0] - above[1], 0)
+    with np.errstate(invalid="ignore"):
+        return np.where(np.isinf(above[0]), np.inf, np.maximum(above[0] - above[1], 0))
 
 
 def _edges(law: Distribution) -> set[float]:
@@ -182,10 +184,29 @@ def variation_table(
     -------
     pandas.DataFrame
         Columns ``method``, ``seed``, ``segment``, ``variation`` and ``variation_trimmed``, the coefficients
-        of variation with all cells and without the cells with the largest weights.
+        of variation with all cells and without the cells with the largest weights; and ``decay``, from
+        `tail_decay`, the larger value of both coordinates and over all strata.
     """
     rows = []
     for (method, seed), factors in proposals.items():
         found = exact_variation(crash_map, law, factors, ignored_shares=(0.0, ignored_share))
-        rows += [(method, seed, segment, *values) for segment, values in found.items()]
-    return pd.DataFrame(rows, columns=["method", "seed", "segment", "variation", "variation_trimmed"])
+        decays = {
+            name: max(
+                tail_decay(stratum.factors.first, factors[name].first),
+                tail_decay(stratum.factors.second, factors[name].second),
+            )
+            for name, stratum in law.strata.items()
+        }
+        decays[ALL] = max(decays.values())
+        rows += [(method, seed, segment, *values, decays[segment]) for segment, values in found.items()]
+    columns = ["method", "seed", "segment", "variation", "variation_trimmed", "decay"]
+    return pd.DataFrame(rows, columns=columns)
+
+
+def tail_decay(f: Distribution, proposal: Distribution) -> float:
+    """Return how much faster than f its f* falls in the far tail: the ratio of the slopes of log densities.
+
+    For exponential tails it is the ratio of the rates. Above 2, the integral of f^2 / f* is infinite.
+    """
+    ends = np.array([f.isf(1e-100), f.isf(1e-200)])
+    return float(np.diff(proposal.logpdf(ends))[0] / np.diff(f.logpdf(ends))[0])

@@ -7,6 +7,7 @@ import numpy as np
 from accelerated_evaluation.base.arrays import Array
 from accelerated_evaluation.crash_map.lines import CrashLines
 from accelerated_evaluation.laws.smooth.conditional import SpeedLaw
+from accelerated_evaluation.scenarios.cut_in import SPEED_LIMIT
 from accelerated_evaluation.vehicles.protocol import Vehicle
 
 PARTS = 8  # number of parts of a wide interval of a crash map
@@ -17,20 +18,22 @@ TAIL = 4  # exponent by which the parts at large closing speeds have smaller pro
 FAR = 50.0  # largest cumulative hazard in a part, in place of an infinite one
 
 
-def with_impacts(lines: CrashLines, vehicle: Vehicle, law: SpeedLaw) -> tuple[CrashLines, Array, Array]:
+def with_impacts(lines: CrashLines, vehicle: Vehicle, law: SpeedLaw) -> tuple[CrashLines, Array]:
     """Divide the wide intervals of a crash map, and simulate the vehicle at some closing speeds in each part.
 
     Quantiles of the law of the closing speed determine the ends of the parts. With the divided map come the
-    simulated closing speeds and the impact speeds [m/s], NaN without a crash, both of shape (parts, POINTS).
+    impact speeds [m/s] at `POINTS` closing speeds in each part, NaN without a crash, shape (parts, POINTS).
     """
     if not lines.row.size:
-        return lines, np.empty((0, POINTS)), np.empty((0, POINTS))
+        return lines, np.empty((0, POINTS))
     wide = lines.end - lines.start > NARROW
     divided = _whole(_only(lines, ~wide)), _divided(_only(lines, wide), law)
     row, start, end, points = (np.concatenate(column) for column in zip(*divided, strict=True))
+    # With few records, quantiles of the laws may exceed any speed that a vehicle accepts.
+    points = np.minimum(points, SPEED_LIMIT)
     outcomes = lines.simulate(vehicle, np.repeat(row, POINTS), points.ravel())
     speed = np.where(outcomes.crash, outcomes.impact_speed, np.nan).reshape(points.shape)
-    return replace(lines, row=row, start=start, end=end), points, speed
+    return replace(lines, row=row, start=start, end=end), speed
 
 
 def _only(lines: CrashLines, chosen: Array) -> CrashLines:

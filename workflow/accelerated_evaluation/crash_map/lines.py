@@ -213,6 +213,12 @@ class CrashLines(Lines):
         """Return the lead speeds [m/s] and ranges [m] of the n lines with the given indices."""
         return self.places.lead_speed[line], self.places.range_[line]
 
+    @property
+    def inside(self) -> Array:
+        """A cut-in in each interval: lead speed [m/s], range [m] and closing speed [m/s], (intervals, 3)."""
+        middle = np.where(np.isfinite(self.end), (self.start + self.end) / 2, self.start + 1.0)
+        return np.column_stack([*self.place(self.row), middle])
+
     def of_draw(self, draw: int) -> "CrashLines":
         """Return the lines for one draw of the uncertain parameters of the vehicle.
 
@@ -311,3 +317,17 @@ def _over_speeds(
     speeds = half * NODES + (start + end)[:, None] / 2
     x = np.column_stack([np.repeat(lead_speed, NODES.size), np.repeat(range_, NODES.size), speeds.ravel()])
     return half[:, 0] * (np.exp(law.log_density(x)).reshape(speeds.shape) @ NODE_WEIGHTS)
+
+
+def divided(lines: CrashLines, limits: Iterable[Array]) -> tuple[CrashLines, NDArray[np.intp]]:
+    """Cut the intervals of a crash map at limits of the closing speed [m/s], which have shape (lines,) each.
+
+    The index of the original interval of each new one comes with it.
+    """
+    start, end = lines.start, lines.end
+    cuts = [np.clip(limit[lines.row], start, end) for limit in limits]
+    edges = np.sort(np.column_stack([start, *cuts, end]), axis=1)
+    first, last = edges[:, :-1].ravel(), edges[:, 1:].ravel()
+    kept = first < last
+    index = np.repeat(np.arange(start.size), len(cuts) + 1)[kept]
+    return replace(lines, row=lines.row[index], start=first[kept], end=last[kept]), index

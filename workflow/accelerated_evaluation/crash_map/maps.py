@@ -16,14 +16,13 @@ import os
 from abc import ABC, abstractmethod
 from collections.abc import Mapping
 from dataclasses import asdict, dataclass, replace
-from zipfile import BadZipFile
 
 import numpy as np
 from numpy.typing import NDArray
 
 from accelerated_evaluation.base.arrays import Array
 from accelerated_evaluation.base.errors import InputError
-from accelerated_evaluation.base.files import atomic_path
+from accelerated_evaluation.base.files import atomic_path, read_arrays
 from accelerated_evaluation.scenarios.cut_in import CUT_IN
 from accelerated_evaluation.scenarios.protocol import Event
 from accelerated_evaluation.vehicles.events import CRASH
@@ -260,8 +259,7 @@ def read_crash_map(path: str | os.PathLike) -> CrashMap:
         If the file is missing or is not a crash map.
     """
     try:
-        with np.load(path) as archive:
-            arrays = dict(archive)
+        arrays = read_arrays(path)
         grid = Grid(**json.loads(str(arrays.pop("grid"))))
         lead_speed, inverse_range = arrays.pop("lead_speed"), arrays.pop("inverse_range")
         inner = arrays.pop("inner", None)
@@ -271,7 +269,7 @@ def read_crash_map(path: str | os.PathLike) -> CrashMap:
             quantity, threshold, name = key.split()
             columns.setdefault(CUT_IN.event(quantity, float(threshold)), {})[name] = values
         events = {event: Intervals(**parts) for event, parts in columns.items()}
-    except (OSError, EOFError, ValueError, KeyError, TypeError, BadZipFile) as error:
+    except (LookupError, OSError, TypeError, ValueError) as error:
         seen, expected = f"{type(error).__name__}: {error}", "a crash map"
         raise InputError(str(path), seen=seen, expected=expected, change="Compute the map again.") from error
     return CrashMap(grid, cells, lead_speed, inverse_range, events, inner)

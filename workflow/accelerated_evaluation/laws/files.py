@@ -3,7 +3,7 @@
 import hashlib
 import json
 import os
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from itertools import product
 from typing import Any
 
@@ -15,14 +15,18 @@ from accelerated_evaluation.base.files import read_json, require_format, write_j
 from accelerated_evaluation.base.tables import require_file
 from accelerated_evaluation.laws import LAWS, Box, Law
 from accelerated_evaluation.records.encounter_table import NUMBERS
+from accelerated_evaluation.records.verdict import Verdict
 
 FORMAT = "accelerated-evaluation law"
 VERSION = 1
 PLACES = (-4.0, 0.0, 4.0)  # normal scores at which a law is checked after reading
+NOT_CHECKED = {"stops": {}, "warnings": ["no verdict on the records in the file of the law"], "advice": {}}
 CHANGE = "Fit the law again, or name a law file that this version wrote."
 
 
-def write_law(path: str | os.PathLike, law: Law, records: pd.DataFrame | None = None) -> None:
+def write_law(
+    path: str | os.PathLike, law: Law, records: pd.DataFrame | None = None, verdict: Verdict | None = None
+) -> None:
     """Write a law as JSON, atomically; `read_law` returns an equal law.
 
     Parameters
@@ -35,11 +39,14 @@ def write_law(path: str | os.PathLike, law: Law, records: pd.DataFrame | None = 
         The encounter table to which a law of cut-ins was fitted, from which it takes its lead speeds. A
         digest of the table is written to the file, by which `read_law` refuses other tables. Other laws need
         no table.
+    verdict
+        The verdict on the records, which `read_verdict` returns; None if they were not checked.
     """
     header = {"format": FORMAT, "version": VERSION, "kind": law.kind, "description": law.description}
     header |= {"variables": law.box.content()}
     if getattr(law, "proposal", law).needs_records:  # draws need the table if their proposal does
         header |= {"records": _described(records)}
+    header |= {} if verdict is None else {"verdict": verdict.content()}
     write_json(path, header | law.content())
 
 
@@ -85,6 +92,36 @@ def read_law(path: str | os.PathLike, records: pd.DataFrame | None = None) -> La
     except (ArithmeticError, AttributeError, LookupError, TypeError, ValueError) as error:
         seen = f"{type(error).__name__}: {error}"
         raise InputError(str(path), seen=seen, expected="a complete law file", change=CHANGE) from error
+
+
+def read_verdict(path: str | os.PathLike, accepted: Iterable[str] = ()) -> Verdict:
+    """Return the verdict on the records of a law, which its file contains.
+
+    Parameters
+    ----------
+    path
+        The file; `read_law` checks the rest of it.
+    accepted
+        Names of the checks that the user accepts.
+
+    Raises
+    ------
+    InputError
+        If the file or its verdict cannot be read, or if a check has the verdict ``stop`` and ``accepted``
+        does not name it.
+    """
+    require_file(path, CHANGE)
+    try:
+        content = read_json(path)
+        require_format(path, content, FORMAT, VERSION, CHANGE)
+        verdict = Verdict.from_content(content.get("verdict", NOT_CHECKED), accepted)
+    except (AttributeError, LookupError, TypeError, ValueError) as error:
+        seen = f"{type(error).__name__}: {error}"
+        raise InputError(
+            f"{path}, verdict", seen=seen, expected="a verdict on records", change=CHANGE
+        ) from error
+    verdict.require_accepted(str(path))
+    return verdict
 
 
 def _require_table(

@@ -269,9 +269,10 @@ def coverage_table(replicates: pd.DataFrame, probability: float, standard_error:
     -------
     pandas.DataFrame
         One row for each method and stopping rule: the number of ``replicates``; the share ``converged``;
-        ``simulations_mean``; the relative ``bias``; the coefficient of variation of the estimates,
-        ``cov_true``, and the mean of those reported, ``cov_reported``; the shares of intervals that contain
-        the exact probability, ``coverage80`` and ``coverage95``; and standard errors ``*_se``.
+        mean and standard deviation of the simulations, ``simulations_mean`` and ``simulations_sd``; the
+        relative ``bias``; the coefficient of variation of the estimates, ``cov_true``, and the mean of those
+        reported, ``cov_reported``; the shares of intervals that contain the exact probability, ``coverage80``
+        and ``coverage95``; and standard errors ``*_se``.
     """
     groups = replicates.groupby(["method", "stopping"], sort=False)
     return pd.DataFrame(
@@ -289,6 +290,7 @@ def _judge(group: pd.DataFrame, probability: float, standard_error: float) -> di
         "replicates": count,
         "converged": float(group["converged"].mean()),
         "simulations_mean": float(group["simulations"].mean()),
+        "simulations_sd": float(group["simulations"].std()),
         "bias": float(ratio.mean()) - 1,
         "bias_se": math.hypot(cov / math.sqrt(count), standard_error / (probability or math.nan)),
         "cov_true": cov,

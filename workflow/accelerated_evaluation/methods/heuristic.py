@@ -1,17 +1,18 @@
-"""The paper's heuristic, which also moves the truncation points of the pieces up (section V.C.5)."""
+"""The paper's heuristic: truncation points move up if an iteration has too few events (section V.C.5)."""
 
 from typing import Any, ClassVar
 
 from accelerated_evaluation.methods import METHODS
-from accelerated_evaluation.methods.cross_entropy.search import Shift
+from accelerated_evaluation.methods.cross_entropy.levels import Shift
 from accelerated_evaluation.methods.piecewise import Piecewise
 
 
 @METHODS.add("heuristic")
 class Heuristic(Piecewise):
-    """The method `Piecewise` with moving truncation points.
+    """The method `Piecewise` whose truncation points move if an iteration has too few events.
 
-    The truncation points of a variable move up when its tail has the largest allowed weight.
+    The truncation points of a variable move up by one step if its tail has the largest allowed weight. The
+    iteration then draws again, until it has enough events.
     """
 
     name: ClassVar[str] = "heuristic"

@@ -9,8 +9,8 @@ A new figure needs a function in `publishing.figures`, a call in a notebook, and
     show(study, fig25_example)      # in the notebook
 
 The name of the function is the name of its files and of its caption, ``workflow/report/fig25_example.rst``.
-The names of its parameters are those of the properties of `Study` that it uses. The workflow determines both
-from the code (`publishing.book.catalogue`).
+The names of its parameters are those of the properties of `Study` that it uses. The metadata of the notebook
+list the figure, and the results that it reads (`publishing.book.catalogue`).
 """
 
 import inspect
@@ -51,6 +51,7 @@ def figure(make: Make) -> Make:
         drawn, data = made
         metadata = described(make.__name__, origin_of(study))
         save_figure(drawn, data, study.figures, make.__name__, metadata)
+        study.used.figures.append(make.__name__)
         return ShownFigure(data, study.figures / f"{make.__name__}.png")
 
     make.publish = publish
@@ -91,6 +92,7 @@ def table(
                 digits=digits,
                 digest=shown.assign(**described),
             )
+            study.used.tables.append(name)
             return ShownTable(made, shown if digits is None else shown.map(readable, digits=digits))
 
         make.publish = publish
@@ -100,14 +102,20 @@ def table(
 
 
 def result_table(
-    name: str, *, digits: int | None = None, digest: Callable[[pd.DataFrame], pd.DataFrame] | None = None
+    name: str,
+    *,
+    result: str | None = None,
+    digits: int | None = None,
+    digest: Callable[[pd.DataFrame], pd.DataFrame] | None = None,
 ) -> Callable[..., pd.DataFrame]:
     """Register a table of results that is published without changes.
 
     Parameters
     ----------
     name
-        Name of the result in `Study`, and of the files.
+        Name of the files, and of the result in `Study`.
+    result
+        Name of the result, if it is another one.
     digits, digest
         Number of significant digits in Markdown, LaTeX and notebooks (all by default), and a function that
         returns a shorter table for them.
@@ -119,9 +127,10 @@ def result_table(
     """
 
     def make(**results: pd.DataFrame) -> pd.DataFrame:
-        return results[name]
+        return results[result or name]
 
-    make.__signature__ = inspect.Signature([inspect.Parameter(name, inspect.Parameter.KEYWORD_ONLY)])
+    parameter = inspect.Parameter(result or name, inspect.Parameter.KEYWORD_ONLY)
+    make.__signature__ = inspect.Signature([parameter])
     return table(name, digits=digits, digest=digest)(make)
 
 

@@ -11,12 +11,13 @@ from accelerated_evaluation.base.errors import InputError
 from accelerated_evaluation.base.files import read_json
 from accelerated_evaluation.laws.files import read_law
 from accelerated_evaluation.laws.paper.independent import IndependentLaw
+from accelerated_evaluation.publishing.book.catalogue import Contents
 from accelerated_evaluation.publishing.study_tables import TABLES
 from accelerated_evaluation.publishing.tables.formats import as_markdown
-from accelerated_evaluation.records.checks import STOP
 from accelerated_evaluation.records.encounter_table import read_encounters
-from accelerated_evaluation.records.report import summary
+from accelerated_evaluation.records.report import read_report, summary
 from accelerated_evaluation.records.sources import describe
+from accelerated_evaluation.records.verdict import Verdict
 from accelerated_evaluation.scenarios import SCENARIOS
 from accelerated_evaluation.scenarios.cut_in import CUT_IN
 from accelerated_evaluation.scenarios.protocol import Scenario
@@ -29,10 +30,13 @@ class Study:
     """The finished results of a study; each is read when it is first used, and then cached.
 
     The parameters of a figure or table are the names of the results that it uses: a parameter ``estimates``
-    is read from the property ``estimates`` of this class (`publishing.published.show`).
-    `publishing.book.catalogue` determines from the code of this class, without running it, on which files a
-    notebook depends. Each file is therefore named by a literal in a call of `path`, `table` or `_law`. Parts
-    of a name in braces are replaced, so that one literal represents several files.
+    is read from the property ``estimates`` of this class (`publishing.published.show`). A file name with
+    parts in braces represents several files.
+
+    Attributes
+    ----------
+    used
+        The results that were read, and the figures and tables that were published.
 
     Parameters
     ----------
@@ -47,6 +51,7 @@ class Study:
 
     def __init__(self, results: str | Path, figures: str | Path) -> None:
         self.results, self.figures = Path(results), Path(figures)
+        self.used = Contents([], [], [])
 
     @classmethod
     def named(cls, name: str) -> "Study":
@@ -68,6 +73,8 @@ class Study:
         InputError
             If the file does not exist.
         """
+        if name not in self.used.reads:
+            self.used.reads.append(name)
         path = self.results / name.format(**parts)
         if not path.is_file():
             raise InputError(
@@ -131,13 +138,22 @@ class Study:
         """Study, scenario, vehicle and root seed as one line of Markdown."""
         vehicle, seed = self.config["vehicle"]["name"], self.config["seed"]
         what = as_markdown(self.scenario.description)
-        return f"Study **{self.name}**: {what}. Vehicle {as_markdown(vehicle)}. Root seed {seed}."
+        text = f"Study **{self.name}**: {what}. Vehicle {as_markdown(vehicle)}. Root seed {seed}."
+        return text + self._doubts
 
     @property
     def headline(self) -> str:
         """Study, data and root seed as one line of Markdown."""
-        study = f"Study **{self.name}**. Data: {as_markdown(self.source)}. Root seed {self.config['seed']}."
-        return f"{study} **{as_markdown(summary(self.records_report))}**" if self.stops else study
+        text = f"Study **{self.name}**. Data: {as_markdown(self.source)}. Root seed {self.config['seed']}."
+        return text + self._doubts
+
+    @property
+    def _doubts(self) -> str:
+        """What the checks of the records found, as Markdown that begins with a space; empty if nothing."""
+        verdict = self.verdict
+        if verdict.stops:
+            return f" **{as_markdown(summary(self.records_report))}**"
+        return f" Records: {as_markdown(verdict.in_short)}." if verdict.in_short else ""
 
     @property
     def alpha(self) -> float:
@@ -170,7 +186,8 @@ class Study:
     @cached_property
     def encounters(self) -> pd.DataFrame:
         """The checked encounter table, a row for each lane change."""
-        return read_encounters(self.path("encounters.parquet"))
+        path = self.path("encounters.parquet")
+        return read_encounters(path) if self.scenario.has_sources else pd.read_parquet(path)
 
     @cached_property
     def account(self) -> pd.DataFrame:
@@ -180,13 +197,12 @@ class Study:
     @cached_property
     def records_report(self) -> pd.DataFrame:
         """The results of the checks of the records."""
-        return pd.read_csv(self.path("records_report.csv"), keep_default_na=False)
+        return read_report(self.path("records_report.csv"))
 
     @property
-    def stops(self) -> list[str]:
-        """Names of the checks of the records whose verdict is "stop"."""
-        report = self.records_report
-        return report.loc[report["verdict"] == STOP, "check"].tolist()
+    def verdict(self) -> Verdict:
+        """The verdict on the records, which is shown with every answer."""
+        return Verdict.of(self.records_report)
 
     # The laws of cut-ins.
 

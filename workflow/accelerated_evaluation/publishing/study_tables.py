@@ -5,6 +5,8 @@ TABLES = {
     "segment_counts": "segments.csv",
     # Kendall's tau of each pair of variables, inside each segment.
     "dependence": "dependence.csv",
+    # Ratio of the largest to the smallest quantile of TTC^-1 of the segments.
+    "similarity": "similarity.csv",
     # Log-likelihood, AIC and rank of all candidate families.
     "candidates": "candidates.csv",
     # Every iteration of every Cross-Entropy search.
@@ -21,6 +23,8 @@ TABLES = {
     "convergence": "convergence.csv",
     # Exact coefficient of variation of the weight of a simulation under each f*.
     "variation": "variation.csv",
+    # Searches of the first segment with more seeds and more updates, and how good their f* are.
+    "repeated_searches": "repeated_searches.csv",
     # Probabilities of crashes above impact speeds, and of near misses.
     "severity": "severity.csv",
     # Mean and quantiles of the impact speed of crashes.
@@ -35,8 +39,14 @@ TABLES = {
     "laws": "laws/laws.csv",
     # Recorded against expected counts of cut-ins and near misses near the crash set.
     "calibration": "laws/calibration.csv",
-    # Random crashes under each law: lead speed, range and closing speed.
+    # Random predicted crashes: lead speed, range and closing speed, and how far they are from the records.
     "crash_places": "laws/crash_places.csv",
+    # Shares of the answer by distance of the predicted crashes from the records.
+    "extrapolation": "laws/extrapolation.csv",
+    # Intervals of near misses that allow for clusters of critical records.
+    "near_misses": "laws/near_misses.csv",
+    # Crash probability for other choices of laws, weights, priors and splines.
+    "choices": "laws/choices.csv",
     # The probability of a crash and of near misses, with the uncertainty from data, laws and sampling.
     "answer": "laws/answer.csv",
     # Rates of cut-ins, crashes and near misses per kilometre and per hour, if distance and time are known.
@@ -73,29 +83,18 @@ TABLES = {
     "traces": "happened/traces.csv",
     # Closing speed from which on each vehicle always crashes, by lead speed and range.
     "preventable": "happened/preventable.csv",
-    # For a scenario other than the cut-in: the records, and the range of each variable in them.
-    "scenario_encounters": "scenario/encounters.csv",
-    "scenario_records": "scenario/records.csv",
-    # Held-out scores and weights of the joint laws.
-    "scenario_laws": "scenario/laws.csv",
-    # The probability of each event, with the uncertainty from data, laws and sampling.
-    "scenario_answer": "scenario/answer.csv",
-    # Random draws of the crash probability, and the budget of its uncertainty.
-    "scenario_draws": "scenario/draws.csv",
-    "scenario_budget": "scenario/budget.csv",
     # Shares of encounters and crashes by the size of a variable.
-    "scenario_crash_shares": "scenario/crash_shares.csv",
+    "crash_shares": "laws/crash_shares.csv",
     # Estimates of all replicates of all methods for the law with the largest weight; runs of the surrogate.
     "scenario_estimates": "scenario/estimates.csv",
     "scenario_runs": "scenario/runs.csv",
-    # Number of published verdicts that the vehicle reproduces; stored experiments and their checks.
+    # Number of published verdicts that the vehicle reproduces.
     "scenario_agreement": "scenario/agreement.csv",
-    "scenario_experiments": "scenario/experiments.csv",
     # For a slow vehicle: estimate under the mean law, simulations, those that crashed, comparisons.
-    "sampled_estimate": "sampled/estimate.csv",
-    "sampled_runs": "sampled/runs.csv",
-    "sampled_crashes": "sampled/crashes.csv",
-    "compared": "sampled/compared.csv",
+    "sampled_estimate": "laws/estimate.csv",
+    "sampled_runs": "laws/runs.csv",
+    "sampled_crashes": "laws/crashes.csv",
+    "compared": "laws/compared.csv",
     # Share of intervals that contain the exact probability, by method and stopping rule.
     "coverage": "coverage.csv",
 }

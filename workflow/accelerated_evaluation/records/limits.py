@@ -39,7 +39,8 @@ AUTOMATIC = (
     "sensitivity.lead_speed_edges",
     "sensitivity.closing_speed_max",
 )
-FASTEST, FARTHEST = 70.0, 300.0  # [m/s], [m]: no lead car is faster, and no sensor of a car sees farther
+FASTEST = 70.0  # [m/s], 252 km/h: manufacturers limit fast cars to 250 km/h
+FARTHEST = 300.0  # [m]: no radar or camera of a car follows a target that is farther away
 WIDTH = 10.0  # [m/s], width of a segment, as in the paper
 SEGMENT_ROWS = 600  # smallest number of rows in a segment, so that its tail, the uppermost 5 %, has 30 rows
 MARGIN = 1.05  # ratio of the cap to the largest recorded closing speed; it is 1.06 in the paper

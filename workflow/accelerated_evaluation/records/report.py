@@ -1,5 +1,6 @@
 """The report on the records as text, for the log file and for the command ``inspect``."""
 
+import os
 import textwrap
 
 import pandas as pd
@@ -9,11 +10,17 @@ from accelerated_evaluation.records.checks import STOP, VERDICTS
 WIDTH = 100
 
 
+def read_report(path: str | os.PathLike) -> pd.DataFrame:
+    """Return the report on the records that a study has written, one row for each check."""
+    return pd.read_csv(path, keep_default_na=False)
+
+
 def report_in_words(report: pd.DataFrame) -> str:
     """Return the table of `checks.inspect_records` as readable text, in the order of the table."""
     lines = [summary(report), ""]
     for row in report.to_dict("records"):
-        lines.append(f"{row['verdict'].upper():5} {row['check']}: {row['seen']}")
+        known = " (explained in docs/records_report.md)" if row["explained"] else ""
+        lines.append(f"{row['verdict'].upper():5} {row['check']}: {row['seen']}{known}")
         if row["advice"]:
             rows = f"rows {row['example_rows']}" if row["rows"] else ""
             more = (

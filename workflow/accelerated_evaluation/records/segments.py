@@ -1,6 +1,7 @@
-"""Segments of lead speed, and a test of the paper's assumption of independence within segments."""
+"""Segments of lead speed, and tests that variables are independent in them and that they are similar."""
 
-from collections.abc import Sequence
+import math
+from collections.abc import Callable, Sequence
 from itertools import combinations, pairwise
 
 import numpy as np
@@ -10,6 +11,7 @@ from accelerated_evaluation.base.errors import InputError
 
 VARIABLES = ("lead_speed", "inverse_range", "inverse_ttc")
 BLOCKS = 30
+QUANTILES = (0.5, 0.9, 0.95, 0.99)
 # With fewer rows, and two equal values among them, the tail of TTC^-1 above the 95 % quantile would be fitted
 # to a single row.
 MINIMUM_ROWS = 30
@@ -154,19 +156,66 @@ def dependence(encounters: pd.DataFrame, confidence: float = 0.95) -> pd.DataFra
 def tau_interval(x: np.ndarray, y: np.ndarray, confidence: float) -> tuple[float, float]:
     """Return Kendall's tau-b of x and y, each of shape (n,), and the half-width of its confidence interval.
 
-    The rows are in the order of the record. The standard error comes from a jackknife that leaves out one of
-    30 blocks of consecutive rows (Kuensch 1989, Annals of Statistics 17, 1217). It assumes neither that tau
-    is zero nor that rows are independent, because repeated rows and similar rows of one trip belong to the
-    same block. The interval is symmetric and uses Student's t with 29 degrees of freedom. Its half-width is
-    NaN if there are fewer than two rows per block.
+    The interval is symmetric, from the error of `jackknife` and Student's t with 29 degrees of freedom. It
+    assumes neither that tau is zero nor that rows are independent.
     """
     # Imported here, because it takes half a second, which every job of the study would pay.
     from scipy.stats import kendalltau, t
 
-    tau = kendalltau(x, y).statistic
-    if len(x) < 2 * BLOCKS:
-        return tau, np.nan
-    blocks = np.array_split(np.arange(len(x)), BLOCKS)
-    without = [kendalltau(np.delete(x, block), np.delete(y, block)).statistic for block in blocks]
-    standard_error = np.sqrt((BLOCKS - 1) * np.var(without))
-    return tau, t.ppf((1 + confidence) / 2, BLOCKS - 1) * standard_error
+    def tau(kept: np.ndarray) -> float:
+        return kendalltau(x[kept], y[kept]).statistic
+
+    value, standard_error = jackknife(tau, len(x))
+    return value, t.ppf((1 + confidence) / 2, BLOCKS - 1) * standard_error
+
+
+def similarity(encounters: pd.DataFrame, confidence: float = 0.95) -> pd.DataFrame:
+    """Compare quantiles of TTC^-1 between the segments; the ratio is one if the segments are alike.
+
+    Parameters
+    ----------
+    encounters
+        Encounter table, with rows in the order of the record.
+    confidence
+        Level of the intervals.
+
+    Returns
+    -------
+    pandas.DataFrame
+        Columns ``quantile``; ``largest_in`` and ``smallest_in``, the segments with its largest and smallest
+        value; ``largest`` and ``smallest`` [1/s]; their ``ratio``, and its interval ``ci_low`` to ``ci_high``
+        from the errors of `jackknife` of both logarithms. The interval allows for the choice of the two
+        segments among all pairs (Bonferroni).
+    """
+    from scipy.stats import t
+
+    of_segments = {name: rows["inverse_ttc"].to_numpy() for name, rows in encounters.groupby("segment")}
+    pairs = max(math.comb(len(of_segments), 2), 1)
+    reach, table = t.ppf(1 - (1 - confidence) / (2 * pairs), BLOCKS - 1), []
+    for level in QUANTILES:
+        found = {
+            name: jackknife(lambda kept, x=x, level=level: np.log(np.quantile(x[kept], level)), len(x))
+            for name, x in of_segments.items()
+        }
+        high, low = (choose(found, key=lambda name: found[name][0]) for choose in (max, min))
+        ratio = found[high][0] - found[low][0]
+        half_width = reach * np.hypot(found[high][1], found[low][1]) if high != low else 0.0
+        values = [found[high][0], found[low][0], ratio, ratio - half_width, ratio + half_width]
+        table.append((level, high, low, *np.exp(values)))
+    columns = ["quantile", "largest_in", "smallest_in", "largest", "smallest", "ratio", "ci_low", "ci_high"]
+    return pd.DataFrame(table, columns=columns)
+
+
+def jackknife(statistic: Callable[[np.ndarray], float], rows: int) -> tuple[float, float]:
+    """Return a statistic of all rows, and its standard error from leaving out blocks of consecutive rows.
+
+    The statistic is a function of the indices of the rows that are kept. One of 30 blocks is left out at a
+    time (Kuensch 1989, Annals of Statistics 17, 1217), because repeated rows and similar rows of one trip
+    belong to the same block. The error is NaN if there are fewer than two rows per block.
+    """
+    everything = np.arange(rows)
+    value = statistic(everything)
+    if rows < 2 * BLOCKS:
+        return value, np.nan
+    without = [statistic(np.delete(everything, block)) for block in np.array_split(everything, BLOCKS)]
+    return value, float(np.sqrt((BLOCKS - 1) * np.var(without)))

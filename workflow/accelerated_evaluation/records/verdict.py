@@ -17,7 +17,6 @@ from accelerated_evaluation.records.checks import (
     STOP,
     WARNING,
     Records,
-    Simulate,
     inspect_records,
 )
 from accelerated_evaluation.records.encounter_table import NUMBERS
@@ -35,7 +34,7 @@ class Verdict:
     stops
         Mapping from the name of each check with the verdict ``stop`` to what the check found.
     warnings
-        Names of the checks with the verdict ``warning``.
+        Names of the checks with the verdict ``warning``, unless the documentation explains the warning.
     accepted
         Names of the checks that the user accepts even if their verdict is ``stop``.
     advice
@@ -66,7 +65,7 @@ class Verdict:
         accepted = frozenset(accepted)
         require_checks(accepted)
         stops = report[report["verdict"] == STOP].set_index("check")
-        warnings = report.loc[report["verdict"] == WARNING, "check"]
+        warnings = report.loc[(report["verdict"] == WARNING) & ~report["explained"].astype(bool), "check"]
         return cls(stops["seen"].to_dict(), tuple(warnings), accepted, stops["advice"].to_dict())
 
     @property
@@ -96,40 +95,61 @@ class Verdict:
 
     def lines(self) -> list[str]:
         """Return a line of text for each ``stop`` and one line for all warnings; no lines if all is fine."""
-        if not self.warnings:
-            return self.stop_lines()
-        names = ", ".join(self.warnings)
-        advice = "`accelerated-evaluation inspect` names the rows of the records"
-        return [*self.stop_lines(), f"warning: {names}; {advice}"]
-
-    def stop_lines(self) -> list[str]:
-        """Return a line of text for each check with the verdict ``stop``, with what the check found."""
         notes = {name: " (accepted by name)" for name in self.accepted}
-        return [
+        stops = [
             f"STOP{notes.get(name, '')}: {name} of the records: {seen}" for name, seen in self.stops.items()
         ]
+        names, advice = (
+            ", ".join(self.warnings),
+            "`accelerated-evaluation inspect` names the rows of the records",
+        )
+        return [*stops, *([f"warning: {names}; {advice}"] if names else [])]
+
+    @property
+    def in_short(self) -> str:
+        """Names of the checks that found a fault, by verdict; empty if there is none."""
+        found = {"STOP": ", ".join(self.stops), "warning": ", ".join(self.warnings)}
+        return "; ".join(f"{verdict}: {names}" for verdict, names in found.items() if names)
 
     def added_to(self, table: pd.DataFrame) -> pd.DataFrame:
-        """Return a table of results with the column ``records``, which names the checks that say ``stop``.
+        """Return a table of results with the column ``records``, which names the checks that found a fault.
 
         If there is no such check, the table is returned unchanged.
         """
-        return table.assign(records=f"STOP: {', '.join(self.stops)}") if self.stops else table
+        return table.assign(records=self.in_short) if self.in_short else table
+
+    def added_to_answers(self, tables: Mapping[str, pd.DataFrame]) -> dict[str, pd.DataFrame]:
+        """Return tables by name, in which ``answer`` and ``estimate`` have the column of `added_to`."""
+        return {
+            name: self.added_to(table) if name in ("answer", "estimate") else table
+            for name, table in tables.items()
+        }
+
+    def content(self) -> dict[str, Any]:
+        """Return the findings for a file of a law; `from_content` reads them."""
+        return {"stops": dict(self.stops), "warnings": list(self.warnings), "advice": dict(self.advice)}
+
+    @classmethod
+    def from_content(cls, content: Mapping[str, Any], accepted: Iterable[str] = ()) -> Self:
+        """Return the verdict that a file of a law contains, with the checks that the user accepts."""
+        accepted = frozenset(accepted)
+        require_checks(accepted)
+        stops = {name: str(seen) for name, seen in dict(content["stops"]).items()}
+        advice = {name: str(content["advice"][name]) for name in stops}
+        return cls(stops, tuple(map(str, content["warnings"])), accepted, advice)
 
 
-def verdict_on(raw: pd.DataFrame, config: Mapping[str, Any], simulate: Simulate | None = None) -> Verdict:
-    """Check the records of a source, and raise an error unless the user accepts each ``stop``.
+def verdict_on(records: Records, where: str, accepted: Iterable[str] = ()) -> Verdict:
+    """Check records of any scenario, and raise an error unless the user accepts each ``stop``.
 
     Parameters
     ----------
-    raw
-        Unfiltered records of a source: columns ``lead_speed`` [m/s], range and closing speed (or their
-        inverses, as in `encounter_table.complete`), index ``row`` from 1.
-    config
-        A resolved configuration; its sections ``data``, ``filters`` and ``segments`` are used.
-    simulate
-        Function that simulates the recorded cut-ins with the vehicle under test; None to skip the check that
-        replays them.
+    records
+        The records in the form for the checks.
+    where
+        File of the records, for the error.
+    accepted
+        Names of the checks that the user accepts.
 
     Returns
     -------
@@ -139,11 +159,10 @@ def verdict_on(raw: pd.DataFrame, config: Mapping[str, Any], simulate: Simulate 
     Raises
     ------
     InputError
-        If a check has the verdict ``stop`` and ``data.accepted_warnings`` does not name it.
+        If a check has the verdict ``stop`` and ``accepted`` does not name it.
     """
-    report = inspect_records(Records.of(raw, config, simulate))
-    verdict = Verdict.of(report, config["data"]["accepted_warnings"])
-    verdict.require_accepted(config["data"][config["data"]["source"]]["path"])
+    verdict = Verdict.of(inspect_records(records), accepted)
+    verdict.require_accepted(where)
     return verdict
 
 
@@ -178,10 +197,8 @@ def verdict_on_encounters(encounters: pd.DataFrame, where: str, accepted: Iterab
         "range_max": float(encounters["range"].max()) * (1 + 1e-9),  # so that rounding drops no row
     }
     rows = encounters[list(NUMBERS[:3])].set_axis(range(1, len(encounters) + 1))
-    report = inspect_records(Records.of(rows, {"filters": filters, "segments": {"lead_speed_edges": edges}}))
-    verdict = Verdict.of(report, accepted)
-    verdict.require_accepted(where)
-    return verdict
+    records = Records.of(rows, {"filters": filters, "segments": {"lead_speed_edges": edges}})
+    return verdict_on(records, where, accepted)
 
 
 def require_checks(names: Iterable[str]) -> None:

@@ -8,7 +8,7 @@ from typing import Any
 
 import numba
 import numpy as np
-from numba import njit
+from fewruns.compiling import cached_njit
 
 from accelerated_evaluation.base.arrays import Array
 from accelerated_evaluation.scenarios.protocol import Scenario
@@ -18,22 +18,15 @@ from accelerated_evaluation.scenarios.protocol import Scenario
 SLICE_FOR_A_THREAD = 16_384
 
 
-def compiled(function: Callable) -> Callable:
-    """Return a function compiled with numba; the code is cached on disk if numba finds a writable folder."""
-    options = {"error_model": "numpy", "nogil": True}
-    try:
-        return njit(cache=True, **options)(function)
-    except RuntimeError:  # no writable folder
-        return njit(**options)(function)
+compiled = cached_njit(error_model="numpy", nogil=True)
 
 
 def simulate_in_slices(
     scenario: Scenario,
     simulate_slice: Callable,
-    numbers: tuple[Any, ...],
     encounters: Array,
-    *,
-    threads: int,
+    *numbers: Any,  # noqa: ANN401
+    threads: int | None = None,
 ) -> Any:  # noqa: ANN401
     """Return the outcomes of n encounters, simulated in equal slices, one for each thread.
 
@@ -44,30 +37,30 @@ def simulate_in_slices(
     scenario
         The scenario, which determines the type of the outcomes.
     simulate_slice
-        Compiled function ``(encounters, begin, end, numbers, outcomes)``. It writes the outcomes of the
+        Compiled function ``(encounters, begin, end, *numbers, outcomes)``. It writes the outcomes of the
         encounters from ``begin`` to ``end`` to the same columns of ``outcomes``, and releases Python's global
         interpreter lock.
-    numbers
-        Parameters of the vehicle, which are passed to ``simulate_slice``.
     encounters
         Checked encounters, shape (d, n).
+    numbers
+        Parameters of the vehicle, which are passed to ``simulate_slice``.
     threads
-        The largest number of threads.
+        The largest number of threads; by default that of `available_threads`.
 
     Returns
     -------
     object
         The outcomes, an instance of ``scenario.outcome_type``.
     """
-    n = encounters.shape[1]
+    n, threads = encounters.shape[1], available_threads() if threads is None else threads
     outcomes = np.empty((len(scenario.outcomes), n))
     parts = max(1, min(threads, n // SLICE_FOR_A_THREAD))
     cuts = np.linspace(0, n, parts + 1, dtype=int).tolist()
     if parts == 1:
-        simulate_slice(encounters, 0, n, numbers, outcomes)
+        simulate_slice(encounters, 0, n, *numbers, outcomes)
     else:
         with ThreadPoolExecutor(parts) as pool:
-            list(pool.map(lambda cut: simulate_slice(encounters, *cut, numbers, outcomes), pairwise(cuts)))
+            list(pool.map(lambda cut: simulate_slice(encounters, *cut, *numbers, outcomes), pairwise(cuts)))
     return scenario.outcomes_of(outcomes)
 
 

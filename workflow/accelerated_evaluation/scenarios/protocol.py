@@ -16,12 +16,13 @@ from numpy.typing import ArrayLike, NDArray
 
 from accelerated_evaluation.base.arrays import Array
 from accelerated_evaluation.base.errors import InputError
+from accelerated_evaluation.base.tables import CLUSTER as CLUSTER
 
 FLAG = "0 or 1"  # unit of an outcome that is true or false
 ENDED = "ended"  # name of the flag that is false for a run that was stopped at its longest duration
 FILLED = 0.25  # share of the encounters in a part of an event in which the event happens, unless stated
 UNLIMITED = 1e6  # limits this large are not mentioned in texts
-CLUSTER, FITTED = "cluster", "fitted"  # columns of every table of records, in addition to the variables
+FITTED = "fitted"  # flag in every table of records: laws are fitted to the row; see also `CLUSTER`
 
 Fault = tuple[NDArray[np.bool_], str, str]
 """Flags of the rows that break a rule, name of the column for the message, and what was expected."""
@@ -219,9 +220,6 @@ class Scenario:
         File of the records that come with the project, and file of published outcomes of a vehicle, relative
         to the root of the project; None if there are none. The file of outcomes has the columns of the
         variables, ``crash`` and ``fragile`` (1 if rounding errors decide whether there is a crash).
-    experiments
-        File of published estimates by importance sampling, whose simulated encounters are in ``verdicts``;
-        see `answer.stored_experiments`. None if there are none.
     restrictions
         Subsets of the encounters for which results are also given, by name. Each is a function that takes
         points of a law, shape (n, d), and returns whether each point is in the subset, shape (n,).
@@ -261,7 +259,6 @@ class Scenario:
     read_records: Callable[[Path], pd.DataFrame]
     records: Path | None = None
     verdicts: Path | None = None
-    experiments: Path | None = None
     restrictions: Mapping[str, Callable[[Array], NDArray[np.bool_]]] = field(default_factory=dict)
     divided_by: tuple[str, tuple[float, ...]] | None = None
     to_inputs: Callable[[Array], Array] = _as_they_are

@@ -1,15 +1,22 @@
 """Tables of records of a scenario: reading, checks, and flags for the rows to which laws are fitted."""
 
 import os
+from collections.abc import Mapping
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pandas as pd
 
 from accelerated_evaluation.base.errors import InputError
+from accelerated_evaluation.base.randomness import child_generator
 from accelerated_evaluation.base.tables import read_csv, read_parquet, require_file
+from accelerated_evaluation.records.checks import Records, Simulate
+from accelerated_evaluation.records.sources import read_source
+from accelerated_evaluation.scenarios import SCENARIOS
 from accelerated_evaluation.scenarios.protocol import CLUSTER, FITTED, Scenario
 
+PROJECT = Path(__file__).resolve().parents[3]
 REPEATED, OUTSIDE = "repeated", "outside"  # columns of flags for the two reasons why a row is left out
 
 
@@ -43,8 +50,8 @@ def read_record_table(scenario: Scenario, path: str | os.PathLike, cluster: str)
     table = read(path, named)
     for name in names:
         table[name] = _numbers(table[name], str(path))
-    table[CLUSTER] = table[cluster].astype(str)
-    table[REPEATED] = table.duplicated([*names, cluster])
+    table[CLUSTER] = _names_of_clusters(table[cluster], str(path))
+    table[REPEATED] = table.duplicated([*names, CLUSTER])
     values, (low, high) = table[names].to_numpy(), scenario.limits.T
     table[OUTSIDE] = ((values < low) | (values > high)).any(axis=1)
     table[FITTED] = ~(table[REPEATED] | table[OUTSIDE])
@@ -71,7 +78,7 @@ def read_scenario_records(scenario: Scenario, path: str | os.PathLike | None = N
     InputError
         If there is no file, or if a row to which laws are fitted cannot be simulated.
     """
-    source = path or scenario.records
+    source = path or shipped_file(scenario)
     if source is None:
         raise InputError(
             "scenario.records",
@@ -83,6 +90,60 @@ def read_scenario_records(scenario: Scenario, path: str | os.PathLike | None = N
     fitted = table[table[FITTED]]
     scenario.checked(*(fitted[name] for name in scenario.names), source=str(source), rows=fitted.index + 2)
     return table
+
+
+def shipped_file(scenario: Scenario) -> Path | None:
+    """Return the file of the records that come with the project, or None; it is found from any folder."""
+    if scenario.records is None or scenario.records.exists():
+        return scenario.records
+    return PROJECT / scenario.records
+
+
+def configured_records(config: Mapping[str, Any], simulate: Simulate | None = None) -> Records:
+    """Return the records that a configuration names, of any scenario, in the form for the checks of records.
+
+    Parameters
+    ----------
+    config
+        A resolved configuration; its sections ``scenario``, ``data``, ``filters`` and ``segments``, and its
+        ``seed`` are used.
+    simulate
+        Function that simulates encounters, given the variables of the scenario; None to skip the check that
+        replays the records.
+    """
+    settings = config["scenario"]
+    if settings["name"] == "cut_in":
+        raw = read_source(config["data"], child_generator(config["seed"], "sample"))
+        return Records.of(raw, config, simulate)
+    scenario = SCENARIOS[settings["name"]]
+    return records_to_check(scenario, read_scenario_records(scenario, settings["records"]), simulate)
+
+
+def records_to_check(scenario: Scenario, table: pd.DataFrame, simulate: Simulate | None = None) -> Records:
+    """Return records of a scenario other than the cut-in in the form for the checks of records.
+
+    Parameters
+    ----------
+    scenario
+        The scenario.
+    table
+        Result of `read_scenario_records`; its rows are counted from 1.
+    simulate
+        Function that simulates encounters, given the variables of the scenario; None to skip the check that
+        replays the records.
+    """
+    names, shipped = list(scenario.names), shipped_file(scenario)
+    rows = table[[*names, CLUSTER]].set_axis(range(1, len(table) + 1))
+    values, (low, high) = rows[names].to_numpy(float), scenario.limits.T
+    return Records(
+        units={each.name: each.unit for each in scenario.variables},
+        limits={each.name: (each.low, each.high) for each in scenario.variables},
+        valid=rows,
+        kept=rows[((values >= low) & (values <= high)).all(axis=1)],
+        repeated=rows.index[rows.duplicated()],
+        simulate=simulate,
+        known=None if shipped is None or not shipped.exists() else scenario.read_records(shipped),
+    )
 
 
 def account(table: pd.DataFrame) -> pd.Series:
@@ -102,6 +163,58 @@ def account(table: pd.DataFrame) -> pd.Series:
     outside = table[OUTSIDE] & ~table[REPEATED]
     parts = {FITTED: table[FITTED], REPEATED: table[REPEATED], OUTSIDE: outside}
     return pd.Series({"records": len(table)} | {name: int(flags.sum()) for name, flags in parts.items()})
+
+
+def records_account(scenario: Scenario, records: pd.DataFrame) -> pd.DataFrame:
+    """Describe the records of a scenario: number of rows and clusters, and quantiles of each variable.
+
+    Parameters
+    ----------
+    scenario
+        The scenario.
+    records
+        Its record table.
+
+    Returns
+    -------
+    pandas.DataFrame
+        One row for each variable: ``variable``; ``unit``; the numbers of ``records``, of records for the fit
+        (``fitted``), of ``clusters``, of ``repeated`` records (all variables are equal to those of an earlier
+        record) and of records ``outside`` of the limits; ``smallest``, ``median`` and ``largest`` value.
+    """
+    repeated = int(records.duplicated(list(scenario.names)).sum())
+    rows = []
+    for each in scenario.variables:
+        values = records[each.name]
+        rows.append(
+            {
+                "variable": each.name,
+                "unit": each.unit,
+                "records": len(records),
+                "fitted": int(records[FITTED].sum()),
+                "clusters": records[CLUSTER].nunique(),
+                "repeated": repeated,
+                "outside": int((~values.between(each.low, each.high)).sum()),
+                "smallest": values.min(),
+                "median": values.median(),
+                "largest": values.max(),
+            }
+        )
+    return pd.DataFrame(rows)
+
+
+def _names_of_clusters(column: pd.Series, path: str) -> pd.Series:
+    """Return the names of the clusters as text; raise InputError if a row has none."""
+    empty = column.isna() | (column.astype(str).str.strip() == "")
+    if empty.any():
+        raise InputError(
+            f"{path}, row {int(np.argmax(empty)) + 2}, column {column.name}",
+            seen=f"no name; {empty.sum():,} of {len(column):,} rows have none",
+            expected="the name of the driver or device that made the record, in every row",
+            change="Fill the column. If nobody knows who made a record, give each such record its own name, "
+            "and expect intervals that may be too short.",
+        )
+    return column.astype(str)
 
 
 def _numbers(column: pd.Series, path: str) -> pd.Series:

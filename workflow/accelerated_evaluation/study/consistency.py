@@ -10,7 +10,7 @@ from accelerated_evaluation.laws.paper.pieces import mixture_kinds, piece_kinds
 from accelerated_evaluation.records.sources import SOURCES
 from accelerated_evaluation.study.preflight import compared_sections
 
-COMPARED = {"crude", "heuristic", "piecewise", "single", "surrogate"}
+COMPARED = {"crude", "heuristic", "piecewise", "shifted", "single", "surrogate"}
 FOLDERS = {"benchmarks", "vehicles"}  # folders of results/ that do not belong to a single study
 LONGEST = 64  # longest name of a study; file systems allow 255 bytes, of which temporary files need some
 KNOTS = (*(f"models.inverse_range.{name}" for name in PIECEWISE), "models.inverse_ttc.knots")

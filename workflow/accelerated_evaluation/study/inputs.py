@@ -50,8 +50,6 @@ class StudyInputs:
         because they are used only by the last job, and editing them must not run other jobs again.
     verdicts
         Paths of published verdicts for a scenario other than the cut-in.
-    experiments
-        Paths of the records and of the stored experiments that belong to such a scenario.
     """
 
     config: dict[str, Any]
@@ -60,7 +58,6 @@ class StudyInputs:
     files: dict[str, list[str]]
     accepted: list[str]
     verdicts: list[str] = field(default_factory=list)
-    experiments: list[str] = field(default_factory=list)
 
     @classmethod
     def checked(
@@ -141,20 +138,30 @@ class StudyInputs:
             require_places(Path("results") / config["study"], Path("figures") / config["study"])
         require_file(path, "Correct scenario.records.")
         event_named(config["scenario"]["event"], scenario, where="scenario.event")
-        config = {**config, "scenario": {**config["scenario"], "records": str(path)}}
+        data = dict(config["data"])
+        require_checks(accepted := data.pop("accepted_warnings"))
+        config = {**config, "scenario": {**config["scenario"], "records": str(path)}, "data": data}
         with located("vehicle.name or vehicle.parameters"):
             files = section_files(config["vehicle"], scenario)
         require_plain([str(path), *files])
         verdicts = [str(project / scenario.verdicts)] if scenario.verdicts else []
-        known = [scenario.records, scenario.experiments] if scenario.experiments else []
-        experiments = [str(project / path) for path in known]
-        vehicles = {UNDER_TEST: config["vehicle"]}, {UNDER_TEST: files}
-        return cls(config, [str(path)], *vehicles, [], verdicts, experiments)
+        own = {"parameters": {}, "files": [], "deterministic": None}
+        vehicles = {UNDER_TEST: config["vehicle"]} | {
+            name: {"name": name} | own for name in scenario.vehicles
+        }
+        of_files = {name: files if name == UNDER_TEST else [] for name in vehicles}
+        return cls(config, [str(path)], vehicles, of_files, accepted, verdicts)
 
     @property
     def source(self) -> dict[str, Any]:
         """Section of the configuration for the source of the records."""
         return self.config["data"][self.config["data"]["source"]]
+
+    @property
+    def place(self) -> str:
+        """File or folder of the records, as the configuration names it."""
+        is_cut_in = self.config["scenario"]["name"] == CUT_IN.name
+        return self.source["path"] if is_cut_in else self.config["scenario"]["records"]
 
     @property
     def description(self) -> str:

@@ -167,7 +167,10 @@ def _storyboard(scenario: ConcreteScenario) -> "xosc.StoryBoard":
     gradually = xosc.TransitionDynamics(
         xosc.DynamicsShapes.sinusoidal, xosc.DynamicsDimension.time, LANE_CHANGE
     )
-    starts = {"host": (START, HOST_LANE), "lead": (START + headway_at_start(scenario), NEXT_LANE)}
+    # Between equal points of the two cars there are the range and the length of a car at the moment of the
+    # cut-in, and before that the way that the host closes in.
+    ahead = float(scenario.range_ + LENGTH + scenario.closing_speed * RUN_UP)
+    starts = {"host": (START, HOST_LANE), "lead": (START + ahead, NEXT_LANE)}
     lead_speed = float(scenario.lead_speed)
     speeds = {"host": lead_speed + float(scenario.closing_speed), "lead": lead_speed}
     init = xosc.Init()
@@ -189,28 +192,21 @@ def _storyboard(scenario: ConcreteScenario) -> "xosc.StoryBoard":
 def _motion(scenario: ConcreteScenario) -> "xosc.Maneuver":
     """Return the manoeuvre that changes the lead speed from the moment of the cut-in on.
 
-    The time of each entry of a speed profile is relative to the preceding entry. The profile is in a
-    manoeuvre of its own, because an event may end other events of its manoeuvre.
+    The time of each entry of a speed profile is relative to the preceding entry. The first entry, at 0 s, is
+    the speed at the cut-in, because players differ in what they assume before the first entry. The profile is
+    in a manoeuvre of its own, because an event may end other events of its manoeuvre.
     """
     from scenariogeneration import xosc
 
-    speeds = [float(speed) for speed in scenario.later_speeds]
-    profile = xosc.SpeedProfileAction(speeds, xosc.FollowingMode.position, [STEP] * len(speeds))
+    speeds = [float(speed) for speed in (scenario.lead_speed, *scenario.later_speeds)]
+    times = [0.0] + [STEP] * len(scenario.later_speeds)
+    profile = xosc.SpeedProfileAction(speeds, xosc.FollowingMode.position, times)
     changes = xosc.Event("lead_motion", xosc.Priority.override)
     changes.add_action("change_speed", profile)
     changes.add_trigger(_after("moment_of_the_cut_in", RUN_UP))
     maneuver = xosc.Maneuver("lead_motion_maneuver")
     maneuver.add_event(changes)
     return maneuver
-
-
-def headway_at_start(scenario: ConcreteScenario) -> float:
-    """Return the distance between the reference points of the two cars at the start of the scenario [m].
-
-    Both cars have the same shape, so at the moment of the cut-in this distance is the range plus the length
-    of a car. At the start it is larger by the closing speed times `RUN_UP`.
-    """
-    return float(scenario.range_ + LENGTH + scenario.closing_speed * RUN_UP)
 
 
 def _after(name: str, time: float) -> "xosc.ValueTrigger":

@@ -8,7 +8,7 @@ import pandas as pd
 from accelerated_evaluation.base.arrays import Array
 from accelerated_evaluation.base.errors import InputError
 from accelerated_evaluation.base.tables import read_csv, require_file
-from accelerated_evaluation.laws.motion import MOTIONS, STATES, STEP, draw_lead_speeds
+from accelerated_evaluation.laws.motion import LONGEST, MOTIONS, STATES, STEP, draw_lead_speeds
 
 FILE_COLUMNS = ("time_s", "lead_speed_m_per_s")  # as in the table that the command replay writes
 DRAWN = ("constant", "ngsim")  # laws of lead motion that need no records
@@ -54,12 +54,16 @@ def _read(path: Path) -> Array:
     require_file(path, "Correct the path, or name a law of lead motion.")
     table = read_csv(path, {name: name for name in FILE_COLUMNS}).apply(pd.to_numeric, errors="coerce")
     times, speeds = (table[name].to_numpy(dtype=float) for name in FILE_COLUMNS)
-    if not (times.size > 1 and times[0] == 0 and np.all(np.diff(times) > 0)):
+    if not (times.size > 1 and times[0] == 0 and np.all(np.diff(times) > 0) and np.isfinite(times[-1])):
         raise _error(
-            path, ", ".join(f"{time:g}" for time in times[:4]) or "no rows", "times that increase from 0"
+            path,
+            ", ".join(f"{time:g}" for time in times[:4]) or "no rows",
+            "finite times that increase from 0",
         )
-    if times[-1] < (STATES - 1) * STEP:
-        raise _error(path, f"times up to {times[-1]:g} s", f"times up to {(STATES - 1) * STEP:g} s or more")
+    if times[-1] < LONGEST:
+        raise _error(path, f"times up to {times[-1]:g} s", f"times up to {LONGEST:g} s or more")
+    if (longest := np.diff(times).max()) > LONGEST:
+        raise _error(path, f"times {longest:g} s apart", f"times in seconds, at most {LONGEST:g} s apart")
     if not (np.isfinite(speeds) & (speeds >= 0)).all():
         wrong = int(np.argmin(np.isfinite(speeds) & (speeds >= 0)))
         seen = f"a lead speed of {speeds[wrong]:g} m/s at {times[wrong]:g} s"

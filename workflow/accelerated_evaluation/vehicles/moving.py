@@ -9,6 +9,8 @@ from numpy.typing import ArrayLike
 from accelerated_evaluation.base.arrays import Array
 from accelerated_evaluation.base.errors import InputError
 from accelerated_evaluation.laws.motion import STATES, STEP
+from accelerated_evaluation.scenarios.compiled import simulate_in_slices
+from accelerated_evaluation.scenarios.cut_in import CUT_IN, SPEED_LIMIT
 from accelerated_evaluation.vehicles.checks import checked_encounters
 from accelerated_evaluation.vehicles.protocol import MovingVehicle, Outcomes, RandomVehicle, Vehicle
 
@@ -21,17 +23,52 @@ class CompiledVehicle:
 
     Attributes
     ----------
-    moving_kernel
-        Compiled function ``(encounters, lead_speeds, numbers, outcomes)``. It takes encounters of shape (3,
-        n), lead speeds over time of shape (n, states) and the result of `compiled`, and writes the outcomes,
-        shape (4, n).
+    kernel
+        Compiled function ``(encounters, begin, end, numbers, lead_speeds, outcomes)``. It takes encounters of
+        shape (3, n), the result of `compiled`, and lead speeds over time of shape (n, states), or of shape
+        (n, 1) for lead vehicles that keep their speeds. It writes the outcomes of the encounters from
+        ``begin`` to ``end``, shape (4, n).
     """
 
-    moving_kernel: ClassVar[Callable[[Array, Array, Any, Array], None]]
+    kernel: ClassVar[Callable[..., None]]
 
     def compiled(self) -> Any:  # noqa: ANN401
         """Return the parameters of the vehicle as numbers for the compiled simulation."""
         raise NotImplementedError
+
+    def simulate(self, lead_speed: ArrayLike, range_: ArrayLike, closing_speed: ArrayLike) -> Outcomes:
+        """Simulate n cut-ins behind a lead vehicle that keeps its speed.
+
+        Parameters
+        ----------
+        lead_speed
+            Speed of the lead vehicle [m/s], not negative, shape (n,).
+        range_
+            Distance to the lead vehicle at the start [m], positive, shape (n,).
+        closing_speed
+            Host speed minus lead speed at the start [m/s], shape (n,). It may be 0 or negative (the gap
+            opens), but the host speed, its sum with the lead speed, must not be negative.
+
+        Returns
+        -------
+        Outcomes
+            The outcomes, of shape (n,). They do not depend on the batch or on the number of threads, not even
+            in the last bit.
+
+        Raises
+        ------
+        InputError
+            If shapes differ or a value is outside its limits. The message names the first such row, counted
+            from 0.
+        """
+        return self.outcomes(checked_encounters(lead_speed, range_, closing_speed))
+
+    def outcomes(
+        self, encounters: Array, lead_speeds: Array | None = None, threads: int | None = None
+    ) -> Outcomes:
+        """Return the outcomes of checked encounters, shape (3, n), on at most ``threads`` threads."""
+        speeds = kept_speeds(encounters) if lead_speeds is None else lead_speeds
+        return simulate_in_slices(CUT_IN, self.kernel, encounters, self.compiled(), speeds, threads=threads)
 
     def simulate_moving(
         self, lead_speed: ArrayLike, range_: ArrayLike, closing_speed: ArrayLike, lead_speeds: ArrayLike
@@ -51,10 +88,12 @@ class CompiledVehicle:
             If the encounters are not valid, or if lead speeds are negative, not finite, or end before 8 s.
         """
         encounters = checked_encounters(lead_speed, range_, closing_speed)
-        outcomes = np.empty((4, encounters.shape[1]))
-        speeds = checked_lead_speeds(lead_speeds, encounters[0])
-        self.moving_kernel(encounters, speeds, self.compiled(), outcomes)
-        return Outcomes(outcomes[0] > 0, *outcomes[1:])
+        return self.outcomes(encounters, checked_lead_speeds(lead_speeds, encounters[0]))
+
+
+def kept_speeds(encounters: Array) -> Array:
+    """Return the lead speeds [m/s] of lead vehicles that keep them: a single state, shape (n, 1)."""
+    return encounters[0].reshape(-1, 1)
 
 
 def takes_motion(vehicle: Vehicle) -> bool:
@@ -131,6 +170,7 @@ def checked_lead_speeds(lead_speeds: ArrayLike, lead_speed: Array) -> Array:
     for wrong, expected in (
         (~np.isfinite(speeds), "a finite speed"),
         (speeds < 0, "a speed of 0 m/s or more"),
+        (speeds > SPEED_LIMIT, "a speed below that of light"),
         (starts_elsewhere, START),
     ):
         if wrong.any():
@@ -167,7 +207,7 @@ def speeds_in(columns: Mapping[str, Sequence[float]], rows: Sequence[object], wh
     Raises
     ------
     InputError
-        If a speed is negative or not finite, or if the columns do not reach 8 s.
+        If a speed is negative, not finite or impossible, or if the columns do not cover 8 s.
     """
     import pandas as pd  # imported here, because this and the next import take long
 
@@ -184,4 +224,4 @@ def speeds_in(columns: Mapping[str, Sequence[float]], rows: Sequence[object], wh
             expected="a finite speed of 0 m/s or more",
             change="Correct the lead motion of this encounter.",
         )
-    return recorded_courses(table, where)
+    return recorded_courses(table, where, [f"row {row}" for row in rows])

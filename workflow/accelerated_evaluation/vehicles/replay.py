@@ -94,12 +94,8 @@ def write_trace(
         raise InputError(str(figure), seen=repr(figure.suffix), expected=".png, .pdf or .svg", change=change)
     write_csv(table, trace)
     if figure is not None:
-        _draw(trace, figure, title, panels or _panel_of_each(trace))
-
-
-def _panel_of_each(trace: pd.DataFrame) -> list[Panel]:
-    """Return a panel for each column of a trace except the time and the emergency."""
-    return [Panel(name, {name: name}) for name in trace if name not in (TIME, EMERGENCY)]
+        each = [Panel(name, {name: name}) for name in trace if name not in (TIME, EMERGENCY)]
+        _draw(trace, figure, title, panels or each)
 
 
 def _draw(trace: pd.DataFrame, path: Path, title: str, panels: Sequence[Panel]) -> None:

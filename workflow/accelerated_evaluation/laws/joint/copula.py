@@ -15,6 +15,7 @@ import pandas as pd
 from accelerated_evaluation.base.arrays import Array
 from accelerated_evaluation.laws import LAWS
 from accelerated_evaluation.laws.joint.protocol import JointLaw, normalised
+from accelerated_evaluation.laws.joint.truncated import symmetric
 from accelerated_evaluation.laws.joint.truncated_normals import TruncatedNormalMixture
 from accelerated_evaluation.laws.protocol import Box
 
@@ -120,7 +121,7 @@ class GaussianCopula(JointLaw):
             TruncatedNormalMixture.from_content(part, side(box, j))
             for j, part in enumerate(content["margins"])
         )
-        return cls(box, margins, np.array(content["correlation"], float))
+        return cls(box, margins, symmetric(content["correlation"]))
 
 
 @LAWS.add("independent_variables")

@@ -13,10 +13,10 @@ import numpy as np
 import pandas as pd
 from scipy.special import logsumexp
 
-from accelerated_evaluation.base.arrays import Array
+from accelerated_evaluation.base.arrays import Array, numbers_in
 from accelerated_evaluation.laws import LAWS
 from accelerated_evaluation.laws.joint.protocol import normalised
-from accelerated_evaluation.laws.joint.truncated import Normals
+from accelerated_evaluation.laws.joint.truncated import Normals, shares_of_one, symmetric
 from accelerated_evaluation.laws.joint.truncated_normals import TruncatedNormalMixture
 from accelerated_evaluation.laws.protocol import Box
 
@@ -68,9 +68,10 @@ class KernelLaw(TruncatedNormalMixture):
     @classmethod
     def from_content(cls, content: Mapping[str, Any], box: Box, records: pd.DataFrame | None = None) -> Self:
         """Build a law from the value that `content` returned, and from its box."""
-        names = ("shares", "centres", "covariance")
-        shares, centres, covariance = (np.array(content[name], float) for name in names)
-        return cls(shares, _kernels(centres, covariance, box))
+        covariance = symmetric(content["covariance"])
+        return cls(
+            shares_of_one(content["shares"]), _kernels(numbers_in(content["centres"]), covariance, box)
+        )
 
 
 def _kernels(x: Array, covariance: Array, box: Box) -> Normals:

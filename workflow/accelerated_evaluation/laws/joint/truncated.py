@@ -9,16 +9,33 @@ results are deterministic. With three variables a probability takes 32^2 evaluat
 
 from dataclasses import dataclass
 from functools import cached_property
+from typing import Any
 
 import numpy as np
 from scipy.special import ndtr
 
-from accelerated_evaluation.base.arrays import Array
+from accelerated_evaluation.base.arrays import Array, numbers_in
 from accelerated_evaluation.laws.protocol import Box
 
 NODES, NODE_WEIGHTS = np.polynomial.legendre.leggauss(32)
 LOG_ROOT_2PI = 0.5 * np.log(2 * np.pi)
 NEGLIGIBLE = 38.0  # log of the ratio of the largest density in an interval to a density that is ignored
+
+
+def symmetric(value: Any) -> Array:  # noqa: ANN401
+    """Return matrices from a file, shape (..., d, d); raise ValueError if they are not symmetric."""
+    matrices = numbers_in(value)
+    if not np.allclose(matrices, np.swapaxes(matrices, -1, -2)):
+        raise ValueError("a covariance or correlation that is not symmetric")
+    return matrices
+
+
+def shares_of_one(value: Any) -> Array:  # noqa: ANN401
+    """Return shares from a file, shape (k,); raise ValueError if they are negative or do not add up to 1."""
+    shares = numbers_in(value)
+    if (shares < 0).any() or not np.isclose(shares.sum(), 1.0, rtol=1e-6):
+        raise ValueError(f"shares that are negative or add up to {shares.sum():g} instead of 1")
+    return shares
 
 
 def normal_density(e: Array) -> Array:

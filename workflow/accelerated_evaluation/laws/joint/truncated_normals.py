@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from scipy.interpolate import CubicHermiteSpline
 from scipy.special import logsumexp, ndtr, ndtri
 
-from accelerated_evaluation.base.arrays import Array
+from accelerated_evaluation.base.arrays import Array, numbers_in
 from accelerated_evaluation.laws import LAWS
 from accelerated_evaluation.laws.joint.expectation_maximisation import (
     Fitted,
@@ -23,7 +23,7 @@ from accelerated_evaluation.laws.joint.expectation_maximisation import (
     parameters_of_mixture,
 )
 from accelerated_evaluation.laws.joint.protocol import JointLaw
-from accelerated_evaluation.laws.joint.truncated import Normals
+from accelerated_evaluation.laws.joint.truncated import Normals, shares_of_one, symmetric
 from accelerated_evaluation.laws.protocol import Box
 from accelerated_evaluation.laws.smooth.mixture import solve
 
@@ -247,7 +247,7 @@ class TruncatedNormalMixture(JointLaw):
         """Build a law from the value that `content` returned, and from its box."""
         parts = content["components"]
         shares, mean, covariance = (
-            np.array([part[name] for part in parts], float) for name in ("share", "mean", "covariance")
+            [part[name] for part in parts] for name in ("share", "mean", "covariance")
         )
         fitted = None if content["fit"] is None else Fitted(**content["fit"])
-        return cls(shares, Normals(mean, covariance, box), fitted)
+        return cls(shares_of_one(shares), Normals(numbers_in(mean), symmetric(covariance), box), fitted)

@@ -1,21 +1,74 @@
 """Laws of lead motion: probability distributions of the speed of the lead vehicle after the lane change."""
 
 import re
+from collections.abc import Iterable
+from itertools import pairwise
 from pathlib import Path
 from typing import Protocol
 
 import numpy as np
 
 from accelerated_evaluation.base.arrays import Array
+from accelerated_evaluation.base.errors import InputError
 from accelerated_evaluation.base.registry import Registry
 
 STEP = 0.1  # [s], time between two lead speeds
 STATES = 81  # number of lead speeds of an encounter: 8 s, for which the car under test is simulated
+LONGEST = (STATES - 1) * STEP  # [s]
 COURSE_COLUMN = re.compile(r"speed_(\d+\.?\d*)")  # name of a column of lead speeds, with the time [s]
+SIMILAR_COLUMN = re.compile(r"(speed|lead.?speed.?[\d.-]).*", re.IGNORECASE)  # a name that may be misspelt
 # Columns of a table with the lead speeds after the crossing [m/s]: speed_0.1, speed_0.2, ..., speed_8.0.
 SPEED_COLUMNS = tuple(f"speed_{STEP * state:.1f}" for state in range(1, STATES))
 RAREST = 1e-4  # smallest distance of an input from 0 or 1 that `draw_wide` samples preferentially
 LARGEST_WEIGHT = 2.0  # largest importance weight of a draw of `draw_wide`
+
+
+def course_columns(names: Iterable[str], where: str) -> list[str]:
+    """Return the columns of lead speeds over time of a table of cut-ins, in the order of their times.
+
+    Parameters
+    ----------
+    names
+        Names of all columns; those of lead speeds are ``speed_0.1``, ..., with the time [s].
+    where
+        Name of the table, for the error.
+
+    Returns
+    -------
+    list of str
+        ``lead_speed``, for 0 s, followed by the columns; an empty list if there are none.
+
+    Raises
+    ------
+    InputError
+        If another name begins with ``speed``, if two names have the same time, or if the times do not cover
+        8 s in intervals of at most 8 s.
+    """
+    similar = [name for name in map(str, names) if SIMILAR_COLUMN.fullmatch(name)]
+    wrong = [name for name in similar if not COURSE_COLUMN.fullmatch(name)]
+    if wrong:
+        raise _course_error(
+            where, repr(wrong[0]), "columns of lead speeds named speed_0.1, speed_0.2, ... [s]"
+        )
+    times = sorted((float(COURSE_COLUMN.fullmatch(name)[1]), name) for name in similar)
+    if not times:
+        return []
+    for (earlier, first), (later, second) in pairwise([(0.0, "lead_speed"), *times]):
+        if later == earlier:
+            raise _course_error(where, f"{first} and {second}", "one column for each time")
+        if later - earlier > LONGEST:
+            seen = f"no column between {earlier:g} and {later:g} s"
+            raise _course_error(where, seen, f"times in seconds, at most {LONGEST:g} s apart")
+    if times[-1][0] < LONGEST - STEP / 2:
+        seen, expected = f"speeds up to {times[-1][0]:g} s", f"columns such as speed_0.2, up to {LONGEST:g} s"
+        raise _course_error(where, seen, expected)
+    return ["lead_speed", *(name for _, name in times)]
+
+
+def _course_error(where: str, seen: str, expected: str) -> InputError:
+    """Return the error for columns of lead speeds that cannot be used."""
+    change = "Correct the columns of lead speeds over time, and rename other columns that begin with speed."
+    return InputError(f"{where}, columns speed_...", seen=seen, expected=expected, change=change)
 
 
 class LeadMotion(Protocol):

@@ -2,24 +2,27 @@
 
 import math
 import os
+from collections.abc import Sequence
 from dataclasses import dataclass, field
 from typing import ClassVar, Self
 
 import numpy as np
 import pandas as pd
-from numba import njit
+from fewruns.compiling import cached_njit
 from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
 from accelerated_evaluation.base.arrays import Array
 from accelerated_evaluation.base.errors import InputError
 from accelerated_evaluation.base.tables import read_parquet, require_file
-from accelerated_evaluation.laws.motion import COURSE_COLUMN, MOTIONS, STATES, STEP
+from accelerated_evaluation.laws.motion import COURSE_COLUMN, LONGEST, MOTIONS, STATES, STEP, course_columns
 
 NAMES = ("lead_speed", "range", "closing_speed")
 FEWEST = 10  # smallest number of recorded profiles
 BELOW_ONE = 1 - 1e-12
 NEWTON_STEPS = 5  # after which the balance has converged
+FASTEST_CHANGE = 10.0  # [m/s^2]: tyres do not transmit more
+MEASURED = 5.0  # [m/s], difference of two speeds that errors of measurement may add
 AWAY = 100.0  # [m/s], speed that is assigned to a car that has left the lane, so that it cannot be hit
 
 
@@ -88,7 +91,17 @@ class Recorded:
         InputError
             If there are fewer than `FEWEST` cut-ins, or as for `recorded_courses`.
         """
-        return cls(table[list(NAMES)].to_numpy(dtype=float).T, recorded_courses(table, where))
+        encounters = _numbers(table[list(NAMES)], where).T
+        possible = np.isfinite(encounters) & (encounters >= [[0.0], [np.finfo(float).tiny], [-np.inf]])
+        if not possible.all():
+            name, row = np.argwhere(~possible)[0]
+            raise InputError(
+                f"{where}, cut-in {row}, column {NAMES[name]}",
+                seen=f"{encounters[name, row]:g}",
+                expected="a lead speed of 0 m/s or more, a range above 0 m and a finite closing speed",
+                change="Correct this cut-in, or leave it out.",
+            )
+        return cls(encounters, recorded_courses(table, where))
 
     @classmethod
     def read(cls, path: str | os.PathLike) -> Self:
@@ -122,7 +135,7 @@ class Recorded:
         return np.maximum(encounters[0][:, None] + (course - course[:, :1]), 0.0)
 
 
-@njit(cache=True)
+@cached_njit()
 def _balanced(weights: Array, offsets: Array) -> Array:
     """Return weights of neighbours whose mean is nearly the place of which they are neighbours.
 
@@ -169,7 +182,9 @@ def _balanced(weights: Array, offsets: Array) -> Array:
     return shares
 
 
-def recorded_courses(table: pd.DataFrame, where: str = "recorded courses") -> Array:
+def recorded_courses(
+    table: pd.DataFrame, where: str = "recorded courses", rows: Sequence[str] | None = None
+) -> Array:
     """Return the recorded lead speeds [m/s] of n cut-ins at 0, 0.1, ..., 8 s, shape (n, 81).
 
     Parameters
@@ -179,26 +194,27 @@ def recorded_courses(table: pd.DataFrame, where: str = "recorded courses") -> Ar
         [m/s] 0.2 s after the lane change. The columns reach 8 s or more, and speeds in between are
         interpolated. Cells after the time when the lead vehicle left the lane again are empty; the vehicle
         then gets the speed `AWAY` (100 m/s), so that it cannot be hit.
-    where
-        Name of the table, for the error.
+    where, rows
+        Names of the table and of its rows, for the error; by default ``cut-in 0``, ``cut-in 1``, ...
 
     Raises
     ------
     InputError
-        If the columns do not reach 8 s, a speed is negative or infinite, or a speed follows an empty cell.
+        If the columns do not cover 8 s (`course_columns`), or if a speed is negative, infinite, follows an
+        empty cell, or differs from the one before it by more than a car can change its speed.
     """
-    names = [column for column in table.columns if COURSE_COLUMN.fullmatch(str(column))]
-    names = ["lead_speed", *sorted(names, key=_seconds)]
-    times, states = np.array([_seconds(name) for name in names]), np.arange(STATES) * STEP
-    if times[-1] < states[-1] - STEP / 2:
+    names = course_columns(table.columns, where)
+    if not names:
         raise InputError(
             f"{where}, columns speed_...",
-            seen=f"speeds up to {times[-1]:g} s",
-            expected=f"columns such as speed_0.2, up to {states[-1]:g} s",
+            seen="no such columns",
+            expected=f"columns such as speed_0.2, up to {LONGEST:g} s",
             change="Add the speeds of the other cars after the lane crossing.",
         )
-    courses = table[names].to_numpy(dtype=float)
-    _require_courses(courses, names, where)
+    times, states = np.array([0.0, *map(_seconds, names[1:])]), np.arange(STATES) * STEP
+    courses = _numbers(table[names], where)
+    rows = [f"cut-in {row}" for row in range(len(table))] if rows is None else rows
+    _require_courses(courses, times, names, where, rows)
     last = np.isfinite(courses).sum(axis=1) - 1
     rows = np.arange(len(courses))[:, None]
     courses = courses[rows, np.minimum(np.arange(times.size), last[:, None])]
@@ -209,8 +225,23 @@ def recorded_courses(table: pd.DataFrame, where: str = "recorded courses") -> Ar
     return speeds
 
 
-def _require_courses(courses: Array, names: list[str], where: str) -> None:
-    """Raise InputError if a speed is negative, infinite or missing at 0 s, or follows an empty cell."""
+def _numbers(table: pd.DataFrame, where: str) -> Array:
+    """Return columns as floats, with nan for empty cells; raise InputError if a cell is not a number."""
+    numbers = table.apply(pd.to_numeric, errors="coerce")
+    wrong = (numbers.isna() & table.notna()).to_numpy()
+    if wrong.any():
+        row, column = np.argwhere(wrong)[0]
+        raise InputError(
+            f"{where}, cut-in {row}, column {table.columns[column]}",
+            seen=repr(table.iloc[row, column]),
+            expected="a number",
+            change="Correct this cell.",
+        )
+    return numbers.to_numpy(dtype=float)
+
+
+def _require_courses(courses: Array, times: Array, names: list[str], where: str, rows: Sequence[str]) -> None:
+    """Raise InputError if a speed is impossible, missing at 0 s, or follows an empty cell."""
     empty = np.isnan(courses)
     wrong = np.isinf(courses) | (courses < 0)
     wrong[:, 0] |= empty[:, 0]
@@ -218,16 +249,27 @@ def _require_courses(courses: Array, names: list[str], where: str) -> None:
     if wrong.any():
         row, column = np.argwhere(wrong)[0]
         raise InputError(
-            f"{where}, cut-in {row}, column {names[column]}",
+            f"{where}, {rows[row]}, column {names[column]}",
             seen=f"{courses[row, column]:g}",
             expected="a speed of 0 m/s or more, and no speed after an empty cell",
             change="Correct the course of this cut-in, or leave it out.",
         )
+    change = np.abs(np.diff(courses, axis=1))
+    jumps = change > MEASURED + FASTEST_CHANGE * np.diff(times)
+    if jumps.any():
+        row, column = np.argwhere(jumps)[0]
+        before, after = courses[row, column : column + 2]
+        raise InputError(
+            f"{where}, {rows[row]}, columns {names[column]} and {names[column + 1]}",
+            seen=f"{before:g} and {after:g} m/s, {times[column + 1] - times[column]:.3g} s apart",
+            expected=f"a change of at most {FASTEST_CHANGE:g} m/s², and {MEASURED:g} m/s for errors",
+            change="Correct the speeds. Are they in km/h, or are the times not in seconds?",
+        )
 
 
 def _seconds(name: str) -> float:
-    """Return the time of a column [s]; that of the lead speed is 0."""
-    return 0.0 if name == "lead_speed" else float(COURSE_COLUMN.fullmatch(name)[1])
+    """Return the time of a column of lead speeds [s]."""
+    return float(COURSE_COLUMN.fullmatch(name)[1])
 
 
 def _features(encounters: Array) -> Array:

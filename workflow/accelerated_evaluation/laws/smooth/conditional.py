@@ -8,8 +8,9 @@ lead speed. With the cumulative hazard Lambda_0 of the body, the cumulative haza
     Lambda(c) = Lambda_0(u) + H((c - u) / scale)       above u.
 
 Here H is the cumulative hazard of the excess in units of its scale. Body and tail have no common parameters.
-Therefore the likelihood is the product of their likelihoods, and they are independent in the posterior. The
-second coordinate of a cut-in, which has a unit exponential distribution, is Lambda(c).
+Therefore the likelihood is the product of their likelihoods, and they are independent in the posterior. Where
+only a few records are, the hazard is multiplied by the factors of a `FarTail`. The second coordinate of a
+cut-in, which has a unit exponential distribution, is the cumulative hazard with these factors.
 """
 
 from collections.abc import Mapping
@@ -19,8 +20,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
-from accelerated_evaluation.base.arrays import Array
+from accelerated_evaluation.base.arrays import Array, numbers_in
 from accelerated_evaluation.laws.smooth.excess import Excess
+from accelerated_evaluation.laws.smooth.far_tail import FarTail
 from accelerated_evaluation.laws.smooth.smooth_hazard import Cumulative, HazardGrid, SmoothHazard
 from accelerated_evaluation.laws.smooth.splines import Basis, Constant
 from accelerated_evaluation.laws.smooth.support import SUPPORT, Support
@@ -186,7 +188,10 @@ class Threshold:
 
         The nodes are the edges of the bins of lead speed and root of the range in the grid.
         """
-        return cls(content["level"], *grid.edges[:2], np.array(content["table"]))
+        table, nodes = numbers_in(content["table"]), grid.edges[:2]
+        if table.shape != tuple(map(len, nodes)):
+            raise ValueError(f"a table of thresholds of shape {table.shape}")
+        return cls(float(content["level"]), *nodes, table)
 
 
 def _between(nodes: Array, x: Array) -> tuple[Array, Array]:
@@ -207,11 +212,14 @@ class SpeedLaw:
         Smooth hazard of the closing speed.
     threshold, tail
         Threshold above which the tail begins, and distribution of the excess; None without a tail.
+    far
+        Factors of the hazard where only a few records are; None without factors.
     """
 
     body: SmoothHazard
     threshold: Threshold | None = None
     tail: Excess | None = None
+    far: FarTail | None = None
 
     def given(self, places: Places, below: Cumulative | None = None) -> "Given":
         """Return the distributions of the closing speed given n pairs of lead speed and range.
@@ -225,14 +233,19 @@ class SpeedLaw:
         """
         below = places.body(self.body) if below is None else below
         if self.tail is None:
-            return Given(below)
+            return Given(below, far=self.far)
         threshold = self.threshold(places.lead_speed, places.range_)
-        return Given(below, threshold, below.at(threshold), self.tail.scale(places.splines), self.tail)
+        scale = self.tail.scale(places.splines)
+        return Given(below, threshold, below.at(threshold), scale, self.tail, self.far)
 
-    def drawn(self, generator: np.random.Generator) -> "SpeedLaw":
-        """Return a law with body and tail drawn from their posteriors, which are independent."""
+    def drawn(self, generator: np.random.Generator, body: SmoothHazard | None = None) -> "SpeedLaw":
+        """Return a law with body and tail drawn from their posteriors, which are independent.
+
+        A body that has already been drawn may be given. The far tail is not drawn; see `LawFamily.drawn`.
+        """
+        body = self.body.drawn(generator) if body is None else body
         tail = None if self.tail is None else self.tail.drawn(generator)
-        return replace(self, body=self.body.drawn(generator), tail=tail)
+        return replace(self, body=body, tail=tail)
 
 
 @dataclass(frozen=True)
@@ -246,8 +259,8 @@ class Given:
     threshold, at_threshold, scale
         Threshold [m/s], cumulative hazard of the body at the threshold, and scale of the excess [m/s], each
         of shape (n,).
-    tail
-        Distribution of the excess.
+    tail, far
+        Distribution of the excess, and factors of the hazard; None if the law has none.
     """
 
     below: Cumulative
@@ -255,6 +268,7 @@ class Given:
     at_threshold: Array | None = None
     scale: Array | None = None
     tail: Excess | None = None
+    far: FarTail | None = None
 
     def cumulative(self, closing_speed: Array, row: Array | None = None) -> Array:
         """Return the cumulative hazard -log P(C > c) at one closing speed c for each pair, shape (n,).
@@ -275,6 +289,7 @@ class Given:
             z = np.maximum(speed - threshold, 0) / scale
             value = self.below.at(np.minimum(speed, threshold), row)
             value += self.tail.shape.cumulative(z, self.tail.parameters)
+        value = value if self.far is None else self.far.cumulative(value)
         return value if speed is closing_speed else np.where(finite, value, np.inf)
 
     def cumulative_at(self, closing_speeds: Array, part: slice) -> Array:
@@ -292,6 +307,11 @@ class Given:
         numpy.ndarray
             -log P(C > c), shape (m, k).
         """
+        value = self._original_at(closing_speeds, part)
+        return value if self.far is None else self.far.cumulative(value)
+
+    def _original_at(self, closing_speeds: Array, part: slice) -> Array:
+        """Return the same as `cumulative_at`, but without the factors of the far tail."""
         if self.tail is None:
             return self.below.at_all(closing_speeds, part)
         threshold, scale = self.threshold[part], self.scale[part]
@@ -307,12 +327,15 @@ class Given:
 
     def log_density(self, closing_speed: Array) -> Array:
         """Return the log density of the closing speed at one value [m/s] for each pair, shape (n,)."""
-        body = np.log(self.below.rate(closing_speed)) - self.below.at(closing_speed)
-        if self.tail is None:
-            return body
-        z = np.maximum(closing_speed - self.threshold, 0) / self.scale
-        above = self.tail.shape.log_density(z, self.tail.parameters) - np.log(self.scale) - self.at_threshold
-        return np.where(closing_speed > self.threshold, above, body)
+        density = np.log(self.below.rate(closing_speed)) - self.below.at(closing_speed)
+        if self.tail is not None:
+            z = np.maximum(closing_speed - self.threshold, 0) / self.scale
+            above = self.tail.shape.log_density(z, self.tail.parameters) - np.log(self.scale)
+            density = np.where(closing_speed > self.threshold, above - self.at_threshold, density)
+        if self.far is None:
+            return density
+        original = replace(self, far=None).cumulative(closing_speed)
+        return density + self.far.log_density_ratio(original)
 
     def inverse(self, level: ArrayLike) -> Array:
         """Return the closing speed [m/s] at which the cumulative hazard reaches a level, for each pair.
@@ -323,6 +346,7 @@ class Given:
             A level for each of the n pairs, shape (n,), or one level for all.
         """
         level = np.broadcast_to(np.asarray(level, dtype=float), len(self.below.table))
+        level = level if self.far is None else self.far.original(level)
         if self.tail is None:
             return self.below.inverse(level)
         above = np.maximum(level - self.at_threshold, 0)

@@ -9,7 +9,7 @@ import numpy as np
 import pandas as pd
 from numpy.typing import ArrayLike
 
-from accelerated_evaluation.base.arrays import Array
+from accelerated_evaluation.base.arrays import Array, numbers_in
 from accelerated_evaluation.distributions import Empirical
 from accelerated_evaluation.distributions.tails import interval_probability
 from accelerated_evaluation.laws import LAWS
@@ -18,6 +18,7 @@ from accelerated_evaluation.laws.protocol import Box
 from accelerated_evaluation.laws.smooth.conditional import SpeedLaw, Threshold, range_grid, speed_grid
 from accelerated_evaluation.laws.smooth.excess import Excess
 from accelerated_evaluation.laws.smooth.family import LawFamily, Member
+from accelerated_evaluation.laws.smooth.far_tail import FarTail
 from accelerated_evaluation.laws.smooth.segments import (
     COORDINATES,
     SmoothLaw,
@@ -176,6 +177,8 @@ class DependentLaw(SmoothLaw):
         }
         if (tail := self.speeds.tail) is not None:
             content["excess"] = tail.content() | {"threshold": self.speeds.threshold.content()}
+        if (far := self.speeds.far) is not None:
+            content["far_tail"] = far.content()
         return content
 
     @classmethod
@@ -184,14 +187,14 @@ class DependentLaw(SmoothLaw):
         support = Support.of(content["support"])
         grids = range_grid(support), speed_grid(support)
         ranges, body = (
-            SmoothHazard(grid, np.array(content[name]["log_hazard"]))
+            SmoothHazard(grid, numbers_in(content[name]["log_hazard"]))
             for grid, name in zip(grids, ("range", "closing_speed"), strict=True)
         )
-        speeds = SpeedLaw(body)
-        if "excess" in content:
-            excess = content["excess"]
-            surface = Threshold.from_content(excess["threshold"], grids[1])
-            speeds = SpeedLaw(body, surface, Excess.from_content(excess))
+        surface = tail = None
+        if (excess := content.get("excess")) is not None:
+            surface, tail = Threshold.from_content(excess["threshold"], grids[1]), Excess.from_content(excess)
+        far = FarTail.from_content(content["far_tail"]) if "far_tail" in content else None
+        speeds = SpeedLaw(body, surface, tail, far)
         counts, description = content["counts"], content["description"]
         lead_speeds = recorded_lead_speeds(records, counts)
         return cls(description, counts, ranges, speeds, lead_speeds, box.upper[2], support)

@@ -14,12 +14,13 @@ from functools import cached_property
 from typing import Self
 
 import numpy as np
-from numba import njit
+from fewruns.compiling import cached_njit
 from numpy.typing import NDArray
 
 from accelerated_evaluation.base.arrays import Array
 from accelerated_evaluation.laws.smooth.conditional import Places, SpeedLaw
 from accelerated_evaluation.laws.smooth.family import LawFamily, Member
+from accelerated_evaluation.laws.smooth.far_tail import FarTail
 from accelerated_evaluation.laws.smooth.shapes import Shape
 from accelerated_evaluation.laws.smooth.smooth_hazard import LOG_HAZARD_MAX, SmoothHazard
 from accelerated_evaluation.laws.smooth.support import Support
@@ -67,11 +68,10 @@ class LawDraws:
         ranges = tuple(family.ranges.drawn(generator) for _ in range(count))
         bodies = tuple(family.body.drawn(generator) for _ in range(count))
         shared = np.arange(size) % count
-        laws = []
-        for member, body in zip(members, shared, strict=True):
-            law = family.law(member)
-            tail = None if law.tail is None else law.tail.drawn(generator)
-            laws.append(replace(law, body=bodies[body], tail=tail))
+        laws = [
+            family.drawn(member, generator, bodies[body])
+            for member, body in zip(members, shared, strict=True)
+        ]
         names = tuple(member.name for member in members)
         return cls(ranges, bodies, tuple(laws), shared, names, support)
 
@@ -85,6 +85,7 @@ class LawDraws:
         """Digest of the parameters of all draws, as 16 hexadecimal digits."""
         tails = [(law.tail.coefficients, law.tail.parameters) for law in self.laws if law.tail is not None]
         arrays = [hazard.coefficients for hazard in (*self.ranges, *self.bodies)]
+        arrays += [] if self.far is None else [self.far.levels, self.far.factors]
         content = hashlib.sha256(repr((self.names, self.shared.tolist())).encode())
         for array in (*arrays, *(part for tail in tails for part in tail)):
             content.update(np.ascontiguousarray(array).tobytes())
@@ -125,6 +126,12 @@ class LawDraws:
     @cached_property
     def _body_splines(self) -> Array:
         return _along_variable(self.bodies)
+
+    @cached_property
+    def far(self) -> FarTail | None:
+        """The factors of the far tails of all draws; None if the laws have no far tails."""
+        tails = [law.far for law in self.laws if law.far is not None]
+        return FarTail.stacked(tails) if tails else None
 
     @cached_property
     def groups(self) -> list["Group"]:
@@ -237,7 +244,7 @@ class Hazards:
         return self.table[:, row, bin_] + rate * (value - self.edges[bin_]), rate
 
 
-@njit(cache=True)
+@cached_njit()
 def _integrated(hazard: Array, widths: Array) -> Array:
     """Return the cumulative hazard at the edges of bins with given widths, which is 0 at the first edge.
 
@@ -302,7 +309,9 @@ class SpeedsAt:
             density = group.shape.log_density(z, group.parameters) - log_scale - reached
             cumulative[group.index] = np.where(above, tail, cumulative[group.index])
             log_density[group.index] = np.where(above, density, log_density[group.index])
-        return cumulative, log_density
+        if (far := self.draws.far) is None:
+            return cumulative, log_density
+        return far.cumulative(cumulative), log_density + far.log_density_ratio(cumulative)
 
 
 def _along_variable(hazards: Sequence[SmoothHazard]) -> Array:

@@ -14,7 +14,7 @@ from typing import Any
 import numpy as np
 from scipy.linalg import LinAlgError, cho_factor, cho_solve, solve_triangular
 
-from accelerated_evaluation.base.arrays import Array
+from accelerated_evaluation.base.arrays import Array, numbers_in
 from accelerated_evaluation.base.errors import ConvergenceError
 from accelerated_evaluation.laws.smooth.shapes import SHAPES, Shape
 from accelerated_evaluation.laws.smooth.splines import SMOOTHING_ROUNDS, SMOOTHING_TOLERANCE, Penalty
@@ -79,7 +79,7 @@ class Excess:
     @classmethod
     def from_content(cls, content: Mapping[str, Any]) -> "Excess":
         """Build the distribution from the value that `content` returned."""
-        coefficients, parameters = (np.array(content[name]) for name in ("log_scale", "parameters"))
+        coefficients, parameters = (numbers_in(content[name]) for name in ("log_scale", "parameters"))
         return cls(SHAPES[content["shape"]], coefficients, parameters)
 
 

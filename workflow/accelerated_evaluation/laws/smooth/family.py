@@ -20,6 +20,8 @@ from accelerated_evaluation.laws.smooth.conditional import (
     speed_grid,
 )
 from accelerated_evaluation.laws.smooth.excess import Excess, fit_excess
+from accelerated_evaluation.laws.smooth.far_records import FarRecords
+from accelerated_evaluation.laws.smooth.far_tail import PRIOR, FarTail
 from accelerated_evaluation.laws.smooth.shapes import SHAPES
 from accelerated_evaluation.laws.smooth.smooth_hazard import Binned, HazardGrid, SmoothHazard, fit_hazard
 from accelerated_evaluation.laws.smooth.support import SUPPORT, Support
@@ -146,6 +148,12 @@ class LawFamily:
         Thresholds and the records above them, by level.
     tails
         Distribution of the excess, by member of the family.
+    far
+        Factors of the hazard where only a few records are, by member; empty if there are too few records.
+    far_records
+        Records from which the factors follow; None if there are too few records.
+    prior
+        Shape and rate of the gamma prior of the factors in draws.
     """
 
     ranges: SmoothHazard
@@ -153,12 +161,27 @@ class LawFamily:
     thresholds: dict[float, Threshold]
     exceedances: dict[float, Exceedances]
     tails: dict[Member, Excess]
+    far: dict[Member, FarTail]
+    far_records: FarRecords | None = None
+    prior: float = PRIOR
 
     def law(self, member: Member) -> SpeedLaw:
         """Return the distribution of the closing speed of one member of the family."""
-        if member.level is None:
-            return SpeedLaw(self.body)
-        return SpeedLaw(self.body, self.thresholds[member.level], self.tails[member])
+        threshold, tail = self.thresholds.get(member.level), self.tails.get(member)
+        return SpeedLaw(self.body, threshold, tail, self.far.get(member))
+
+    def drawn(
+        self, member: Member, generator: np.random.Generator, body: SmoothHazard | None = None
+    ) -> SpeedLaw:
+        """Return the law of one member with parameters drawn from their posterior.
+
+        Body and tail are drawn first, and then the factors of the far tail, given the drawn law. A body that
+        has already been drawn may be given.
+        """
+        law = replace(self.law(member), far=None).drawn(generator, body)
+        if self.far_records is None:
+            return law
+        return replace(law, far=self.far_records.tail(law, self.prior).drawn(generator))
 
 
 @dataclass(frozen=True)
@@ -209,8 +232,9 @@ class Fitter:
         thresholds = {level: Threshold.of(body, level, self.records.support) for level in levels}
         above = {level: Exceedances.of(self.records, threshold) for level, threshold in thresholds.items()}
         above = {level: those for level, those in above.items() if those.index.size >= FEWEST}
-        tails = self._tails(above, np.ones(self.records.size, dtype=bool), start)
-        return LawFamily(ranges, body, thresholds, above, tails)
+        every = np.ones(self.records.size, dtype=bool)
+        tails = self._tails(above, every, start)
+        return self._with_far_tails(LawFamily(ranges, body, thresholds, above, tails, {}), every)
 
     def refit(self, family: LawFamily, left_out: Array) -> LawFamily:
         """Return the family with laws of the closing speed that are fitted without some of the records.
@@ -228,11 +252,31 @@ class Fitter:
         kept = np.ones(self.records.size, dtype=bool)
         kept[left_out] = False
         body = fit_hazard(self.grids[1], data, start=family.body)
-        return replace(family, body=body, tails=self._tails(family.exceedances, kept, family))
+        tails = self._tails(family.exceedances, kept, family)
+        return self._with_far_tails(replace(family, body=body, tails=tails, far={}), kept)
 
     def count_speeds(self, records: DistinctRecords) -> Binned:
         """Return numbers of records in bins of lead speed, square root of the range, and closing speed."""
         return self.grids[1].count(records.lead_speed, np.sqrt(records.range_), records.closing_speed)
+
+    def _with_far_tails(self, family: LawFamily, kept: NDArray[np.bool_]) -> LawFamily:
+        """Return a family with the far tails that follow from the kept records."""
+        if not family.exceedances:
+            return family
+        level = min(family.exceedances)
+        index, lowest = family.exceedances[level].index, -float(np.log1p(-level))
+        records, size = self.records.only(index[kept[index]]), int(kept.sum())
+        places = records.places
+        below = places.body(family.body)
+        hazards = {
+            member: family.law(member).given(places, below).cumulative(records.closing_speed)
+            for member in self.members
+            if member.level is None or member in family.tails
+        }
+        far = {member: FarTail.of(hazard, size, lowest) for member, hazard in hazards.items()}
+        largest = np.max(list(hazards.values()), axis=0)
+        few = FarRecords(places, records.closing_speed, size, lowest).reduced(largest)
+        return replace(family, far=far, far_records=few)
 
     def _tails(
         self, above: dict[float, Exceedances], kept: NDArray[np.bool_], start: LawFamily | None

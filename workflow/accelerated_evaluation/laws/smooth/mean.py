@@ -21,7 +21,7 @@ import pandas as pd
 from numpy.typing import ArrayLike, NDArray
 from scipy.special import logsumexp
 
-from accelerated_evaluation.base.arrays import Array
+from accelerated_evaluation.base.arrays import Array, numbers_in
 from accelerated_evaluation.distributions import Empirical
 from accelerated_evaluation.laws import LAWS
 from accelerated_evaluation.laws.draws import Draws
@@ -30,6 +30,7 @@ from accelerated_evaluation.laws.protocol import Box
 from accelerated_evaluation.laws.smooth.conditional import Places, SpeedLaw, Threshold, range_grid, speed_grid
 from accelerated_evaluation.laws.smooth.draws import LawDraws, SpeedsAt
 from accelerated_evaluation.laws.smooth.excess import Excess
+from accelerated_evaluation.laws.smooth.far_tail import FarTail
 from accelerated_evaluation.laws.smooth.mixture import TOLERANCE, RangeMixture, mixed, solve
 from accelerated_evaluation.laws.smooth.segments import (
     COORDINATES,
@@ -44,6 +45,7 @@ from accelerated_evaluation.laws.smooth.support import Support
 from accelerated_evaluation.laws.strata import Factors
 
 PLACES_AT_ONCE = 400  # limits the memory to about 100 MB with 500 draws
+LARGEST_LOGARITHM = 50.0  # of R_max / R; the range would otherwise underflow where few records are near
 
 
 @dataclass(frozen=True)
@@ -67,7 +69,7 @@ class MeanStratum(SmoothStratum):
             lead = lead_speed[part]
             ranges = self._mixture(self.places(lead, np.full(lead.size, farthest)))
             value = solve(ranges.score, first[part], np.ones(lead.size))
-            range_[part] = farthest * np.exp(-value)
+            range_[part] = farthest * np.exp(-np.minimum(value, LARGEST_LOGARITHM))
             speeds, log_weight = self._speeds(lead, range_[part], ranges, value)
             start = self.draws.laws[0].given(self.places(lead, range_[part])).inverse(second[part])
             speed[part] = solve(
@@ -307,7 +309,7 @@ class MeanLaw(SmoothLaw, Draws):
         support = Support.of(content["support"])
         grids = range_grid(support), speed_grid(support)
         ranges, bodies = (
-            tuple(SmoothHazard(grid, np.array(part["log_hazard"])) for part in content[name])
+            tuple(SmoothHazard(grid, numbers_in(part["log_hazard"])) for part in content[name])
             for grid, name in zip(grids, ("range", "closing_speed"), strict=True)
         )
         surfaces = {part["level"]: Threshold.from_content(part, grids[1]) for part in content["thresholds"]}
@@ -320,15 +322,13 @@ class MeanLaw(SmoothLaw, Draws):
 
 
 def _tail_content(law: SpeedLaw) -> dict[str, Any]:
-    if law.tail is None:
-        return {}
-    return {"level": law.threshold.level} | law.tail.content()
+    tail = {} if law.tail is None else {"level": law.threshold.level} | law.tail.content()
+    return tail if law.far is None else tail | {"far_tail": law.far.content()}
 
 
 def _speed_law(
     part: Mapping[str, Any], bodies: tuple[SmoothHazard, ...], surfaces: Mapping[float, Threshold]
 ) -> SpeedLaw:
-    body = bodies[part["shared"]]
-    if "shape" not in part:
-        return SpeedLaw(body)
-    return SpeedLaw(body, surfaces[part["level"]], Excess.from_content(part))
+    tail = Excess.from_content(part) if "shape" in part else None
+    far = FarTail.from_content(part["far_tail"]) if "far_tail" in part else None
+    return SpeedLaw(bodies[part["shared"]], surfaces.get(part.get("level")), tail, far)

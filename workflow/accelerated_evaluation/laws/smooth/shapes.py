@@ -12,6 +12,7 @@ import numpy as np
 from accelerated_evaluation.base.arrays import Array
 
 SMALL = 1e-4  # absolute value of the shape parameter below which the derivative is computed from a series
+BELOW_ONE = 1 - 2.0**-53  # the largest number below 1
 HALVINGS = 40  # number of bisections of an interval that contains the inverse
 
 
@@ -155,7 +156,7 @@ class TwoKinds:
     def cumulative(self, z: Array, parameters: Array) -> Array:
         """Return the cumulative hazard H(z) = -log P(Z > z) at excesses z, given the two parameters."""
         share, ratio = self._natural(parameters)
-        log_survival = np.logaddexp(np.log1p(-share) - z, np.log(share) - np.asarray(z) / ratio)
+        log_survival = np.logaddexp(self._log_first(parameters) - z, np.log(share) - np.asarray(z) / ratio)
         return np.maximum(-log_survival, 0)  # rounding could make it negative at z = 0
 
     def inverse(self, level: Array, parameters: Array) -> Array:
@@ -194,7 +195,12 @@ class TwoKinds:
         """Return the logs of the weighted densities of the two kinds."""
         share, ratio = self._natural(parameters)
         z = np.asarray(z, dtype=float)
-        return np.log1p(-share) - z, np.log(share / ratio) - z / ratio
+        return self._log_first(parameters) - z, np.log(share / ratio) - z / ratio
+
+    def _log_first(self, parameters: Array) -> Array:
+        """Return the log of the share of the first kind, from its logit if it is below 1e-16."""
+        share = self._natural(parameters)[0]
+        return np.where(share < 1, np.log1p(-np.minimum(share, BELOW_ONE)), -parameters[0])
 
 
 SHAPES: dict[str, Shape] = {shape.name: shape for shape in (Exponential(), Generalised(), TwoKinds())}

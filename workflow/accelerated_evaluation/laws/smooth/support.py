@@ -28,12 +28,15 @@ class Support:
         Closing speed above which the hazard of the body is constant [m/s].
     segment_edges
         Lead speeds at which segments meet [m/s]; only laws with segments use them.
+    splines
+        Number of intervals between knots of the splines of lead speed and of the root of the range.
     """
 
     lead_speeds: tuple[float, float] = (5.0, 35.0)
     range_max: float = 75.0
     closing_top: float = 24.0
     segment_edges: tuple[float, ...] = (15.0, 25.0)
+    splines: tuple[int, int] = (6, 5)
 
     @classmethod
     def of(cls, content: Mapping[str, Any]) -> "Support":
@@ -61,7 +64,9 @@ class Support:
     @cached_property
     def bases(self) -> tuple[Basis, Basis]:
         """The spline bases of lead speed and of the square root of the range."""
-        return Basis(*self.lead_speeds, 6), Basis(ROOT_MIN, float(np.sqrt(self.range_max)), 5)
+        along_speed, along_root = self.splines
+        ends = ROOT_MIN, float(np.sqrt(self.range_max))
+        return Basis(*self.lead_speeds, along_speed), Basis(*ends, along_root)
 
     @cached_property
     def penalty(self) -> Penalty:

@@ -9,6 +9,8 @@ import numpy as np
 from accelerated_evaluation.base.arrays import Array
 from accelerated_evaluation.distributions import BoundedExponential, PiecewiseMixture, Tiltable, match_mean
 
+LARGE = 0.1  # weight from which a piece is large; the paper gives no number (section V.C.2)
+
 
 class ProposalFamily(Protocol):
     """A parametric family of f* for one variable, with its current parameters."""
@@ -22,6 +24,12 @@ class ProposalFamily(Protocol):
 
         This is the step of the Cross-Entropy method. ``x`` and ``weight`` contain the values and the
         importance weights of the events of a sample, shape (n,).
+        """
+
+    def is_determined(self, x: Array, weight: Array) -> bool:
+        """Return whether the events determine all parameters of pieces with a large weight (section V.C.2).
+
+        ``x`` and ``weight`` are those of `update`.
         """
 
     def parameters(self) -> dict[str, float]:
@@ -43,6 +51,10 @@ class SingleFamily:
         """Return the family whose exponential has the weighted mean of the events, values x, as its mean."""
         mean = float(np.average(x, weights=weight))
         return SingleFamily(BoundedExponential.from_mean(mean, self.distribution.lower))
+
+    def is_determined(self, x: Array, weight: Array) -> bool:
+        """Return True, because the one rate is estimated from all events."""
+        return True
 
     def parameters(self) -> dict[str, float]:
         """Return the rate, in the inverse unit of the variable."""
@@ -99,8 +111,7 @@ class PiecewiseFamily:
         weight
             Importance weights of the events, shape (n,).
         """
-        piece = self.model.piece_index(x)
-        shares = np.bincount(piece, weights=weight, minlength=len(self.weights)) / weight.sum()
+        piece, shares = self.model.piece_index(x), self._shares(x, weight)
         # Subnormal weights have lost digits, so a mean that is computed only from them would be inaccurate.
         heavy = weight > np.finfo(float).tiny
         thetas = list(self.thetas)
@@ -111,6 +122,16 @@ class PiecewiseFamily:
                 theta = match_mean(component, mean)
                 thetas[index] = max(theta, 0.0) if math.isinf(component.upper) else theta
         return replace(self, thetas=tuple(thetas), weights=bounded_weights(shares, self.minimum_weight))
+
+    def is_determined(self, x: Array, weight: Array) -> bool:
+        """Return whether each piece with a share of the weight of at least `LARGE` has enough events."""
+        counts = np.bincount(self.model.piece_index(x), minlength=len(self.weights))
+        return bool(np.all((counts >= self.minimum_events) | (self._shares(x, weight) < LARGE)))
+
+    def _shares(self, x: Array, weight: Array) -> Array:
+        """Return the share of each piece in the sum of the weights of the events, shape (k,)."""
+        inside = self.model.piece_index(x)
+        return np.bincount(inside, weights=weight, minlength=len(self.weights)) / weight.sum()
 
     @property
     def tail_is_full(self) -> bool:

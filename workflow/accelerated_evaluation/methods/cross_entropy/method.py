@@ -10,8 +10,9 @@ import numpy as np
 from accelerated_evaluation.base.sections import Schema, integer, number, section, share
 from accelerated_evaluation.laws import Factors
 from accelerated_evaluation.methods.cross_entropy.families import ProposalFamily
+from accelerated_evaluation.methods.cross_entropy.levels import SearchSettings, Shift
 from accelerated_evaluation.methods.cross_entropy.proposals import Proposals
-from accelerated_evaluation.methods.cross_entropy.search import Search, SearchSettings, Shift, search
+from accelerated_evaluation.methods.cross_entropy.search import Search, search
 from accelerated_evaluation.methods.estimate import Estimate, Method, Stopping
 from accelerated_evaluation.methods.importance_sampling import (
     bound_without_event,
@@ -57,14 +58,14 @@ SETTINGS = section(
             0.01,
             0,
             10,
-            "Step of the heuristic on the truncation points of R^-1 [1/m] (section V.C.5).",
+            "Step by which heuristic and shifted move the truncation points of R^-1 [1/m] (section V.C.5).",
             exclusive=True,
         ),
         inverse_ttc=number(
             0.05,
             0,
             10,
-            "Step of the heuristic on the truncation points of TTC^-1 [1/s] (section V.C.5).",
+            "Step by which heuristic and shifted move the truncation points of TTC^-1 [1/s] (section V.C.5).",
             exclusive=True,
         ),
     ),
@@ -115,9 +116,9 @@ class CrossEntropyMethod(Method):
             The fitted distributions of both coordinates in one stratum.
         """
 
-    def shift(self) -> Shift | None:
-        """Return the steps by which truncation points move, by coordinate; None if they are fixed."""
-        return None
+    def shift(self) -> Shift:
+        """Return the steps by which truncation points move, and when; here they are fixed."""
+        return Shift()
 
     def search(
         self,

@@ -24,6 +24,7 @@ from accelerated_evaluation.base.files import atomic_path
 from accelerated_evaluation.publishing.archive.provenance import PROJECT, commit_of
 from accelerated_evaluation.publishing.archive.run_records import Job, jobs_of, require_unchanged
 from accelerated_evaluation.publishing.study import Study
+from accelerated_evaluation.study.dependencies import files_of
 
 PERMALINK = "https://w3id.org/ro/wfrun/{}/0.5"
 PROFILES = {name: PERMALINK.format(name) for name in ("process", "workflow", "provenance")}
@@ -154,7 +155,7 @@ def _add_workflow(crate: ROCrate, files: dict[str, Entity], jobs: Sequence[Job])
 
 
 def _tool(crate: ROCrate, rule: str, files: dict[str, Entity], code: Sequence[str]) -> Entity:
-    """Add the code of a rule: its script or notebook and all modules of the library that these import."""
+    """Add the code of a rule: its script or notebook, and the rooms of the library that these may use."""
     lines = "".join(f"{files[path].id} {files[path]['sha256']}\n" for path in code)
     facts = {
         "@type": "SoftwareApplication",
@@ -218,18 +219,16 @@ def _link(entity: Entity, key: str, others: Sequence[Entity]) -> None:
 
 
 def _code(job: Job, files: dict[str, Entity]) -> list[str]:
-    """Return the inputs of a job that are code, and its script."""
+    """Return a job's script, its inputs that are code, and the library's modules that it may have run."""
     script = [job.script] if job.script else []
-    return [*script, *(path for path in job.inputs if _is_code(path, files))]
+    inputs = [path for path in job.inputs if path.endswith((".py", ".ipynb")) and path in files]
+    modules = [_name(path) for room in job.code for path in files_of(room)]
+    return [*script, *inputs, *dict.fromkeys(modules)]
 
 
 def _data(job: Job) -> list[str]:
     """Return the inputs of a job that are data."""
     return [path for path in job.inputs if not path.endswith((".py", ".ipynb"))]
-
-
-def _is_code(path: str, files: dict[str, Entity]) -> bool:
-    return path.endswith((".py", ".ipynb")) and path in files
 
 
 def _part(job: Job) -> str:

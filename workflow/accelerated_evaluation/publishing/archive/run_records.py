@@ -2,6 +2,7 @@
 
 import os
 import re
+from ast import literal_eval
 from base64 import urlsafe_b64encode
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
@@ -12,6 +13,7 @@ from typing import Any
 from accelerated_evaluation.base.digests import file_digest
 from accelerated_evaluation.base.errors import InputError
 from accelerated_evaluation.base.files import read_json
+from accelerated_evaluation.study.dependencies import JOBS, LIBRARY, digest_of
 
 RECORDS = Path(".snakemake/metadata")
 NAME_LENGTH = 254  # largest length of a file name; Snakemake divides the longer name of a record into folders
@@ -31,6 +33,8 @@ class Job:
         Paths of the files.
     checksums
         ``"sha256:..."`` of each input when the job read it, by path.
+    code
+        Digests of the code of the library that the job may have run, by room (`study.dependencies`).
     started, ended
         Times in UTC.
     """
@@ -41,6 +45,7 @@ class Job:
     inputs: tuple[str, ...]
     outputs: list[str]
     checksums: Mapping[str, str]
+    code: Mapping[str, str]
     started: datetime
     ended: datetime
 
@@ -85,15 +90,17 @@ def jobs_of(folders: Iterable[Path]) -> list[Job]:
 
 
 def require_unchanged(jobs: Iterable[Job]) -> None:
-    """Raise InputError if a file has changed since a job read it.
-
-    Raises
-    ------
-    InputError
-        With the first such file and the rule that read it.
-    """
+    """Raise InputError with the first file or room of the library that has changed since a job used it."""
     now: dict[str, str] = {}
     for job in jobs:
+        for room, recorded in job.code.items():
+            if (digest := digest_of(room)) != recorded:
+                raise InputError(
+                    f"{LIBRARY.name}/{room}",
+                    seen=f"code with the digest {digest}",
+                    expected=f"{recorded}, as when the rule {job.rule} ran",
+                    change="Run the study again, so that its results come from this code.",
+                )
         for path, recorded in job.checksums.items():
             if path not in now:
                 now[path] = f"sha256:{file_digest(Path(path))}" if Path(path).is_file() else "no such file"
@@ -129,6 +136,9 @@ def _job(record: Mapping[str, Any]) -> Job:
         inputs=tuple(path for path in record["input"] if not Path(path).is_dir()),
         outputs=[],
         checksums=record["input_checksums"],
+        code=next(
+            map(literal_eval, (text for text in record["params"] if text.startswith(f"{{'{JOBS}'"))), {}
+        ),
         started=datetime.fromtimestamp(record["starttime"], UTC),
         ended=datetime.fromtimestamp(record["endtime"], UTC),
     )

@@ -1,5 +1,6 @@
 """The numbers of the article that the paper does not have: laws, answer, coverage, vehicles, injuries."""
 
+import math
 from collections.abc import Iterable, Mapping
 from typing import Any
 
@@ -7,6 +8,7 @@ import pandas as pd
 from scipy.stats import poisson
 
 from accelerated_evaluation.answer.calibration import HOST
+from accelerated_evaluation.answer.extrapolation import ALL, CAPPED, FAR, HOST_UNSEEN, NEAR, RECORDED
 from accelerated_evaluation.publishing.article.tables import Tables, typeset
 from accelerated_evaluation.publishing.tables.injuries import best_known
 
@@ -90,26 +92,38 @@ def _answer(tables: Tables) -> dict[str, Any]:
         "thresholds": thresholds.max() / thresholds.min(),
         "quality_low": changes.min(),
         "quality_high": changes.max(),
+        "beyond": _beyond_records(tables["extrapolation"].set_index("part")),
         "again": _second_set(answer, int(tables["data_quality"]["events"].iloc[0])),
         "rate": crash["per_km"],
         "million_km": 1 / (1e6 * crash["per_km"]) if crash["per_km"] else None,
     }
 
 
-def _second_set(answer: pd.DataFrame, size: int) -> dict[str, Any]:
-    """Return limits for the number of near misses in a second data set of the same size.
-
-    The event is the most frequent near miss. Its number of occurrences among ``size`` cut-ins is a Poisson
-    variable with mean ``size`` times the probability. The limits are the 2.5 % quantile for the lower end of
-    the answer's 95 % interval and the 97.5 % quantile for the upper end.
-    """
-    nearest = answer[answer["event"] != "crash"].nlargest(1, "probability").iloc[0]
-    low, high = size * nearest["low95"], size * nearest["high95"]
+def _beyond_records(parts: pd.DataFrame) -> dict[str, Any]:
+    """Return the shares of the predicted crashes beyond the records, and the numbers of replayed records."""
+    shares, whole = parts["share"], parts.loc[ALL]
     return {
-        "event": nearest["event"],
+        "faster_than_near": shares[NEAR] + shares[FAR],
+        "faster_than_all": shares[FAR],
+        "above_cap": shares[CAPPED],
+        "host": shares[HOST_UNSEEN],
+        "inside": parts.loc[RECORDED, "probability"],
+    } | whole[["records", "recorded", "expected", "replay_low95", "replay_high95"]].to_dict()
+
+
+def _second_set(answer: pd.DataFrame, size: int) -> dict[str, Any]:
+    """Return which numbers of replayed crashes in other records would refute the answer.
+
+    The number among n cut-ins is a Poisson variable. ``most`` is its 97.5 % quantile for ``size`` cut-ins at
+    the upper end of the 95 % interval. ``none`` is the number of cut-ins of which at least one crashes with a
+    probability of 97.5 % at the lower end, None if this is 0.
+    """
+    crash = answer.set_index("event").loc["crash"]
+    low, high = crash["low95"], crash["high95"]
+    return {
         "size": size,
-        "low": int(poisson.ppf(0.025, low)) if low > 0 else 0,
-        "high": int(poisson.ppf(0.975, high)) if high > 0 else 0,
+        "most": int(poisson.ppf(0.975, size * high)) if high > 0 else 0,
+        "none": math.ceil(-math.log(0.025) / low) if low > 0 else None,
     }
 
 
@@ -138,6 +152,8 @@ def _worlds_beyond(benchmarks: Tables, usual: Iterable[str]) -> dict[str, Any]:
     return {
         "worlds": worlds["worlds"].iloc[0],
         "kinds": len(worlds),
+        "least": worlds["coverage80"].min(),
+        "most": worlds["coverage80"].max(),
         "covered": worlds.loc[~fails, "kind"].tolist(),
         "failed": worlds.loc[fails, ["kind", "coverage80", "median_ratio"]].to_dict("records"),
     }

@@ -13,13 +13,19 @@ import pandas as pd
 from accelerated_evaluation.publishing.article import beyond
 from accelerated_evaluation.publishing.article.tables import Tables, plain, typeset
 from accelerated_evaluation.publishing.tables.claims import departure
-from accelerated_evaluation.publishing.tables.paper_claims import CLAIMS
-from accelerated_evaluation.publishing.tables.paper_numbers import PAPER_PROBABILITY
+from accelerated_evaluation.publishing.tables.exact import share_of_one_run
+from accelerated_evaluation.publishing.tables.paper_claims import CLAIMS, NUMBERS, STATEMENTS
+from accelerated_evaluation.publishing.tables.paper_numbers import (
+    PAPER_PROBABILITY,
+    PAPER_SEARCHES,
+    PAPER_SIMULATIONS,
+)
+from accelerated_evaluation.publishing.tables.spreads import LEVEL
 from accelerated_evaluation.records.sources import describe
 
 KNOT, CAP = "knot of TTC^-1", "closing-speed cap [m/s]"  # choices in the table of sensitivities
 RUNS = ("piecewise_run", "single_run")  # claims about single runs
-METHODS = ("piecewise", "single", "heuristic")
+METHODS = ("piecewise", "single", "heuristic", "shifted")
 
 
 def collect(tables: Tables, benchmarks: Tables, config: Mapping[str, Any]) -> dict[str, Any]:
@@ -40,9 +46,10 @@ def collect(tables: Tables, benchmarks: Tables, config: Mapping[str, Any]) -> di
             "records": _records(tables),
             "claims": _claims(tables),
             "methods": _methods(tables),
+            "needed": _needed(tables),
             "exact": _exact(tables),
             "choices": _choices(tables),
-            "uncertainty": _uncertainty(tables),
+            "uncertainty": _uncertainty(tables, config),
             **beyond.collect(tables, benchmarks, config),
         }
     )
@@ -61,6 +68,7 @@ def _study(config: Mapping[str, Any]) -> dict[str, Any]:
         "farthest": limits["range_max"],
         "cap": config["models"]["closing_speed_max"],
         "level": 100 * (1 - sampling["alpha"]),
+        "spread": 100 * LEVEL,
         "half_width": sampling["beta"],
         "replicates": sampling["replicates"],
         "draws": config["answer"]["draws"],
@@ -72,6 +80,8 @@ def _records(tables: Tables) -> dict[str, Any]:
     account = tables["encounters_account"]
     repeated = account[account["step"] == "repeated"].iloc[0]
     report = tables["records_report"]
+    if report.empty:
+        raise ValueError("no check of the records")
     return {
         "read": account["rows_in"].iloc[0],
         "kept": account["rows_kept"].iloc[-1],
@@ -84,27 +94,31 @@ def _records(tables: Tables) -> dict[str, Any]:
 
 
 def _claims(tables: Tables) -> dict[str, Any]:
-    claims = tables["claims"].assign(paper=lambda table: table["paper"].astype(float))
-    spread = (claims["ours_high"] / claims["ours_low"]).set_axis(list(CLAIMS))
+    claims = tables["claims"].set_axis(list(CLAIMS))
+    claims = claims.assign(paper=claims["paper"].astype(float), claim=claims["claim"].map(typeset))
     keys = ("claim", "source", "paper", "ours", "ours_low", "ours_high", "verdict")
-    reasons = claims[claims["verdict"] != "agrees"].assign(why=lambda table: table["why"].map(_reason))
+    unlike = claims[claims["verdict"].isin(["differs", "undecided", "not comparable"])]
+    reasons = unlike.assign(why=unlike["why"].map(_reason)).groupby("why", sort=False)
+    runs = claims.loc[list(RUNS)]
     return {
-        "all": len(claims),
-        **{word.replace(" ", "_"): int(count) for word, count in _verdicts(claims).items()},
-        "rows": claims[list(keys)].to_dict("records"),
-        "reasons": [
-            {"why": why, "claims": rows["claim"].tolist()} for why, rows in reasons.groupby("why", sort=False)
-        ],
-        "spread_of_runs": spread.loc[list(RUNS)].max(),
+        "numbers": _verdicts(claims.loc[list(NUMBERS)]),
+        "statements": _verdicts(claims.loc[list(STATEMENTS)]),
+        "rows": claims.loc[list(NUMBERS), list(keys)].to_dict("records"),
+        "stated": claims.loc[list(STATEMENTS), list(keys)].to_dict("records"),
+        "reasons": [{"why": why, "claims": rows["claim"].tolist()} for why, rows in reasons],
+        "spread_of_runs": (runs["ours_high"] / runs["ours_low"]).max(),
         "paper": {key: claim.paper for key, claim in CLAIMS.items()},
-        "ours": dict(zip(CLAIMS, claims["ours"], strict=True)),
-        "away": dict(zip(CLAIMS, claims["ours"] / claims["paper"] - 1, strict=True)),
+        "ours": claims["ours"].to_dict(),
+        "verdict": claims["verdict"].to_dict(),
     }
 
 
 def _verdicts(claims: pd.DataFrame) -> dict[str, int]:
-    words = ("agrees", "differs", "not comparable")
-    return {word: (claims["verdict"] == word).sum() for word in words}
+    """Count the claims by verdict; ``judged`` is the number of those that have a verdict of their own."""
+    counts = claims["verdict"].value_counts()
+    words = ("agrees", "differs", "undecided", "not comparable")
+    found = {word.replace(" ", "_"): int(counts.get(word, 0)) for word in words}
+    return found | {"judged": sum(found.values())}
 
 
 def _reason(why: str) -> str:
@@ -130,6 +144,19 @@ def _methods(tables: Tables) -> dict[str, Any]:
         },
         "more": pooled.loc["sequential_gamma", "simulations_mean"]
         / pooled.loc["sequential", "simulations_mean"],
+    }
+
+
+def _needed(tables: Tables) -> dict[str, Any]:
+    """Return ratios of the simulations to convergence, from exact variances: of single, and to piecewise."""
+    needed = tables["needed"].query("scope == 'all'").set_index("method")["simulations"]
+    ratios = needed / needed["piecewise"]
+    paper = {name: PAPER_SEARCHES[name] + PAPER_SIMULATIONS[name] for name in ("single", "piecewise")}
+    return {
+        "ratio": ratios["single"],
+        "heuristic": ratios["heuristic"],
+        "shifted": ratios["shifted"],
+        "paper_with_search": paper["single"] / paper["piecewise"],
     }
 
 
@@ -173,11 +200,13 @@ def _choices(tables: Tables) -> dict[str, Any]:
     return ends | {"single": models["single"], "three_pieces": models["three_pieces"]}
 
 
-def _uncertainty(tables: Tables) -> dict[str, Any]:
+def _uncertainty(tables: Tables, config: Mapping[str, Any]) -> dict[str, Any]:
     budget = tables["uncertainty"].set_index("source")
     share = budget["variance_share"]
+    sampling = config["importance_sampling"]
     return {
         "sampling": share["sampling"],
+        "sampling_of_one_run": share_of_one_run(tables["uncertainty"], sampling["alpha"], sampling["beta"]),
         "data": share["data"],
         "choice": share["choice of model"],
         "low": budget.loc["together", "ci_low"],

@@ -9,7 +9,7 @@ from typing import Any
 
 import typst
 
-from accelerated_evaluation.base.errors import StudyError
+from accelerated_evaluation.base.errors import InputError, StudyError
 from accelerated_evaluation.base.files import atomic_path, write_json
 from accelerated_evaluation.publishing.archive.provenance import origin_of
 from accelerated_evaluation.publishing.article.numbers import collect
@@ -51,7 +51,16 @@ def numbers_of(study: Study, sources: Sources) -> dict[str, Any]:
         Text, benchmarks and captions.
     """
     figures = shown_figures(sources.text)
-    numbers = collect(Tables(study.figures / "tables"), Tables(sources.benchmarks), study.config)
+    tables = Tables(study.figures / "tables")
+    try:
+        numbers = collect(tables, Tables(sources.benchmarks), study.config)
+    except (AttributeError, LookupError, TypeError, ValueError) as error:
+        raise InputError(
+            f"{study.figures / 'tables' / tables.last}.csv, or a table that was read before",
+            seen=f"content that cannot be used ({type(error).__name__}: {error})",
+            expected="a complete table of a finished study, with rows below its header",
+            change="Delete the table, and run the study again: make study.",
+        ) from error
     captions = {name: _first_paragraph(sources.captions, name, study.config) for name in figures}
     origin = {"version": version("accelerated-evaluation"), **origin_of(study)}
     return numbers | {"captions": captions, "provenance": origin}

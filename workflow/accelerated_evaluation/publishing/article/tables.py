@@ -20,10 +20,15 @@ class Tables:
     ----------
     folders
         Folders with CSV files. A table is taken from the first folder that has it.
+
+    Attributes
+    ----------
+    last
+        Name of the table that was read last, for errors.
     """
 
     def __init__(self, *folders: Path) -> None:
-        self.folders = folders
+        self.folders, self.last = folders, ""
 
     def __getitem__(self, name: str) -> pd.DataFrame:
         """Return a table by its name, without its column ``data``.
@@ -33,6 +38,7 @@ class Tables:
         InputError
             If no folder has the table.
         """
+        self.last = name
         for folder in self.folders:
             path = folder / f"{name}.csv"
             if path.is_file():

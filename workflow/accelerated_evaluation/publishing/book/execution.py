@@ -1,9 +1,10 @@
 """Run a parameterised notebook with papermill, in this process instead of a kernel."""
 
+import json
 import os
 import sys
 from base64 import b64encode
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from typing import Any
 
@@ -15,6 +16,7 @@ from traitlets.config import Config
 from accelerated_evaluation.base.errors import StudyError
 from accelerated_evaluation.base.files import atomic_path
 from accelerated_evaluation.publishing.book.texts import fill
+from accelerated_evaluation.publishing.study import Study
 from accelerated_evaluation.study.jobs import without
 
 with without("rfc3987_syntax"):
@@ -71,6 +73,8 @@ class ThisProcess(Engine):
             elif cell.cell_type == "markdown":
                 cell.source = _filled(cell.source, shell.user_ns, ran)
             nb_man.cell_complete(cell, number)
+        if isinstance(study := shell.user_ns.get("study"), Study):
+            nb_man.nb.metadata["study"] = _as_declared(nb_man.nb.metadata.get("study", {}), study)
 
 
 papermill_engines.register(ENGINE, ThisProcess)
@@ -91,7 +95,8 @@ def run_notebook(notebook: str, parameters: dict[str, str], executed: str) -> No
     Raises
     ------
     StudyError
-        If a cell of code or a placeholder fails; the error names the cell.
+        If a cell of code or a placeholder fails, in which case the error names the cell, or if the notebook
+        used something that its metadata do not declare.
     """
     with atomic_path(executed) as temporary, _main_module_kept():
         try:
@@ -107,6 +112,16 @@ def run_notebook(notebook: str, parameters: dict[str, str], executed: str) -> No
             raise StudyError(f"{notebook}, cell {error.exec_count}: {error.ename}: {error.evalue}") from error
         except StudyError as error:
             raise StudyError(f"{notebook}, {error}") from error
+
+
+def _as_declared(declared: Mapping[str, list[str]], study: Study) -> dict[str, list[str]]:
+    """Return what a notebook read and published; StudyError if ``declared`` does not list all of it."""
+    used = study.used._asdict() | {"reads": sorted(study.used.reads)}
+    if missing := sorted({name for key in used for name in set(used[key]) - set(declared.get(key, []))}):
+        raise StudyError(
+            f'key study of the metadata: {", ".join(missing)} not listed; write "study": {json.dumps(used)}'
+        )
+    return used
 
 
 @contextmanager

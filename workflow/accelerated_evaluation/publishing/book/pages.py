@@ -13,6 +13,7 @@ from accelerated_evaluation.base.digests import file_digest
 from accelerated_evaluation.publishing.archive.provenance import commit_of
 from accelerated_evaluation.publishing.study import Study
 from accelerated_evaluation.publishing.tables.exact import contradictions
+from accelerated_evaluation.publishing.tables.extrapolation import rests_in_words
 from accelerated_evaluation.publishing.tables.formats import readable, to_markdown
 from accelerated_evaluation.publishing.tables.paper_numbers import PAPER_PROBABILITY
 from accelerated_evaluation.scenarios.cut_in import CUT_IN
@@ -51,15 +52,14 @@ def known_to_pages(study: Study, records: Iterable[str]) -> dict[str, Any]:
         "configuration": yaml.safe_dump(study.config, allow_unicode=True, sort_keys=False).strip(),
     }
     if study.scenario is not CUT_IN:
-        answer = study.scenario_answer
-        return common | {"crash": answer.iloc[0], "answers": answer.to_dict("records")}
+        answer = study.answer
+        rests = rests_in_words(study.extrapolation, by_speed=False)
+        return common | {"crash": answer.iloc[0], "answers": answer.to_dict("records"), "rests": rests}
     common["crash"] = study.answer.set_index("event").loc["crash"]
-    return common | (_of_few_runs(study) if study.config["simulations"]["slow"] else _of_the_paper(study))
-
-
-def _of_few_runs(study: Study) -> dict[str, Any]:
-    """Return the values that only the first page for a slow vehicle uses."""
-    return {"compared": study.compared}
+    common["rests"] = rests_in_words(study.extrapolation)
+    return common | (
+        {"compared": study.compared} if study.config["simulations"]["slow"] else _of_the_paper(study)
+    )
 
 
 def _of_the_paper(study: Study) -> dict[str, Any]:

@@ -10,12 +10,12 @@ description of a data set, are escaped. The filter ``safe`` inserts a text as Ma
 """
 
 import math
-from collections.abc import Iterator, Mapping
+from collections.abc import Mapping
 from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
 
-from jinja2 import Environment, StrictUndefined, TemplateSyntaxError, nodes
+from jinja2 import Environment, StrictUndefined
 from markupsafe import Markup
 
 from accelerated_evaluation.base.errors import StudyError
@@ -105,23 +105,6 @@ def caption(folder: Path, name: str, config: Mapping[str, Any]) -> list[str]:
     """
     text = (folder / f"{name}.rst").read_text(encoding="utf-8")
     return fill(text, {"snakemake": SimpleNamespace(config=config)}).strip().split("\n\n")
-
-
-def attributes(text: str, owner: str) -> Iterator[str]:
-    """Yield the attributes of the variable ``owner`` that the placeholders of a text use.
-
-    Raises
-    ------
-    StudyError
-        If the syntax of a placeholder is wrong.
-    """
-    try:
-        parsed = _ENVIRONMENT.parse(text)
-    except TemplateSyntaxError as error:
-        raise StudyError(f"{type(error).__name__}: {error}, line {error.lineno} of the texts") from error
-    for node in parsed.find_all(nodes.Getattr):
-        if isinstance(node.node, nodes.Name) and node.node.name == owner:
-            yield node.attr
 
 
 def _escaped(value: Any) -> Any:  # noqa: ANN401

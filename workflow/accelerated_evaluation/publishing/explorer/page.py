@@ -1,6 +1,5 @@
 """The page of the explorer: the templates in ``workflow/explorer``, filled with the data of a study."""
 
-import base64
 from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
@@ -11,13 +10,12 @@ import pandas as pd
 
 from accelerated_evaluation.answer.explored import DrawnLaws, explored_lines
 from accelerated_evaluation.answer.explored_ratios import log_ratios
-from accelerated_evaluation.answer.study import REFERENCES, event_name
-from accelerated_evaluation.answer.weighted_family import WeightedLaws
+from accelerated_evaluation.answer.law_study import LawStudy
 from accelerated_evaluation.base.errors import StudyError
 from accelerated_evaluation.crash_map.maps import CrashMap
 from accelerated_evaluation.publishing.explorer import payload as parts
-from accelerated_evaluation.publishing.explorer.kernels import translated_kernels
-from accelerated_evaluation.publishing.explorer.vehicles import TITLES, compiled_vehicles, pilots
+from accelerated_evaluation.publishing.explorer.vehicles import TITLES, described_vehicles, pilots
+from accelerated_evaluation.scenarios.cut_in import CUT_IN
 from accelerated_evaluation.vehicles.events import events_from
 
 LARGEST = 3_000_000  # largest size of a page in bytes
@@ -34,33 +32,17 @@ PLACES = {
 
 @dataclass(frozen=True)
 class Explored:
-    """The results of a study from which a page is made.
-
-    Attributes
-    ----------
-    config
-        Configuration of the study.
-    weighted, drawn
-        The laws with their weights, and random draws from them.
-    exposure
-        ``kilometres`` and ``hours`` of the records.
-    answer, vehicles
-        Tables of the published answer by event and by vehicle.
-    crash_map
-        Crash map of the vehicle under test, which the page shows if it cannot simulate the vehicle; None if
-        the study has no map.
-    runs
-        Simulations of a slow vehicle under test, ``sampled/runs.csv``; None if the vehicle is not slow.
-    """
+    """The results of a study from which a page is made."""
 
     config: Mapping[str, Any]
-    weighted: WeightedLaws
-    drawn: DrawnLaws
-    exposure: Mapping[str, float | None]
-    answer: pd.DataFrame
-    vehicles: pd.DataFrame
+    study: LawStudy  # the laws with their weights
+    drawn: DrawnLaws  # random draws from the laws
+    exposure: Mapping[str, float | None]  # ``kilometres`` and ``hours`` of the records
+    answer: pd.DataFrame  # the published answer by event
+    vehicles: pd.DataFrame  # the published answer by vehicle
+    # of the vehicle under test, which the page shows if it cannot simulate the vehicle
     crash_map: CrashMap | None
-    runs: pd.DataFrame | None
+    runs: pd.DataFrame | None  # ``laws/runs.csv`` of a slow vehicle under test
 
     @property
     def tested(self) -> Mapping[str, Any]:
@@ -68,7 +50,7 @@ class Explored:
         return self.config["vehicle"]
 
     @property
-    def is_compiled(self) -> bool:
+    def is_simulated(self) -> bool:
         """Whether the page can simulate the vehicle under test."""
         return self.tested["name"] in TITLES
 
@@ -76,29 +58,14 @@ class Explored:
 def write_page(explored: Explored, templates: Path, path: Path, generator: np.random.Generator) -> None:
     """Write the explorer of a study: an HTML page on which a reader changes the vehicle.
 
-    Parameters
-    ----------
-    explored
-        The results of the study.
-    templates
-        Folder with the templates.
-    path
-        File to write.
-    generator
-        Random generator for the lines (pairs of lead speed and range on which vehicles are simulated), and
-        for the sample of the records that is shown.
-
-    Raises
-    ------
-    StudyError
-        If the page is larger than `LARGEST`.
+    The random ``generator`` chooses the lines (pairs of lead speed and range on which vehicles are simulated)
+    and the records that are shown. A page larger than `LARGEST` is a StudyError.
     """
     page = (templates / "explorer.html").read_text(encoding="utf-8")
     for place, name in PLACES.items():
         page = page.replace(place, (templates / name).read_text(encoding="utf-8"))
     payload = _payload(explored, generator)
-    code = base64.b64encode(translated_kernels().module).decode()
-    for place, text in {"/*DATA*/": payload.json, "/*ARRAYS*/": payload.block, "/*KERNELS*/": code}.items():
+    for place, text in {"/*DATA*/": payload.json, "/*ARRAYS*/": payload.block}.items():
         page = page.replace(place, text)
     size = len(page.encode())
     if size > LARGEST:
@@ -108,16 +75,18 @@ def write_page(explored: Explored, templates: Path, path: Path, generator: np.ra
 
 def _payload(explored: Explored, generator: np.random.Generator) -> parts.Payload:
     """Return the data of the page."""
-    records, drawn = explored.weighted.records, explored.drawn
+    records, drawn = explored.study.smooth.records, explored.drawn
     support, events = records.support, explored.config["answer"]["events"]
     _, *shown = events_from({"impact_speed": events.get("impact_speed", [])})  # the page lists crashes itself
     payload = parts.Payload(
         {
             "study": explored.config["study"],
             "tested": explored.tested["name"],
-            "reference": REFERENCES[""],
-            "vehicles": compiled_vehicles(explored.tested),
-            "events": [{"name": event_name(event), "threshold": event.threshold} for event in shown],
+            "reference": CUT_IN.references[""],
+            "vehicles": described_vehicles(explored.tested),
+            "events": [
+                {"name": CUT_IN.event_in_words(event), "threshold": event.threshold} for event in shown
+            ],
             "lead_speeds": list(support.lead_speeds),
             "range_max": support.range_max,
             "exposure": parts.exposure_of(records.size, explored.exposure),
@@ -125,14 +94,13 @@ def _payload(explored: Explored, generator: np.random.Generator) -> parts.Payloa
                 "answer": parts.published_of(explored.answer, "event"),
                 "vehicles": parts.published_of(explored.vehicles, "vehicle"),
             },
-            "kernels": translated_kernels().layout,
         }
     )
     parts.add_lines(payload, explored_lines(drawn, records.lead_speed, support, pilots(), generator))
-    parts.add_laws(payload, explored.weighted, drawn, log_ratios(drawn, support))
+    parts.add_laws(payload, explored.study, drawn, log_ratios(drawn, support))
     parts.add_records(payload, records, generator)
-    if not explored.is_compiled and explored.crash_map is not None:
+    if not explored.is_simulated and explored.crash_map is not None:
         parts.add_map(payload, explored.crash_map, SHOWN_EVENTS, generator)
-    if not explored.is_compiled and explored.runs is not None:
+    if not explored.is_simulated and explored.runs is not None:
         parts.add_runs(payload, explored.runs)
     return payload

@@ -30,30 +30,14 @@ GAMMA_LEVELS = (np.arange(15) + 0.5) / 15  # levels of the quantiles that repres
 
 @dataclass
 class Payload:
-    """The data of a page: a dictionary, and named arrays of numbers.
+    """The data of a page: a dictionary, and named arrays of numbers."""
 
-    Attributes
-    ----------
-    text
-        Dictionary that the page reads as JSON. Its entry ``arrays`` contains type, shape and position in the
-        block of each array.
-    """
-
+    # read as JSON by the page; its entry ``arrays`` has type, shape and position of each array
     text: dict[str, Any]
     _blocks: list[bytes] = field(default_factory=list)
 
     def add(self, name: str, values: ArrayLike, kind: str) -> None:
-        """Add an array of numbers to the data of the page.
-
-        Parameters
-        ----------
-        name
-            Name of the array on the page.
-        values
-            Array of any shape.
-        kind
-            NumPy type to store it in, little-endian: ``f4``, ``u2`` or ``u1``.
-        """
+        """Add an array of numbers as the little-endian NumPy type ``f4``, ``u2`` or ``u1``."""
         array = np.ascontiguousarray(values, dtype=f"<{kind}")
         place = {"type": kind, "start": sum(map(len, self._blocks)), "shape": list(array.shape)}
         self.text.setdefault("arrays", {})[name] = place
@@ -77,13 +61,6 @@ def add_lines(payload: Payload, lines: ExploredLines) -> None:
 
     The mean law on a line is given by the closing speeds at equidistant values of the cumulative hazard.
     They are rounded to `SPEED_STEP`, and stored as differences of successive values.
-
-    Parameters
-    ----------
-    payload
-        The data of the page.
-    lines
-        The lines, with the mean law along them; see `answer.explored`.
     """
     for name in ("lead_speed", "range_", "probability", "distance"):
         payload.add(name, getattr(lines, name), "f4")
@@ -97,20 +74,7 @@ def add_lines(payload: Payload, lines: ExploredLines) -> None:
 
 
 def add_laws(payload: Payload, study: LawStudy, drawn: DrawnLaws, logs: Array) -> None:
-    """Add the draws of the laws to the data of the page: index of the law, and ratios to the mean law.
-
-    Parameters
-    ----------
-    payload
-        The data of the page.
-    study
-        The laws with their weights, with which a reader can choose a law or a threshold.
-    drawn
-        The draws, each with the index of its law.
-    logs
-        Logarithm of the ratio of each draw to the mean law at nodes of lead speed, range and cumulative
-        hazard, from `answer.explored_ratios.log_ratios`.
-    """
+    """Add the law of each draw, and its log ratios to the mean law at the nodes of `explored_ratios`."""
     members = study.smooth.members
     payload.add("member", drawn.member, "u1")
     order = np.argsort(drawn.member, kind="stable")  # draws of one law are similar, so differences are small
@@ -152,19 +116,10 @@ def add_records(payload: Payload, records: DistinctRecords, generator: np.random
 def add_map(
     payload: Payload, crash_map: CrashMap, events: Sequence[str], generator: np.random.Generator
 ) -> None:
-    """Add a random sample of the intervals of a crash map, for a vehicle that the page cannot simulate.
+    """Add a random sample of the crash map of a vehicle that the page cannot simulate.
 
-    Parameters
-    ----------
-    payload
-        The data of the page.
-    crash_map
-        Crash map of the vehicle.
-    events
-        Names of the events of the page; intervals of the first are added: the lead speed and range of the
-        line, and the closing speeds between which the event occurs.
-    generator
-        Random generator that chooses `SHOWN_LINES` intervals.
+    It contains intervals of the first event: lead speed and range of the line, and the closing speeds between
+    which the event occurs.
     """
     intervals = next(values for event, values in crash_map.events.items() if event.quantity == events[0])
     count = intervals.line.size
@@ -177,15 +132,7 @@ def add_map(
 
 
 def add_runs(payload: Payload, runs: pd.DataFrame) -> None:
-    """Add the simulations of a slow vehicle: their cut-ins, and whether each crashed.
-
-    Parameters
-    ----------
-    payload
-        The data of the page.
-    runs
-        Table ``sampled/runs.csv``. Repeated simulations of the same cut-in are left out.
-    """
+    """Add the simulations of a slow vehicle, ``sampled/runs.csv``, without repeated ones."""
     once = runs[runs["phase"] != "repeat"]
     for name in VARIABLES:
         payload.add(f"run_{name}", once[name], "f4")
@@ -193,20 +140,7 @@ def add_runs(payload: Payload, runs: pd.DataFrame) -> None:
 
 
 def exposure_of(cut_ins: int, exposure: Mapping[str, float | None]) -> dict[str, Any]:
-    """Return the rate of cut-ins per million kilometres, as quantiles of its gamma distribution.
-
-    Parameters
-    ----------
-    cut_ins
-        Number of recorded cut-ins.
-    exposure
-        ``kilometres`` of the records, None if not known.
-
-    Returns
-    -------
-    dict
-        ``cut_ins``, ``kilometres`` and ``rates``, 15 quantiles of equal weight; None without kilometres.
-    """
+    """Return cut-ins, kilometres and quantiles of the rate per million kilometres, or None if not known."""
     kilometres = exposure.get("kilometres")
     if kilometres is None:
         return {"cut_ins": cut_ins, "kilometres": None, "rates": None}
@@ -215,17 +149,9 @@ def exposure_of(cut_ins: int, exposure: Mapping[str, float | None]) -> dict[str,
 
 
 def published_of(table: pd.DataFrame, key: str) -> list[dict[str, Any]]:
-    """Return the rows of a table of the answer as dictionaries, for the JSON data of the explorer's page.
+    """Return the rows of a published table with the column ``key`` and the probabilities, for JSON.
 
-    NaN is replaced by None, because JSON has no NaN.
-
-    Parameters
-    ----------
-    table
-        Published table of the answer, with one row for each event or each vehicle.
-    key
-        Column that names the rows. Of the other columns, only ``probability``, ``median`` and the limits of
-        the intervals are returned.
+    JSON has no NaN, which is replaced by None.
     """
     columns = [key, "probability", "median", *(name for name in table if name.startswith(("low", "high")))]
     rows = table[[name for name in columns if name in table]].to_dict("records")

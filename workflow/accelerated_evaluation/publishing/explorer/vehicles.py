@@ -1,6 +1,6 @@
-"""The vehicles of the explorer: their sliders, and the parameters of the compiled code at each position.
+"""The vehicles of the explorer: their sliders, and the parameters of the simulation at each position.
 
-Python computes, for every position of every slider, which of the numbers that the compiled code reads are
+Python computes, for every position of every slider, which of the numbers that the simulation reads are
 changed. The page only inserts these numbers. No two sliders of a vehicle may change the same number, which is
 checked.
 """
@@ -15,6 +15,8 @@ import numpy as np
 from accelerated_evaluation.base.errors import StudyError
 from accelerated_evaluation.scenarios.parameters import parameter_names
 from accelerated_evaluation.vehicles.builtin.acc_aeb import V60_TTC, AccAeb
+from accelerated_evaluation.vehicles.builtin.driver_numbers import Driver
+from accelerated_evaluation.vehicles.builtin.kernel import Car
 from accelerated_evaluation.vehicles.protocol import Vehicle
 from accelerated_evaluation.vehicles.registry import VEHICLES
 
@@ -23,35 +25,18 @@ PUBLISHED_TTC = f"{V60_TTC[0]:g}–{V60_TTC[1]:g}"  # [s], least and largest val
 
 @dataclass(frozen=True)
 class Slider:
-    """A slider of the page, which changes a parameter of a vehicle.
-
-    Attributes
-    ----------
-    parameter
-        Name of the parameter.
-    label, unit
-        Name and unit on the page.
-    stops
-        Values of the parameter that a reader can choose, in increasing order.
-    """
+    """A slider of the page, which changes a parameter of a vehicle."""
 
     parameter: str
     label: str
     unit: str
-    stops: tuple[float, ...]
+    stops: tuple[float, ...]  # values that a reader can choose, in increasing order
 
     def parameters(self, base: Mapping[str, Any], value: float | None) -> dict[str, Any]:
-        """Return the parameters of the vehicle with one parameter changed.
+        """Return the parameters of the vehicle with one changed; None is the published TTC of the AEB.
 
-        If the TTC at which the AEB begins is increased above the TTC at which the AEB is released, the latter
-        is increased to the same value.
-
-        Parameters
-        ----------
-        base
-            Parameters of the vehicle, by name.
-        value
-            New value; None for the published TTC of the AEB, which depends on the speed.
+        If the TTC at which the AEB begins is increased above the TTC at which it is released, the latter is
+        increased to the same value.
         """
         changed = {self.parameter: value}
         if self.parameter == "aeb_ttc" and value is not None:
@@ -104,21 +89,13 @@ TITLES = {
 }
 
 
-def compiled_vehicles(tested: Mapping[str, Any]) -> list[dict[str, Any]]:
-    """Describe every vehicle whose code the page contains.
+def described_vehicles(tested: Mapping[str, Any]) -> list[dict[str, Any]]:
+    """Describe every vehicle that the page can simulate, for its JSON data.
 
-    Parameters
-    ----------
-    tested
-        Section ``vehicle`` of the configuration. If the page contains this vehicle, its sliders start at
-        these parameters; other vehicles start at their default parameters.
-
-    Returns
-    -------
-    list
-        For each vehicle its ``name``, ``title``, ``kernel`` (car or driver), ``striped`` (whether crashes lie
-        in such narrow stripes that a few lines are not enough), the ``numbers`` that the compiled code reads,
-        and its ``sliders``. Each stop of a slider has the ``changes`` to these numbers, by their position.
+    The sliders of the vehicle under test, section ``vehicle`` of the configuration, start at its parameters,
+    and those of the others at their defaults. ``kernel`` is car or driver. ``striped`` means that crashes lie
+    in such narrow stripes that a few lines are not enough. ``numbers`` are those that the simulation reads,
+    by name, and each stop of a slider has the ``changes`` to them.
     """
     return [_described(name, tested["parameters"] if name == tested["name"] else {}) for name in SLIDERS]
 
@@ -127,7 +104,6 @@ def _described(name: str, parameters: Mapping[str, Any]) -> dict[str, Any]:
     vehicle_class: Callable[..., Any] = VEHICLES[name]
     vehicle = vehicle_class(**parameters)
     base = {field: getattr(vehicle, field) for field in parameter_names(vehicle_class)}
-    numbers = vehicle.compiled()
     sliders = [_stops(vehicle_class, base, slider) for slider in SLIDERS[name]]
     _require_own_numbers(name, sliders)
     return {
@@ -135,24 +111,20 @@ def _described(name: str, parameters: Mapping[str, Any]) -> dict[str, Any]:
         "title": TITLES[name],
         "kernel": "car" if isinstance(vehicle, AccAeb) else "driver",
         "striped": getattr(vehicle, "striped", False),
-        "numbers": [_as_text(number) for number in numbers],
+        "numbers": as_texts(vehicle.compiled()),
         "sliders": sliders,
     }
 
 
 def _stops(vehicle_class: Callable[..., Any], base: Mapping[str, Any], slider: Slider) -> dict[str, Any]:
-    """Return a slider for the page, with the changes of the compiled numbers at each of its stops."""
+    """Return a slider for the page, with the changes of the numbers at each of its stops."""
     start = base[slider.parameter]
     values = slider.values(start)
-    original = vehicle_class(**base).compiled()
+    original = as_texts(vehicle_class(**base).compiled())
     stops = []
     for value in values:
-        numbers = vehicle_class(**slider.parameters(base, value)).compiled()
-        changes = {
-            place: _as_text(new)
-            for place, (old, new) in enumerate(zip(original, numbers, strict=True))
-            if old != new
-        }
+        numbers = as_texts(vehicle_class(**slider.parameters(base, value)).compiled())
+        changes = {name: text for name, text in numbers.items() if text != original[name]}
         label = PUBLISHED_TTC if value is None else f"{value:.3g}"
         stops.append(
             {"value": "published" if value is None else f"{value:g}", "label": label, "changes": changes}
@@ -170,17 +142,18 @@ def _require_own_numbers(name: str, sliders: Sequence[Mapping[str, Any]]) -> Non
     """Raise StudyError if two sliders of a vehicle change the same number."""
     seen: set[int] = set()
     for slider in sliders:
-        own = {place for stop in slider["stops"] for place in stop["changes"]}
+        own = {number for stop in slider["stops"] for number in stop["changes"]}
         if own & seen:
-            raise StudyError(
-                f"Two sliders of {name} change the same compiled number; {slider['name']} is one."
-            )
+            raise StudyError(f"Two sliders of {name} change the same number; {slider['name']} is one.")
         seen |= own
 
 
-def _as_text(number: float | bool) -> str:
-    """Return a number as text from which JavaScript reads the same float, bit by bit; also for infinity."""
-    return "Infinity" if number == math.inf else repr(float(number))
+def as_texts(numbers: Car | Driver) -> dict[str, str]:
+    """Return a simulation's numbers by name, as texts from which JavaScript reads exactly the same floats."""
+    return {
+        name: "Infinity" if number == math.inf else repr(float(number))
+        for name, number in numbers._asdict().items()
+    }
 
 
 def pilots() -> list[Vehicle]:

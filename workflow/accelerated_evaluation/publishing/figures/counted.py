@@ -11,11 +11,12 @@ from accelerated_evaluation.publishing.published import figure
 
 GROUPS = {
     "predicted": "predicted crashes of closing cut-ins",
+    "replayed": "recorded near-crashes, replayed",
     "counted crash": "counted crashes, 100-Car study",
     "counted near-crash": "counted near-crashes, 100-Car study",
     "counted other": "published crash rates of other kinds",
 }
-MARKERS = {"predicted": ("o", PIECES[0]), "counted": ("s", "black")}
+MARKERS = {"predicted": ("o", PIECES[0]), "replayed": ("D", PIECES[1]), "counted": ("s", "black")}
 SMALLEST = 0.01  # [1/million miles], left end of the axis, where a rate of zero is drawn
 
 
@@ -25,7 +26,7 @@ def rows_to_draw(counted: pd.DataFrame) -> pd.DataFrame:
     Parameters
     ----------
     counted
-        ``counted_crashes.csv`` of a study: predicted and counted crash rates.
+        ``counted_crashes.csv`` of a study: predicted, replayed and counted crash rates.
 
     Returns
     -------
@@ -34,11 +35,10 @@ def rows_to_draw(counted: pd.DataFrame) -> pd.DataFrame:
         the chart.
     """
     severity = counted["what"].str.extract(r"^(crash|near-crash): ", expand=False).fillna("other")
-    groups = np.where(counted["kind"] == "predicted", "predicted", "counted " + severity)
+    is_count = counted["kind"] == "counted"
+    groups = np.where(is_count, "counted " + severity, counted["kind"])
     what = counted["what"].str.replace(r"^(?:crash|near-crash): ", "", regex=True)
-    label = np.where(
-        groups == "predicted", counted["who"], np.where(severity == "other", counted["who"], what)
-    )
+    label = np.where(is_count & (severity != "other"), what, counted["who"])
     order = pd.Categorical(groups, list(GROUPS), ordered=True)
     drawn = counted.assign(group=order, label=label).sort_values("group", kind="stable")
     return drawn.assign(group=drawn["group"].astype(str).map(GROUPS)).reset_index(drop=True)
@@ -46,7 +46,7 @@ def rows_to_draw(counted: pd.DataFrame) -> pd.DataFrame:
 
 @figure
 def fig31_counted_crashes(counted_crashes: pd.DataFrame, source: str) -> tuple[Figure, pd.DataFrame]:
-    """Draw predicted and counted crash rates per million miles with their 95 % limits.
+    """Draw predicted, replayed and counted crash rates per million miles with their 95 % limits.
 
     Parameters
     ----------

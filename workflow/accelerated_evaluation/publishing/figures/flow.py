@@ -30,13 +30,14 @@ FLOW_BOXES = {
         question=True,
     ),
     "more": Box(
-        "draw on, to {minimum_events}\ncrashes or {maximum_batches} N;\n"
-        "take the {minimum_events}th\nsmallest t",
-        *(2.98, 3.31, 0.84, 0.56),
+        "draw on, to {minimum_events}\ncrashes or {maximum_batches} N;\nheuristic: if < {minimum_events}\n"
+        "reach the last\n$t_{{TTC}}$, move knots;\ntake the {minimum_events}th\nsmallest t",
+        *(2.97, 3.31, 0.86, 0.92),
     ),
     "event": Box(
-        "$t_{{TTC}}$ falls to it, and $t_R$ in step;\nevent: TTC hits $t_{{TTC}}$ or R hits $t_R$",
-        *(MAIN, 3.31, 2.05, 0.4),
+        "$t_{{TTC}}$ falls to it, and $t_R$ in step;\nevent: TTC hits $t_{{TTC}}$ or R hits $t_R$;\n"
+        "draw on if a large piece has < {minimum_piece_events}",
+        *(MAIN, 3.31, 2.05, 0.5),
     ),
     "update": Box(
         "weight events by f / f*; update weights,\n"
@@ -44,11 +45,11 @@ FLOW_BOXES = {
         *(MAIN, 2.71, WIDE, 0.4),
     ),
     "full": Box(
-        "heuristic: is the tail at full\nweight, with room below\nall events?",
+        "shifted: is the tail at full\nweight, with room below\nall events?",
         *(MAIN, 1.94, WIDE, 0.74),
         question=True,
     ),
-    "shift": Box("shift the\ntruncation\npoints up", 3.06, 1.94, 0.62, 0.46),
+    "shift": Box("move the\nknots up", 3.06, 1.94, 0.62, 0.46),
     "crash": Box(
         "was the crash itself the\nevent {crash_iterations} times in a row?",
         *(MAIN, 1.08, WIDE, 0.62),

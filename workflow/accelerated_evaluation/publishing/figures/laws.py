@@ -24,10 +24,6 @@ REGIONS = {
     "gain_simulated_ttc_4": "< 4 s",
 }
 SHOWN_SHARE = -0.15  # left edge of a panel, as a share of the best gain; larger losses are drawn at the edge
-CLOUDS = ("#6a3d9a", "#41ab5d", "#4292c6", "#b2182b")
-MARKERS = ("v", "s", "o", "^")
-DRAWN_CRASHES = 250  # largest number of crashes that is drawn for each law
-NEAR = 0.15  # [1/s], least TTC^-1 of the records that are drawn
 
 
 @figure
@@ -80,20 +76,15 @@ def _draw_gains(axes: Axes, y: Array, laws: pd.DataFrame, column: str) -> None:
 
 
 @figure
-def fig22_calibration(
-    calibration: pd.DataFrame, crash_places: pd.DataFrame, encounters: pd.DataFrame, source: str
-) -> tuple[Figure, pd.DataFrame]:
-    """Draw recorded and expected numbers of cut-ins by region, and the crashes that each law predicts.
+def fig22_calibration(calibration: pd.DataFrame, source: str) -> tuple[Figure, pd.DataFrame]:
+    """Draw recorded and expected numbers of cut-ins by region.
 
-    The right panel shows crashes drawn from each law, and the records, by range and closing speed. Counts by
-    host speed are in the table ``calibration.csv``, but not in the figure.
+    Counts by host speed are in the table ``calibration.csv``, but not in the figure.
 
     Parameters
     ----------
-    calibration, crash_places
-        ``calibration.csv`` and ``crash_places.csv`` of a study.
-    encounters
-        Encounter table, with one row for each recorded cut-in.
+    calibration
+        ``calibration.csv`` of a study.
     source
         Description of the data.
 
@@ -106,19 +97,17 @@ def fig22_calibration(
     names = calibration["law"].unique()
     defended, paper = (calibration[calibration["law"] == name] for name in (names[0], names[-1]))
     with paper_style():
-        size = (2 * COLUMN_WIDTH, FRAME + ROW * len(defended))
-        drawn, (left, right) = plt.subplots(1, 2, figsize=size, width_ratios=(1, 1.1))
+        drawn, axes = plt.subplots(figsize=(1.4 * COLUMN_WIDTH, FRAME + ROW * len(defended)))
         y = np.arange(len(defended))
         place = dict(zip(defended["where"], y, strict=True))
-        _draw_limits(left, y - 0.15, defended, DEFENDED, names[0])
-        _draw_limits(left, paper["where"].map(place).to_numpy() + 0.2, paper, PAPER, names[-1])
-        left.plot(defended["recorded"], y, "k|", markersize=6, label="recorded")
-        left.set_xscale("symlog", linthresh=1)
-        left.set(xlim=(-0.1, None), xlabel="distinct records")
-        left.set_yticks(y, defended["where"], fontsize=5.5)
-        left.invert_yaxis()
-        left.legend(loc="lower center", bbox_to_anchor=(0.2, 1.0), fontsize=6)
-        _draw_places(right, crash_places, encounters)
+        _draw_limits(axes, y - 0.15, defended, DEFENDED, names[0])
+        _draw_limits(axes, paper["where"].map(place).to_numpy() + 0.2, paper, PAPER, names[-1])
+        axes.plot(defended["recorded"], y, "k|", markersize=6, label="recorded")
+        axes.set_xscale("symlog", linthresh=1)
+        axes.set(xlim=(-0.1, None), xlabel="distinct records (linear below 1, logarithmic above)")
+        axes.set_yticks(y, defended["where"], fontsize=5.5)
+        axes.invert_yaxis()
+        axes.legend(loc="lower center", bbox_to_anchor=(0.4, 1.0), fontsize=6)
         note_source(drawn, f"{source}. Bars: expected, with 90 % Poisson limits")
     return drawn, calibration
 
@@ -136,26 +125,6 @@ def _draw_limits(axes: Axes, y: Array, rows: pd.DataFrame, color: str, label: st
         color=color,
         elinewidth=0.8,
         label=label,
-    )
-
-
-def _draw_places(axes: Axes, crash_places: pd.DataFrame, encounters: pd.DataFrame) -> None:
-    near = encounters[encounters["inverse_ttc"] > NEAR]
-    axes.plot(near["range"], near["closing_speed"], ".", color="#777777", markersize=1.2, label="records")
-    laws = crash_places.groupby("law", sort=False)
-    for (name, rows), color, marker in zip(laws, CLOUDS, MARKERS, strict=False):
-        few = rows.head(DRAWN_CRASHES)
-        look = {"linestyle": "none", "marker": marker, "markersize": 2, "markerfacecolor": "none"}
-        axes.plot(few["range"], few["closing_speed"], color=color, markeredgewidth=0.5, label=name, **look)
-    ends = round(encounters["range"].max()), max(36, 1.6 * encounters["closing_speed"].max())
-    axes.set(xlabel="range [m]", ylabel="closing speed [m/s]", xlim=(0, ends[0]), ylim=(0, ends[1]))
-    axes.legend(
-        loc="lower center",
-        bbox_to_anchor=(0.5, 1.0),
-        fontsize=6,
-        ncols=2,
-        title="crashes of the laws",
-        title_fontsize=6,
     )
 
 

@@ -24,13 +24,13 @@ LEVELS = {95: 0.8, 80: 2.0, 50: 4.0}  # line width of each interval
 
 @figure
 def fig01_scenario_records(
-    scenario_encounters: pd.DataFrame, scenario_runs: pd.DataFrame, scenario: Scenario, source: str
+    encounters: pd.DataFrame, scenario_runs: pd.DataFrame, scenario: Scenario, source: str
 ) -> tuple[Figure, pd.DataFrame]:
     """Draw the records, and the events among the runs of the surrogate, for each pair of variables.
 
     Parameters
     ----------
-    scenario_encounters
+    encounters
         The records, with a column for each variable.
     scenario_runs
         The runs of the surrogate, with the same columns and ``event``.
@@ -48,7 +48,7 @@ def fig01_scenario_records(
         Variables whose sign does not matter have absolute values, as in the laws.
     """
     names = list(scenario.names)
-    parts = {RECORD: scenario_encounters, HAPPENED: scenario_runs[scenario_runs["event"]]}
+    parts = {RECORD: encounters, HAPPENED: scenario_runs[scenario_runs["event"]]}
     points = pd.concat(
         [
             pd.DataFrame(scenario.as_in_law(part[names].to_numpy(float)), columns=names).assign(kind=kind)
@@ -79,12 +79,12 @@ def fig01_scenario_records(
 
 
 @figure
-def fig02_scenario_answer(scenario_answer: pd.DataFrame, source: str) -> tuple[Figure, pd.DataFrame]:
+def fig02_scenario_answer(answer: pd.DataFrame, source: str) -> tuple[Figure, pd.DataFrame]:
     """Draw the probability of each event with its 50, 80 and 95 % intervals.
 
     Parameters
     ----------
-    scenario_answer
+    answer
         A row for each event and group of encounters.
     source
         Description of the data.
@@ -94,7 +94,7 @@ def fig02_scenario_answer(scenario_answer: pd.DataFrame, source: str) -> tuple[F
     figure, data
         The figure has a row for each row of the table; the data are the table itself.
     """
-    table = scenario_answer.reset_index(drop=True)
+    table = answer.reset_index(drop=True)
     y = np.arange(len(table))
     with paper_style():
         drawn, axes = plt.subplots(figsize=(COLUMN_WIDTH, 1.2 + 0.35 * len(table)))

@@ -1,4 +1,4 @@
-"""Comparison of the numbers that the paper states with ours; a fixed rule determines the verdict."""
+"""Comparison of the numbers and statements of the paper with ours; a fixed rule determines the verdict."""
 
 import json
 import math
@@ -7,23 +7,29 @@ from functools import reduce
 from operator import getitem
 from typing import Any
 
-import numpy as np
 import pandas as pd
-from scipy.special import ndtri
 
 from accelerated_evaluation.laws.paper.independent import IndependentLaw
 from accelerated_evaluation.publishing.published import table
-from accelerated_evaluation.publishing.tables.paper_claims import CLAIMS, Claim
+from accelerated_evaluation.publishing.tables.paper_claims import (
+    ABOVE,
+    CLAIMS,
+    COUNT,
+    DERIVED,
+    STATED,
+    Claim,
+)
 from accelerated_evaluation.publishing.tables.searches import search_totals, searched_parameters
 from accelerated_evaluation.publishing.tables.spreads import (
+    Mean,
     Spread,
-    count,
     crude_sample_size,
+    exactly,
     of_method,
     pooled_probability,
     sample_size,
-    spread_over,
 )
+from accelerated_evaluation.publishing.tables.statements import Evidence, statements
 from accelerated_evaluation.records.sources import describe
 
 # Settings that a study must have in common with the paper; otherwise their numbers are not comparable.
@@ -35,19 +41,27 @@ PREMISES = {
     "importance_sampling.alpha": 0.2,
     "importance_sampling.beta": 0.2,
 }
+# Claims that need converged estimates of a method.
+CONVERGED = {
+    "piecewise": ("piecewise", "piecewise_run", "ratio_single", "ratio_crude", "saving_run", "saving"),
+    "single": ("single", "single_run", "ratio_single", "saving_run", "saving"),
+}
 
 
 def verdict(claim: Claim, ours: Spread) -> str:
-    """Return ``agrees`` if the paper's number lies within our spread, and ``differs`` otherwise.
+    """Return the verdict on a claim of the paper, given our number with its spread.
 
-    Parameters
-    ----------
-    claim
-        The paper's number and its tolerance, by which the spread is widened on both sides.
-    ours
-        Our number and its spread.
+    It is ``agrees`` if the paper's number, with its tolerance, overlaps our spread, and ``differs`` if not. A
+    number without a spread is compared itself. A claim of the kind ``above`` agrees if our whole spread is
+    above its number, differs if it is below, and is ``undecided`` otherwise. Derived numbers and counts have
+    no verdict of their own; their kind is returned.
     """
-    inside = ours.low - claim.tolerance <= claim.paper <= ours.high + claim.tolerance
+    if claim.kind in (DERIVED, COUNT):
+        return claim.kind
+    low, high = (ours.value, ours.value) if math.isnan(ours.low) else (ours.low, ours.high)
+    if claim.kind == ABOVE:
+        return "agrees" if low > claim.paper else "differs" if high < claim.paper else "undecided"
+    inside = low - claim.tolerance <= claim.paper <= high + claim.tolerance
     return "agrees" if inside else "differs"
 
 
@@ -55,22 +69,31 @@ def verdict(claim: Claim, ours: Spread) -> str:
 def claims_table(
     single: IndependentLaw,
     piecewise: IndependentLaw,
+    two_pieces: IndependentLaw,
+    three_pieces: IndependentLaw,
+    dependence: pd.DataFrame,
+    candidates: pd.DataFrame,
+    similarity: pd.DataFrame,
+    repeated_searches: pd.DataFrame,
     trace: pd.DataFrame,
     estimates: pd.DataFrame,
     course: pd.DataFrame,
     exact: pd.DataFrame,
+    variation: pd.DataFrame,
+    coverage: pd.DataFrame,
     config: Mapping[str, Any],
 ) -> pd.DataFrame:
-    """Compare each number that the paper states with ours.
+    """Compare each number and each statement of the paper with ours.
 
     Parameters
     ----------
-    single, piecewise
-        The fitted models of these two methods.
-    trace, estimates, course
-        ``cross_entropy_trace.csv``, ``estimates.csv`` and ``estimates_course.csv`` of a study.
-    exact
-        ``exact.csv``; the probability, and numbers that follow from it, are compared with the exact value.
+    single, piecewise, two_pieces, three_pieces
+        The fitted models; ``piecewise`` is the one that is simulated.
+    dependence, candidates, similarity, repeated_searches, trace
+        Tables of a study, as in `Study`.
+    estimates, course, exact, variation, coverage
+        Tables of a study, as in `Study`. The crash probability, and numbers that follow from it, are compared
+        with the exact value.
     config
         The study's configuration.
 
@@ -78,12 +101,22 @@ def claims_table(
     -------
     pandas.DataFrame
         A row for each claim: the paper's number with its tolerance, ``paper_low`` to ``paper_high``; our
-        number ``ours`` with its spread, ``ours_low`` to ``ours_high``; ``verdict``; and its reason ``why``.
-        The verdict is ``agrees`` or ``differs`` by the rule of `verdict`, or ``not comparable`` if the study
+        number ``ours`` with its spread, ``ours_low`` to ``ours_high``, NaN if it has none; ``verdict``; and
+        its reason ``why``. The verdict is by the rule of `verdict`, or ``not comparable`` if the study
         departs from the paper's assumptions or has no similar quantity.
     """
-    ours = _counts({"single": single, "piecewise": piecewise}, trace) | _searches(trace)
-    ours |= _samples(estimates, course, exact, config["importance_sampling"])
+    alpha, beta = (config["importance_sampling"][name] for name in ("alpha", "beta"))
+    evidence = Evidence(
+        *(dependence, candidates, similarity, two_pieces, three_pieces, repeated_searches),
+        *(trace, course, exact, variation),
+    )
+    ours = (
+        _counts({"single": single, "piecewise": piecewise}, trace)
+        | _searches(trace)
+        | _samples(estimates, coverage)
+        | _probability(course, exact, alpha, beta)
+    )
+    ours |= _ratios(ours) | statements(evidence, alpha, beta)
     departed, obstacles = departure(config), _obstacles(estimates)
     rows = [
         _row(claim, ours[key], (departed if claim.rests_on_study else "") or obstacles.get(key, ""))
@@ -94,7 +127,7 @@ def claims_table(
 
 def _row(claim: Claim, ours: Spread, obstacle: str) -> dict[str, str | float]:
     if not obstacle and not math.isfinite(ours.value):
-        obstacle = "the study has no such number, as nothing crashes"
+        obstacle = "the study has no such number"
     judged = "not comparable" if obstacle else verdict(claim, ours)
     return {
         "claim": claim.claim,
@@ -112,11 +145,13 @@ def _row(claim: Claim, ours: Spread, obstacle: str) -> dict[str, str | float]:
 
 
 def _why(judged: str, ours: Spread, claim: Claim) -> str:
+    if claim.kind in (STATED, ABOVE):
+        return "as the paper states" if judged == "agrees" else claim.reason
+    if ours.value == claim.paper:
+        return "the same number"
     side = "above" if ours.value > claim.paper else "below"
     away = f"ours is {100 * abs(ours.value / claim.paper - 1):.0f} % {side}"
-    if judged == "agrees":
-        return "the same count" if ours.low == ours.high else f"within our spread; {away}"
-    return f"{away}: {claim.reason}"
+    return f"within our spread; {away}" if judged == "agrees" else f"{away}: {claim.reason}"
 
 
 def departure(config: Mapping[str, Any]) -> str:
@@ -143,10 +178,7 @@ def departure(config: Mapping[str, Any]) -> str:
 def _obstacles(estimates: pd.DataFrame) -> dict[str, str]:
     """Return the claims for which we have no comparable number, with the reason."""
     obstacles = {"identified": "the published records are the closing ones only"}
-    for method, keys in {
-        "piecewise": ("piecewise", "piecewise_run", "ratio_single", "ratio_crude", "saving_run", "saving"),
-        "single": ("single", "single_run", "ratio_single", "saving_run", "saving"),
-    }.items():
+    for method, keys in CONVERGED.items():
         missing = ~of_method(estimates, method)["converged"]
         if missing.any():
             reason = f"{missing.sum()} of {missing.size} replicates of {method} did not converge"
@@ -155,64 +187,50 @@ def _obstacles(estimates: pd.DataFrame) -> dict[str, str]:
 
 
 def _counts(models: Mapping[str, IndependentLaw], trace: pd.DataFrame) -> dict[str, Spread]:
-    events = count(sum(models["piecewise"].counts.values()))
+    events = sum(models["piecewise"].counts.values())
     numbers = {"identified": events, "closing": events}
     for method in ("piecewise", "single"):
-        numbers[f"fitted_{method}"] = count(models[method].n_parameters)
-        numbers[f"moved_{method}"] = count(searched_parameters(trace, method))
-    return numbers
+        numbers[f"fitted_{method}"] = models[method].n_parameters
+        numbers[f"moved_{method}"] = searched_parameters(trace, method)
+    return {key: exactly(number, "none, a count") for key, number in numbers.items()}
 
 
 def _searches(trace: pd.DataFrame) -> dict[str, Spread]:
-    totals = search_totals(trace)
-    return {f"search_{method}": spread_over(totals[method], "seeds") for method in ("piecewise", "single")}
-
-
-def _samples(
-    estimates: pd.DataFrame, course: pd.DataFrame, exact: pd.DataFrame, settings: Mapping[str, Any]
-) -> dict[str, Spread]:
-    """Return probability, simulations to convergence and their ratios, by the key of the claim.
-
-    The first replicate is compared with the single runs that the paper reports.
-    """
-    alpha = settings["alpha"]
-    pooled = pooled_probability(course, "piecewise", alpha)
-    probability = _exact(exact, alpha)
-    crude = crude_sample_size(probability, alpha, settings["beta"])
-    means = {method: sample_size(estimates, method) for method in ("piecewise", "single")}
-    n, m = (of_method(estimates, method)["simulations"].to_numpy(float) for method in means)
-    ratio = means["single"].value / means["piecewise"].value
-    ratios, savings = np.divide.outer(m, n), 1 - np.divide.outer(n, m)
+    totals = {method: search_totals(trace)[method] for method in ("piecewise", "single")}
     return {
-        "probability": probability,
-        "probability_low": _end(pooled, pooled.low),
-        "probability_high": _end(pooled, pooled.high),
-        **means,
-        "crude": crude,
-        "ratio_single": spread_over(ratios, "pairs of replicates")._replace(value=ratio),
-        "ratio_crude": spread_over(crude.value / n, "replicates")._replace(
-            value=crude.value / means["piecewise"].value
-        ),
-        "piecewise_run": _run(n[0], n, "replicates"),
-        "single_run": _run(m[0], m, "replicates"),
-        "saving_run": _run(1 - n[0] / m[0], savings, "pairs of replicates"),
-        "saving": spread_over(savings, "pairs of replicates")._replace(value=1 - 1 / ratio),
+        f"search_{method}": Mean.of(found).further(f"search (from {len(found)})")
+        for method, found in totals.items()
     }
 
 
-def _exact(exact: pd.DataFrame, alpha: float) -> Spread:
-    """Return the exact probability over all segments with the interval of its numerical error."""
-    row = exact.set_index("segment").loc["all"]
-    margin = float(-ndtri(alpha / 2)) * row["standard_error"]
-    value = row["probability"]
-    level = f"{1 - alpha:.0%}".replace("%", " %")
-    return Spread(value, value - margin, value + margin, f"{level} interval of the exact value's error")
+def _samples(estimates: pd.DataFrame, coverage: pd.DataFrame) -> dict[str, Spread]:
+    """Return the simulations to convergence: means, and the first replicates for the paper's single runs."""
+    methods = ("piecewise", "single")
+    means = {method: sample_size(estimates, coverage, method) for method in methods}
+    runs = {f"{method}_run": sample_size(estimates, coverage, method, first=True) for method in methods}
+    return means | runs
 
 
-def _run(first: float, runs: np.ndarray, things: str) -> Spread:
-    """Return the number of our first run, with the smallest and largest number of all runs as spread."""
-    return Spread(first, runs.min(), runs.max(), f"range of {runs.size} {things}, ours the first")
+def _probability(course: pd.DataFrame, exact: pd.DataFrame, alpha: float, beta: float) -> dict[str, Spread]:
+    row, pooled = exact.set_index("segment").loc["all"], pooled_probability(course, "piecewise", alpha)
+    value, end = float(row["probability"]), f"none, an end of the {pooled.of}"
+    error = f"{100 * row['standard_error'] / value:.2g} %" if value else "0"
+    return {
+        "probability": exactly(value, f"none, exact for the model; standard error {error}"),
+        "probability_low": exactly(pooled.low, end),
+        "probability_high": exactly(pooled.high, end),
+        "crude": crude_sample_size(exact, alpha, beta),
+    }
 
 
-def _end(interval: Spread, value: float) -> Spread:
-    return Spread(value, value, value, f"none, an end of the {interval.of}")
+def _ratios(ours: Mapping[str, Spread]) -> dict[str, Spread]:
+    """Return the numbers that follow from numbers of simulations; they have no spread of their own."""
+    n, m = (ours[method].value for method in ("piecewise", "single"))
+    first, other = (ours[f"{method}_run"].value for method in ("piecewise", "single"))
+    numbers = {
+        "ratio_single": m / n,
+        "ratio_crude": ours["crude"].value / n,
+        "saving_run": 1 - first / other,
+        "saving": 1 - n / m,
+    }
+    return {key: exactly(number, "none, derived") for key, number in numbers.items()}

@@ -8,7 +8,7 @@ from scipy.special import ndtri
 from scipy.stats import binomtest
 
 from accelerated_evaluation.methods.importance_sampling import crude_simulations
-from accelerated_evaluation.publishing.published import result_table
+from accelerated_evaluation.publishing.published import result_table, table
 from accelerated_evaluation.publishing.tables.paper_numbers import PAPER_SIMULATIONS
 
 DIGEST = ("event", "probability", "to_crash", "per_million_km")
@@ -20,52 +20,58 @@ EVENTS = {
 }
 SURE = 4  # half-width, in standard errors, of the range in which the true probability may lie
 CONTRADICTED = 1e-4  # p-value below which simulations contradict all values in this range
-HEAVY = 10  # an f* is heavy-tailed if the rarest crashes increase the coefficient of variation by this factor
+HEAVY = 10  # factor of the rarest crashes in a coefficient of variation that simulations do not show
 
 
+@table("needed", digits=3)
 def needed_simulations(
-    variation: pd.DataFrame, probability: float, alpha: float, beta: float
+    variation: pd.DataFrame, exact: pd.DataFrame, alpha: float, beta: float
 ) -> pd.DataFrame:
     """Tabulate the number of simulations to convergence, computed from the exact variance under each f*.
 
     Parameters
     ----------
-    variation
-        ``variation.csv`` of a study.
-    probability
-        The exact crash probability, for crude Monte Carlo.
+    variation, exact
+        ``variation.csv`` and ``exact.csv`` of a study; the latter for crude Monte Carlo.
     alpha, beta
         Convergence is a relative half-width beta of the normal interval with level 1 - alpha.
 
     Returns
     -------
     pandas.DataFrame
-        A row for each method: ``searches``, their number; ``heavy_tailed``, the number of f* whose variance
-        depends on the rarest crashes; ``variation``, the mean coefficient of variation of a weight without
-        these crashes; ``simulations``, the mean number of simulations over the searches, with its range
+        A row for each scope (a segment, or all) and method: ``searches``, their number; ``infinite``, the
+        number of f* that fall more than twice as fast as f in the tail, so that the variance is infinite;
+        ``decay``, the largest ratio of these rates; ``hidden``, the number of f* whose variance depends on
+        the rarest crashes; ``variation``, the mean coefficient of variation of a weight without these
+        crashes; ``simulations``, the mean number of simulations over the searches, with its range
         ``simulations_low`` to ``simulations_high``; ``paper_simulations``, the paper's number (table I).
     """
-    everywhere = variation[variation["segment"] == "all"]
     rows = []
-    for method, found in everywhere.groupby("method", sort=False):
+    for (scope, method), found in variation.groupby(["segment", "method"], sort=False):
         sizes = (ndtri(alpha / 2) * found["variation_trimmed"] / beta) ** 2
-        heavy = int((found["variation"] > HEAVY * found["variation_trimmed"]).sum())
-        sample = found["variation_trimmed"].mean(), sizes.mean(), sizes.min(), sizes.max()
-        rows.append((method, len(found), heavy, *sample))
-    if probability > 0:
-        crude = crude_simulations(probability, alpha, beta)
-        rows.append(("crude", 0, 0, math.sqrt(1 / probability - 1), crude, crude, crude))
-    columns = [
-        "method",
-        "searches",
-        "heavy_tailed",
-        "variation",
-        "simulations",
-        "simulations_low",
-        "simulations_high",
-    ]
-    table = pd.DataFrame(rows, columns=columns)
-    return table.assign(paper_simulations=table["method"].map(PAPER_SIMULATIONS))
+        hidden = np.isinf(found["variation"]) | (found["variation"] > HEAVY * found["variation_trimmed"])
+        rows.append(
+            {
+                "scope": scope,
+                "method": method,
+                "searches": len(found),
+                "infinite": int((found["decay"] > 2).sum()),
+                "decay": found["decay"].max().round(6),
+                "hidden": int(hidden.sum()),
+                "variation": found["variation_trimmed"].mean(),
+                "simulations": sizes.mean(),
+                "simulations_low": sizes.min(),
+                "simulations_high": sizes.max(),
+            }
+        )
+    for scope, probability in exact.set_index("segment")["probability"].items():
+        if probability > 0:
+            variation, size = math.sqrt(1 / probability - 1), crude_simulations(probability, alpha, beta)
+            row = {"scope": scope, "method": "crude", "searches": 0, "infinite": 0, "hidden": 0}
+            rows.append(row | {"variation": variation, "simulations": size})
+    needed = pd.DataFrame(rows)
+    paper = needed["method"].map(PAPER_SIMULATIONS).where(needed["scope"] == "all")
+    return needed.assign(paper_simulations=paper)
 
 
 def severity_digest(severity: pd.DataFrame) -> pd.DataFrame:
@@ -112,6 +118,17 @@ def contradictions(truth: pd.Series, crude: pd.DataFrame) -> str:
         f"where {truth['probability'] * simulations:,.1f} are expected (p = {p:.1g}). Do not take the value "
         "of the map as exact; refine the map (crash_map.grid)."
     )
+
+
+def share_of_one_run(uncertainty: pd.DataFrame, alpha: float, beta: float) -> float:
+    """Return the share of sampling in the variance, if a single run has just converged.
+
+    Its relative standard error is then beta / z. The other sources are those in ``uncertainty.csv``.
+    """
+    budget = uncertainty.set_index("source").loc[["data", "choice of model"]]
+    others = ((budget["standard_deviation"] / budget["probability"]) ** 2).sum()
+    sampling = (beta / ndtri(alpha / 2)) ** 2
+    return float(sampling / (sampling + others))
 
 
 # The exact crash probabilities.

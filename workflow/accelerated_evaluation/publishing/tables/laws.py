@@ -7,6 +7,7 @@ from accelerated_evaluation.answer.motion_budget import motion_budget
 from accelerated_evaluation.answer.posterior import LEVELS
 from accelerated_evaluation.publishing.published import result_table, table
 from accelerated_evaluation.publishing.tables.formats import readable
+from accelerated_evaluation.records.verdict import Verdict
 
 DIGITS = 2  # significant digits of probabilities, which are enough for their wide intervals
 
@@ -62,18 +63,17 @@ calibration_table = result_table("calibration", digits=3, digest=of_the_answer)
 
 
 @table("answer", digits=DIGITS, digest=with_intervals)
-def answer_table(answer: pd.DataFrame, stops: list[str]) -> pd.DataFrame:
+def answer_table(answer: pd.DataFrame, verdict: Verdict) -> pd.DataFrame:
     """Return the table of the probabilities of a crash and of near misses for publication.
 
     Parameters
     ----------
     answer
         ``answer.csv`` of a study.
-    stops
-        Names of the checks of the records whose verdict is "stop". If there are any, a column ``records``
-        names them.
+    verdict
+        The verdict on the records. If a check found a fault, a column ``records`` names it.
     """
-    return answer.assign(records=f"STOP: {', '.join(stops)}") if stops else answer
+    return verdict.added_to(answer)
 
 
 # The rates per kilometre and hour.
@@ -206,27 +206,6 @@ def threshold_ratio(answer_thresholds: pd.DataFrame) -> float:
         ``answer_thresholds.csv`` of a study: the crash probability for each threshold.
     """
     return float(answer_thresholds["probability"].max() / answer_thresholds["probability"].min())
-
-
-def stated_margin(crash_places: pd.DataFrame, level: float = 0.95) -> float:
-    """Return the margin by which closing speeds of crashes exceed those of all records at a similar range.
-
-    Parameters
-    ----------
-    crash_places
-        ``crash_places.csv`` of a study: random crashes under each law, with the closing speed in excess of
-        the records, ``beyond_recorded`` [m/s].
-    level
-        Share of the crashes of a law that exceed the records by at most the margin.
-
-    Returns
-    -------
-    float
-        The largest margin of all laws [m/s]; NaN if the vehicle never crashes.
-    """
-    if crash_places.empty:  # the vehicle never crashes
-        return float("nan")
-    return float(crash_places.groupby("law")["beyond_recorded"].quantile(level).max())
 
 
 def without_sources(counted: pd.DataFrame) -> pd.DataFrame:

@@ -14,12 +14,12 @@ from accelerated_evaluation.publishing.tables.paper_numbers import (
 )
 from accelerated_evaluation.publishing.tables.searches import search_totals, searched_parameters
 from accelerated_evaluation.publishing.tables.spreads import (
+    Mean,
     Spread,
-    count,
     crude_sample_size,
+    exactly,
     pooled_probability,
     sample_size,
-    spread_over,
 )
 
 ESTIMATE_COLUMNS = (
@@ -30,25 +30,26 @@ ESTIMATE_COLUMNS = (
 
 @table("table1_sample_size", digits=3)
 def table1_sample_size(
-    estimates: pd.DataFrame, course: pd.DataFrame, alpha: float, beta: float
+    estimates: pd.DataFrame, coverage: pd.DataFrame, exact: pd.DataFrame, alpha: float, beta: float
 ) -> pd.DataFrame:
     """Build table I: simulations to convergence by method, compared with the paper's.
 
     Parameters
     ----------
-    estimates, course
-        ``estimates.csv`` and ``estimates_course.csv`` of a study.
+    estimates, coverage, exact
+        ``estimates.csv``, ``coverage.csv`` and ``exact.csv`` of a study.
     alpha, beta
         Convergence is a relative half-width of at most beta of the interval with level 1 - alpha.
 
     Returns
     -------
     pandas.DataFrame
-        A row for each method, those of the paper first: the mean number of simulations with its spread, the
-        ratio to that of the piecewise method, and both numbers in the paper, NaN if it does not state them.
+        A row for each method, those of the paper first: the mean number of simulations with the interval of
+        one more such mean, the ratio to that of the piecewise method, and both numbers in the paper, NaN if
+        it does not state them.
     """
-    sizes = {method: sample_size(estimates, method) for method in estimates["method"].unique()}
-    sizes["crude"] = crude_sample_size(pooled_probability(course, "piecewise", alpha), alpha, beta)
+    sizes = {method: sample_size(estimates, coverage, method) for method in estimates["method"].unique()}
+    sizes["crude"] = crude_sample_size(exact, alpha, beta)
     rows = [
         {
             "method": method,
@@ -68,7 +69,8 @@ def table1_sample_size(
 @table("table2_computation", digits=3)
 def table2_computation(
     estimates: pd.DataFrame,
-    course: pd.DataFrame,
+    coverage: pd.DataFrame,
+    exact: pd.DataFrame,
     trace: pd.DataFrame,
     single: IndependentLaw,
     piecewise: IndependentLaw,
@@ -79,10 +81,8 @@ def table2_computation(
 
     Parameters
     ----------
-    estimates, course
-        ``estimates.csv`` and ``estimates_course.csv`` of a study.
-    trace
-        ``cross_entropy_trace.csv`` of a study.
+    estimates, coverage, exact, trace
+        ``estimates.csv``, ``coverage.csv``, ``exact.csv`` and ``cross_entropy_trace.csv`` of a study.
     single, piecewise
         The fitted models; every method except ``single`` accelerates the piecewise model.
     alpha, beta
@@ -94,15 +94,17 @@ def table2_computation(
         Columns stage, method and quantity; our number with its spread, and the paper's number.
     """
     totals = search_totals(trace)
-    size = table1_sample_size(estimates, course, alpha, beta).set_index("method")
+    size = table1_sample_size(estimates, coverage, exact, alpha, beta).set_index("method")
     rows = []
     for method in ("crude", *estimates["method"].unique()):
         if method in totals:
             fitted = (single if method == "single" else piecewise).n_parameters
-            moved, spent = searched_parameters(trace, method), spread_over(totals[method], "seeds")
-            rows.append(("fitting", "parameters", method, count(fitted), PAPER_PARAMETERS.get(method)))
+            moved, found = searched_parameters(trace, method), len(totals[method])
+            spent = Mean.of(totals[method]).further(f"search (from {found})")
+            fitted, moved = (exactly(number, "none, a count") for number in (fitted, moved))
+            rows.append(("fitting", "parameters", method, fitted, PAPER_PARAMETERS.get(method)))
             rows.append(("Cross-Entropy", "simulations", method, spent, PAPER_SEARCHES.get(method)))
-            rows.append(("Cross-Entropy", "parameters", method, count(moved), PAPER_PARAMETERS.get(method)))
+            rows.append(("Cross-Entropy", "parameters", method, moved, PAPER_PARAMETERS.get(method)))
         row = size.loc[method]
         spent = Spread(row["simulations"], row["simulations_low"], row["simulations_high"], row["spread"])
         rows.append(("simulation", "simulations", method, spent, PAPER_SIMULATIONS.get(method)))

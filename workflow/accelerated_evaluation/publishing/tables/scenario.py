@@ -3,24 +3,37 @@
 import pandas as pd
 
 from accelerated_evaluation.publishing.published import result_table, table
+from accelerated_evaluation.records.verdict import Verdict
 
 DIGITS = 3
 
 
 # The account of the records: a row for each variable.
-records_table = result_table("scenario_records", digits=DIGITS)
+records_table = result_table("scenario_records", result="account", digits=DIGITS)
 
 # The laws with their criteria, held-out scores and weights.
-laws_table = result_table("scenario_laws", digits=6)
+laws_table = result_table("scenario_laws", result="laws", digits=6)
 
-# The probability of each event with its intervals.
-answer_table = result_table("scenario_answer", digits=DIGITS)
+
+@table("scenario_answer", digits=DIGITS)
+def answer_table(answer: pd.DataFrame, verdict: Verdict) -> pd.DataFrame:
+    """Return the probability of each event with its intervals, and the verdict on the records.
+
+    Parameters
+    ----------
+    answer
+        ``laws/answer.csv`` of a study.
+    verdict
+        The verdict on the records. If a check found a fault, a column ``records`` names it.
+    """
+    return verdict.added_to(answer)
+
 
 # Where the uncertainty of the crash probability comes from.
-budget_table = result_table("scenario_budget", digits=DIGITS)
+budget_table = result_table("scenario_budget", result="answer_budget", digits=DIGITS)
 
 # Which encounters the crashes come from, by the size of a variable.
-crash_shares_table = result_table("scenario_crash_shares", digits=DIGITS)
+crash_shares_table = result_table("scenario_crash_shares", result="crash_shares", digits=DIGITS)
 
 
 @table("scenario_methods", digits=DIGITS)
@@ -54,15 +67,6 @@ def methods_table(scenario_estimates: pd.DataFrame) -> pd.DataFrame:
         )
         .reset_index()
     )
-
-
-@table("scenario_experiments", digits=DIGITS)
-def experiments_table(scenario_experiments: pd.DataFrame) -> pd.DataFrame:
-    """Return the table of the authors' experiments by importance sampling, without changes.
-
-    The table says which checks of its weights each experiment fails.
-    """
-    return scenario_experiments
 
 
 @table("scenario_agreement")

@@ -2,6 +2,8 @@
 
 import pandas as pd
 
+from accelerated_evaluation.publishing.published import result_table
+
 
 def search_totals(trace: pd.DataFrame) -> pd.Series:
     """Return the number of simulations of each search, summed over the segments.
@@ -46,7 +48,7 @@ def search_digest(trace: pd.DataFrame) -> pd.DataFrame:
 
     The columns are means over the seeds: iterations with an update; simulations, with their extremes; the
     threshold, the crashes and the effective sample size of their weights in the last iteration; and the
-    distance by which the heuristic method moved the truncation points [1/m], [1/s].
+    distance by which the truncation points moved [1/m], [1/s].
 
     Parameters
     ----------
@@ -66,7 +68,7 @@ def search_digest(trace: pd.DataFrame) -> pd.DataFrame:
     shift = last[knots] - first[knots]
     searches = last.assign(
         updates=last["iteration"] - 1,
-        crash_share=last["crashes"] / last["simulations"],
+        crash_share=last["crashes"] / last["sample"],
         shift_range=shift[knots[0]],
         shift_ttc=shift[knots[1]],
     )
@@ -82,3 +84,21 @@ def search_digest(trace: pd.DataFrame) -> pd.DataFrame:
         knot_shift_inverse_ttc_per_s=("shift_ttc", "mean"),
     )
     return digest.reset_index()
+
+
+def updates_digest(repeated_searches: pd.DataFrame) -> pd.DataFrame:
+    """Return ``repeated_searches.csv`` as means over the seeds, with the extremes of ``needed``."""
+    groups = repeated_searches.groupby(["method", "crash_updates"], sort=False)
+    return groups.agg(
+        seeds=("seed", "size"),
+        simulations=("simulations", "mean"),
+        needed=("needed", "mean"),
+        needed_min=("needed", "min"),
+        needed_max=("needed", "max"),
+        change_inverse_range=("change_inverse_range", "mean"),
+        change_inverse_ttc=("change_inverse_ttc", "mean"),
+    ).reset_index()
+
+
+# The searches with more seeds and more updates; readers are shown the `updates_digest`.
+repeated_searches_table = result_table("repeated_searches", digits=3, digest=updates_digest)

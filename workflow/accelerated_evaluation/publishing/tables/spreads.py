@@ -1,53 +1,71 @@
-"""Our numbers with their spread: quantiles over replicates or seeds, or a confidence interval."""
+"""Our numbers with a spread, in which a number of the paper that was made in the same way is expected."""
 
 import math
-from typing import NamedTuple
+from typing import NamedTuple, Self
 
 import numpy as np
 import pandas as pd
 from numpy.typing import ArrayLike
-from scipy.special import ndtri
+from scipy.special import ndtri, stdtrit
 
 from accelerated_evaluation.methods.importance_sampling import crude_simulations
 
+LEVEL = 0.95  # of all spreads but that of the pooled probability
+PAPERS_RULE = "sequential"  # name of the paper's stopping rule in the study of coverage
+
 
 class Spread(NamedTuple):
-    """One of our numbers with its spread.
-
-    Attributes
-    ----------
-    value
-        The number.
-    low, high
-        Limits of the spread.
-    of
-        Description of the spread, such as "10-90 % over 10 replicates".
-    """
+    """One of our numbers with its spread; the limits are NaN if it has none."""
 
     value: float
     low: float
     high: float
-    of: str
+    of: str  # what the spread is, such as "95 % interval of one more search (5 made)"
 
 
-def spread_over(values: ArrayLike, things: str) -> Spread:
-    """Return the mean of values with their 10 and 90 % quantiles as spread.
-
-    Parameters
-    ----------
-    values
-        The values, of any shape.
-    things
-        What the values belong to, such as "replicates", for the description of the spread.
-    """
-    values = np.asarray(values, dtype=float)
-    low, high = np.quantile(values, (0.1, 0.9))
-    return Spread(float(values.mean()), float(low), float(high), f"10-90 % over {values.size} {things}")
+def exactly(value: float, of: str) -> Spread:
+    """Return a number without a spread, with the reason why it has none."""
+    return Spread(value, math.nan, math.nan, of)
 
 
-def count(number: int) -> Spread:
-    """Return a number that is known exactly as a `Spread` of width zero."""
-    return Spread(number, number, number, "none, a count")
+class Mean(NamedTuple):
+    """A mean with its standard error, and the degrees of freedom of this error."""
+
+    value: float
+    error: float
+    freedom: float
+
+    @classmethod
+    def of(cls, values: ArrayLike) -> Self:
+        """Return the mean of independent values, shape (n,)."""
+        values = np.asarray(values, dtype=float)
+        if values.size < 2:
+            return cls(float(values.mean()), math.nan, math.nan)
+        error = float(values.std(ddof=1)) / math.sqrt(values.size)
+        return cls(float(values.mean()), error, values.size - 1)
+
+    def over(self, other: Self) -> Self:
+        """Return the ratio to another, independent mean.
+
+        The error is that of the delta method, with the degrees of freedom of Welch (1947).
+        """
+        ratio = self.value / other.value
+        parts = [(ratio * mean.error / mean.value) ** 2 for mean in (self, other)]
+        spent = parts[0] ** 2 / self.freedom + parts[1] ** 2 / other.freedom
+        return type(self)(ratio, math.sqrt(sum(parts)), sum(parts) ** 2 / spent if spent else math.inf)
+
+    def interval(self, what: str) -> Spread:
+        """Return the mean with its confidence interval; ``what`` describes the data."""
+        return self._spread(self.error, f"95 % interval, {what}")
+
+    def further(self, what: str, size: int = 1) -> Spread:
+        """Return the mean with the interval in which one more mean of ``size`` values is expected."""
+        errors = math.sqrt(1 + (self.freedom + 1) / size)  # of this mean, in which the other one varies
+        return self._spread(errors * self.error, f"95 % interval of one more {what}")
+
+    def _spread(self, error: float, of: str) -> Spread:
+        half_width = float(stdtrit(self.freedom, (1 + LEVEL) / 2)) * error or math.nan  # none has no width
+        return Spread(self.value, self.value - half_width, self.value + half_width, of)
 
 
 def of_method(table: pd.DataFrame, method: str, scope: str = "all") -> pd.DataFrame:
@@ -98,37 +116,53 @@ def pooled_probability(course: pd.DataFrame, method: str, alpha: float, scope: s
     return Spread(probability, low, high, of)
 
 
-def sample_size(estimates: pd.DataFrame, method: str) -> Spread:
-    """Return the number of simulations to convergence over all segments.
+def sample_size(
+    estimates: pd.DataFrame, coverage: pd.DataFrame, method: str, *, first: bool = False
+) -> Spread:
+    """Return the mean number of simulations to convergence over all segments, or that of the first replicate.
 
-    The number is the mean over the replicates. A replicate that did not converge contributes the simulations
-    that it made, fewer than it needs; the description of the spread then says how many did not converge.
+    The spread is where one more mean of as many replicates, or one more replicate, is expected. It comes from
+    the many replicates of the study of coverage, which use the same f*; for a method that is not part of that
+    study, from the replicates themselves. A replicate that did not converge contributes the simulations that
+    it made, fewer than it needs.
 
     Parameters
     ----------
-    estimates
-        ``estimates.csv`` of a study.
+    estimates, coverage
+        ``estimates.csv`` and ``coverage.csv`` of a study.
     method
         Name of the method.
+    first
+        Whether the first replicate is returned instead of the mean.
     """
-    rows = of_method(estimates, method)
-    spread = spread_over(rows["simulations"], "replicates")
-    missing = int((~rows["converged"]).sum())
-    return spread._replace(of=f"{spread.of}, {missing} not converged") if missing else spread
+    runs = of_method(estimates, method)["simulations"].to_numpy(float)
+    found = coverage[(coverage["method"] == method) & (coverage["stopping"] == PAPERS_RULE)]
+    replicates = Mean.of(runs)
+    if len(found):
+        row = found.iloc[0]
+        error = row["simulations_sd"] / math.sqrt(row["replicates"])
+        replicates = Mean(row["simulations_mean"], error, row["replicates"] - 1)
+    origin = f"(from {replicates.freedom + 1:,.0f} replicates)"
+    missing = int((~of_method(estimates, method)["converged"]).sum())
+    origin += f", {missing} not converged" if missing else ""
+    if first:
+        return replicates.further(f"run {origin}; ours is the first")._replace(value=float(runs[0]))
+    spread = replicates.further(f"mean of {runs.size} {origin}", size=runs.size)
+    return spread._replace(value=float(runs.mean()))
 
 
-def crude_sample_size(probability: Spread, alpha: float, beta: float) -> Spread:
+def crude_sample_size(exact: pd.DataFrame, alpha: float, beta: float) -> Spread:
     """Return the number of simulations that crude Monte Carlo would need (section VI.C, N-hat).
+
+    It has no spread, because the error of the exact probability is too small to be seen in it.
 
     Parameters
     ----------
-    probability
-        The crash probability; the spread of the number results from its limits.
+    exact
+        ``exact.csv`` of a study.
     alpha, beta
         Convergence is a relative half-width beta of the interval with level 1 - alpha.
     """
-    value, high, low = (
-        crude_simulations(p, alpha, beta) if p > 0 else math.inf
-        for p in (probability.value, probability.low, probability.high)
-    )
-    return Spread(value, low, high, f"from the {probability.of}")
+    probability = float(exact.set_index("segment").loc["all", "probability"])
+    value = crude_simulations(probability, alpha, beta) if probability > 0 else math.inf
+    return exactly(value, "none, from the exact probability")

@@ -4,7 +4,17 @@ import numpy as np
 from scipy.stats import norm
 
 from accelerated_evaluation.base.arrays import Array
-from accelerated_evaluation.records.checks import CHECKS, FINE, LEVEL, STOP, WARNING, Finding, Records
+from accelerated_evaluation.records.checks import (
+    CHECKS,
+    CUT_INS,
+    FINE,
+    LEVEL,
+    STOP,
+    WARNING,
+    Finding,
+    Records,
+    needs,
+)
 
 DRIFTING = ("lead_speed", "range", "inverse_ttc")
 BLOCKS = 10  # number of blocks of consecutive rows in a third of the record, for the jackknife
@@ -12,6 +22,7 @@ MEDIUM = 0.5  # difference of means in standard deviations, a medium effect (Coh
 
 
 @CHECKS.add("drift")
+@needs(*CUT_INS)
 def drift(records: Records) -> Finding:
     """Test whether the first and the last third of the rows have the same distribution.
 

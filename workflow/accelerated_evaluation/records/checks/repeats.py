@@ -8,6 +8,7 @@ import numpy as np
 import pandas as pd
 from scipy.stats import poisson
 
+from accelerated_evaluation.base.randomness import child_generator
 from accelerated_evaluation.records.checks import (
     CHECKS,
     FINE,
@@ -19,14 +20,13 @@ from accelerated_evaluation.records.checks import (
     by_share,
 )
 
-MEASURED = ["lead_speed", "range", "closing_speed"]
-RESOLUTION = np.array([0.1, 0.2, 0.1])  # [m/s], [m], [m/s]: resolution of automotive radars for `MEASURED`
+RESOLUTION = {"m/s": 0.1, "m": 0.2}  # of automotive radars; variables in other units must be equal
 FAR = (0.23, 0.31, 0.43)  # distances between rows of different cut-ins, as shares of the length of the record
 
 
 @CHECKS.add("repeated_rows")
 def repeated_rows(records: Records) -> Finding:
-    """Check for rows that are equal to the row before them.
+    """Check for rows that repeat the row before them or, with clusters, an earlier row of their cluster.
 
     The verdict is ``stop`` if more than half of the rows are such rows, and ``warning`` if there are some.
 
@@ -35,15 +35,16 @@ def repeated_rows(records: Records) -> Finding:
     Finding
         The verdict (``fine``, ``warning`` or ``stop``), the number of such rows, and the rows.
     """
-    rows = records.valid.index.difference(records.distinct.index)
+    rows = records.repeated
     share = len(rows) / max(len(records.valid), 1)
     return Finding(
         FINE if len(rows) == 0 else STOP if share > 0.5 else WARNING,
-        "rows equal to the row before them; if most rows are, a row is a time step and not a cut-in",
+        "rows equal to the row before them, or to an earlier one of the same driver or device; if most rows "
+        "are, a row is a time step",
         f"{len(rows):,} of {len(records.valid):,} rows ({share:.1%})",
         len(rows),
-        "Find out whether one cut-in was written twice. The answer counts equal rows once. The paper's "
-        "models count each of them, unless data.repeated_rows is drop.",
+        "Find out whether one encounter was written twice. The answer counts equal rows once. The paper's "
+        "models of cut-ins count each of them, unless data.repeated_rows is drop.",
         list(rows),
     )
 
@@ -53,17 +54,17 @@ def rows_repeated_elsewhere(records: Records) -> Finding:
     """Check for rows that are equal to an earlier row that is not the row directly before them.
 
     The number of these rows is compared with the number that occurs by chance, by a Poisson test. The number
-    by chance is estimated by counting equal rows after one column has been shifted against the others.
+    by chance is estimated by counting equal rows after one column has been permuted.
 
     Returns
     -------
     Finding
         The verdict (``fine``, ``warning`` or ``stop``), the number of such rows, and the rows.
     """
-    rows = records.distinct[MEASURED].round(9)
+    rows = records.distinct[records.variables].round(9)
     found = rows.index[rows.duplicated()]
-    shifted = rows.assign(range=np.roll(rows["range"], len(rows) // 3))
-    chance = max(int(shifted.duplicated().sum()), 1)
+    column, order = rows.columns[1], child_generator(0, "permuted").permutation(len(rows))
+    chance = max(int(rows.assign(**{column: rows[column].to_numpy()[order]}).duplicated().sum()), 1)
     return Finding(
         _against_chance(len(found), chance, len(rows)),
         "rows equal to an earlier row, compared with the number expected by chance at this resolution",
@@ -86,17 +87,19 @@ def nearly_repeated_rows(records: Records) -> Finding:
     Finding
         The verdict (``fine``, ``warning`` or ``stop``), the number of such rows, and the rows.
     """
-    rows = records.distinct[MEASURED].to_numpy()
-    near = np.concatenate([[False], _near(rows, 1)])
-    chance = max(np.mean([_near(rows, lag).sum() for lag in _lags(len(rows))]), 1.0)
+    rows = records.distinct[records.variables].to_numpy()
+    resolution = np.array([RESOLUTION.get(unit, 0.0) for unit in records.units.values()])
+    near = np.concatenate([[False], _near(rows, 1, resolution)])
+    chance = max(np.mean([_near(rows, lag, resolution).sum() for lag in _lags(len(rows))]), 1.0)
     found = records.distinct.index[near]
     return Finding(
         _against_chance(len(found), chance, len(rows)),
-        "rows within 0.1 m/s, 0.2 m and 0.1 m/s (the resolution of radars) of the row before them, compared "
-        "with pairs of rows that are far apart",
+        "rows within 0.1 m/s and 0.2 m (the resolution of radars) of the row before them, compared with "
+        "pairs of rows that are far apart",
         f"{len(found):,} rows; {chance:.1f} or fewer by chance",
         len(found),
-        "Find out whether one cut-in is recorded by several targets or time steps, and keep one row of each.",
+        "Find out whether one encounter is recorded by several targets or time steps, and keep one row of "
+        "each.",
         list(found),
     )
 
@@ -113,15 +116,16 @@ def stuck_sensor(records: Records) -> Finding:
     Finding
         The verdict (``fine``, ``warning`` or ``stop``) for the most conspicuous quantity, and its rows.
     """
-    rows, worst = records.distinct, (1.0, MEASURED[0], 0, pd.Index([]))
-    for name in MEASURED:
+    rows, worst = records.distinct, (1.0, records.variables[0], 0, pd.Index([]))
+    for name in records.variables:
         values = rows[name].to_numpy()
-        stuck = np.concatenate([[False], values[1:] == values[:-1]])
-        chance = max(np.mean([(values[lag:] == values[:-lag]).sum() for lag in _lags(len(values))]), 1.0)
+        stuck = np.concatenate([[False], (values[1:] == values[:-1]) & (values[1:] != 0)])
+        equal = [(values[lag:] == values[:-lag]) & (values[lag:] != 0) for lag in _lags(len(values))]
+        chance = max(np.mean([flags.sum() for flags in equal]), 1.0)
         p = float(poisson.sf(stuck.sum() - 1, chance))
         worst = min(worst, (p, name, int(stuck.sum()), rows.index[stuck]), key=lambda entry: entry[0])
     p, name, count, found = worst
-    is_chance = p * len(MEASURED) >= LEVEL
+    is_chance = p * len(records.units) >= LEVEL
     return Finding(
         FINE if is_chance else by_share(count, len(rows)),
         "rows with the same value of one quantity as the row before, while another changes",
@@ -137,9 +141,9 @@ def _lags(size: int) -> list[int]:
     return [max(int(share * size), 1) for share in FAR]
 
 
-def _near(rows: np.ndarray, lag: int) -> np.ndarray:
+def _near(rows: np.ndarray, lag: int, resolution: np.ndarray) -> np.ndarray:
     """Return which rows are equal to the row ``lag`` places before, within `RESOLUTION`; shape (n - lag,)."""
-    return (np.abs(rows[lag:] - rows[:-lag]) <= RESOLUTION).all(axis=1)
+    return (np.abs(rows[lag:] - rows[:-lag]) <= resolution).all(axis=1)
 
 
 def _against_chance(count: int, chance: float, size: int) -> str:

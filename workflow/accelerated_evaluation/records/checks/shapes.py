@@ -9,20 +9,26 @@ from scipy.stats import binom, poisson
 from accelerated_evaluation.base.arrays import Array
 from accelerated_evaluation.records.checks import (
     CHECKS,
+    CUT_INS,
     FINE,
     LEVEL,
+    MANY,
     STOP,
+    VERDICTS,
     WARNING,
     Finding,
     Records,
     by_share,
+    needs,
 )
 
 SPEED_UNITS = {"m/s": 1.0, "km/h": 1 / 3.6, "mph": 0.44704}
-UNITS = {"lead_speed": SPEED_UNITS, "range": {"m": 1.0, "ft": 0.3048}, "closing_speed": SPEED_UNITS}
+UNITS = {"m/s": SPEED_UNITS, "m": {"m": 1.0, "ft": 0.3048}}  # units in which a sensor may have rounded
 STEPS = (10.0, 5.0, 1.0, 0.5)
 OFFSETS = sorted({j / 10 for j in range(1, 10)} | {j / 16 for j in range(1, 16)})  # in steps
 NEIGHBOURS = 50  # number of distinct values next to a value that give the expected count or distance
+MANY_EQUAL = 0.05  # share of records with the same value, which no smooth law can describe
+MOST_EQUAL = 0.2  # share that is larger than those of road users who stand, so that it is a code or a fault
 TOP = 100  # number of largest values; the standard error of their mean excess is 10 %
 EXTREMES = ("inverse_range", "inverse_ttc")  # quantities whose tails the models describe
 
@@ -40,10 +46,12 @@ def round_numbers(records: Records) -> Finding:
     Finding
         The verdict, the share of the values on the most conspicuous multiples, and their rows.
     """
-    heaps, tests = [], sum(len(units) for units in UNITS.values()) * len(STEPS)
-    for name, units in UNITS.items():
-        values = _of(records, name)
-        for unit, factor in units.items():
+    units = {name: UNITS.get(unit, {unit: 1.0}) for name, unit in records.units.items()}
+    heaps, tests = [], sum(len(each) for each in units.values()) * len(STEPS)
+    for name in records.units:
+        values = records.measured(name)
+        values = values[values != 0]  # because 0, the speed of a standing car, is a multiple of all steps
+        for unit, factor in units[name].items():
             for step in STEPS:
                 on, others = _on_lattices((values / (factor * step)).to_numpy())
                 p = float(binom.sf(on.sum() - 1, on.sum() + others, 0.5)) * tests
@@ -62,11 +70,6 @@ def round_numbers(records: Records) -> Finding:
     )
 
 
-def _of(records: Records, name: str) -> pd.Series:
-    """Return a quantity in the distinct rows; for the closing speed, only in the rows whose gap closes."""
-    return (records.closing if name == "closing_speed" else records.distinct)[name]
-
-
 def _on_lattices(steps: Array) -> tuple[np.ndarray, int]:
     """Return which values are whole numbers, and the largest number of values on a shifted lattice.
 
@@ -82,7 +85,8 @@ def cut_edges(records: Records) -> Finding:
     """Check for values that accumulate at the smallest or largest value of a quantity.
 
     The cause may be a limit of the export or a saturated sensor. The number of values at the edge is compared
-    with the mean number at the `NEIGHBOURS` values next to it, by a Poisson test.
+    with the mean number at the `NEIGHBOURS` values next to it, by a Poisson test. Values at 0 are at most a
+    warning, because cars may stand.
 
     Returns
     -------
@@ -90,9 +94,10 @@ def cut_edges(records: Records) -> Finding:
         The verdict (``fine``, ``warning`` or ``stop``), the number of values at the most conspicuous edge,
         and their rows.
     """
-    worst, tests = (1.0, "no edge", 0.0, "range"), 2 * len(UNITS)
-    for name in UNITS:
-        values, counts = np.unique(_of(records, name).round(9), return_counts=True)
+    found = [(FINE, 0.0, "none", pd.Index([]))]
+    for name in records.units:
+        column = records.valid[name].round(9)
+        values, counts = np.unique(records.measured(name).round(9), return_counts=True)
         if values.size <= NEIGHBOURS:
             continue
         edges = {
@@ -100,18 +105,21 @@ def cut_edges(records: Records) -> Finding:
             "largest": (-1, counts[-1 - NEIGHBOURS : -1]),
         }
         for word, (edge, neighbours) in edges.items():
-            p = float(poisson.sf(counts[edge] - 1, neighbours.mean())) * tests
-            where = f"the {word} {name.replace('_', ' ')}, {values[edge]:g}"
-            worst = min(worst, (p, where, values[edge], name), key=lambda entry: entry[0])
-    p, where, edge, name = worst
-    rows = records.valid.index[records.valid[name].round(9) == edge] if p < LEVEL else ()
+            p = float(poisson.sf(counts[edge] - 1, neighbours.mean())) * 2 * len(records.units)
+            if p >= LEVEL:
+                continue
+            rows = column.index[column == values[edge]]
+            verdict = WARNING if values[edge] == 0 else by_share(len(rows), len(column))
+            text = f"the {word} {name.replace('_', ' ')}, {values[edge]:g} (p = {p:.2g})"
+            found.append((verdict, -p, f"{len(rows):,} rows at {text}", rows))
+    verdict, _, seen, rows = max(found, key=lambda entry: (VERDICTS.index(entry[0]), entry[1]))
     return Finding(
-        by_share(len(rows), len(records.valid)),
+        verdict,
         "rows exactly at the smallest and largest value of a quantity, compared with its 50 neighbours",
-        f"{len(rows):,} rows at {where} (p = {p:.2g})" if len(rows) else "none",
+        seen,
         len(rows),
-        "The records were cut or the sensor saturates here. Set the limit in filters to this value or inside "
-        "of it, because nothing is known beyond this value.",
+        "The records were cut or the sensor saturates here. Set the limit of the variable (of cut-ins, in "
+        "filters) to this value or inside of it, because nothing is known beyond this value.",
         list(rows),
     )
 
@@ -128,12 +136,12 @@ def gaps(records: Records) -> Finding:
     Finding
         The verdict, the width of the most conspicuous gap, and the rows at its ends.
     """
-    worst = (1.0, "no gap", 0.0, 0.0, "range")
-    for name in UNITS:
-        values = np.unique(_of(records, name).round(9))
+    worst = (1.0, "no gap", 0.0, 0.0, records.variables[0])
+    for name in records.units:
+        values = np.unique(records.measured(name).round(9))
         for p, low, high in _widest(values):
             text = f"{name.replace('_', ' ')} from {low:.4g} to {high:.4g}"
-            worst = min(worst, (p * len(UNITS), text, low, high, name), key=lambda entry: entry[0])
+            worst = min(worst, (p * len(records.units), text, low, high, name), key=lambda entry: entry[0])
     p, where, low, high, name = worst
     hole = p < LEVEL
     return Finding(
@@ -171,7 +179,47 @@ def _widest(values: Array) -> Iterator[tuple[float, float, float]]:
     yield p, float(values[place[first]]), float(values[place[first] + 1])
 
 
+@CHECKS.add("equal_values")
+def equal_values(records: Records) -> Finding:
+    """Check for a value that many fitted records share, such as a constant or a code for missing values.
+
+    The verdict is ``stop`` above `MOST_EQUAL`. It is ``warning`` above `MANY_EQUAL`, or above `MANY` if the
+    value is much more frequent than the second most frequent one (by a Poisson test).
+
+    Returns
+    -------
+    Finding
+        The verdict (``fine``, ``warning`` or ``stop``), the largest share of records with the same value of a
+        variable, and their rows.
+    """
+    rows, looked_at = (
+        records.fitted,
+        "largest share of the fitted records that have the same value of a variable",
+    )
+    if rows.empty:
+        return Finding(FINE, looked_at, "no fitted records", 0.0)
+    found = []
+    for name in records.units:
+        counts = rows[name].value_counts().to_numpy()
+        share, second = counts[0] / len(rows), counts[1] if counts.size > 1 else 0
+        stands_out = share > MANY and poisson.sf(counts[0] - 1, second) * len(records.units) < LEVEL
+        verdict = STOP if share > MOST_EQUAL else WARNING if share > MANY_EQUAL or stands_out else FINE
+        found.append((VERDICTS.index(verdict), float(share), name))
+    verdict, share, name = max(found)
+    value = rows[name].value_counts().index[0]
+    return Finding(
+        VERDICTS[verdict],
+        looked_at,
+        f"{share:.1%} have {name} {value:g}",
+        share,
+        "Use the values as they were measured, and leave out rows without a measurement. Laws are smooth, "
+        "and cannot describe a constant or many equal values that were rounded or stand for missing values.",
+        list(rows.index[rows[name] == value]) if VERDICTS[verdict] != FINE else (),
+    )
+
+
 @CHECKS.add("outliers")
+@needs(*CUT_INS)
 def outliers(records: Records) -> Finding:
     """Check for values of R^-1 and TTC^-1 that are too large for the exponential tail of the models.
 

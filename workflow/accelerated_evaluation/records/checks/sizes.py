@@ -2,8 +2,17 @@
 
 import numpy as np
 
-from accelerated_evaluation.records.checks import CHECKS, FINE, MANY, STOP, WARNING, Finding, Records
-from accelerated_evaluation.records.checks.units import FARTHEST, FASTEST_CAR
+from accelerated_evaluation.records.checks import (
+    CHECKS,
+    CUT_INS,
+    FINE,
+    MANY,
+    STOP,
+    WARNING,
+    Finding,
+    Records,
+    needs,
+)
 from accelerated_evaluation.records.segments import MINIMUM_ROWS
 
 TAIL = 0.05  # share of the rows above the knot of TTC^-1
@@ -13,36 +22,41 @@ CELL = (5.0, 10.0)  # [m/s], [m]: size of a cell of lead speed and range
 
 @CHECKS.add("rows_outside_limits")
 def rows_outside_limits(records: Records) -> Finding:
-    """Check how many closing cut-ins the limits exclude, and how many of these are physically impossible.
+    """Check how many records the limits of the study exclude, and how many of these are impossible.
 
-    Impossible rows are counted because limits that are derived from the records (``auto``) exclude them
-    without the user noticing.
+    Only cut-ins in which the gap closes are counted. Impossible rows are counted because limits that are
+    derived from the records (``auto``) exclude them without the user noticing.
 
     Returns
     -------
     Finding
-        The verdict (``fine``, ``warning`` or ``stop``), the share of the closing cut-ins that is excluded,
-        and their rows.
+        The verdict (``fine``, ``warning`` or ``stop``), the share of the records that is excluded, and their
+        rows.
     """
-    closing = records.valid.index[records.valid["closing_speed"] > 0]
-    rows = closing.difference(records.kept.index)
-    share = len(rows) / max(len(closing), 1)
-    left_out = records.valid.loc[rows]
-    impossible = int(((left_out["lead_speed"] > FASTEST_CAR) | (left_out["range"] > FARTHEST)).sum())
-    reason = f", {impossible:,} with a lead speed above {FASTEST_CAR:g} m/s or a range above {FARTHEST:g} m"
-    is_many = share > 0.5 or impossible > MANY * len(closing)
+    considered = records.valid[records.valid["closing_speed"] > 0] if records.are_cut_ins else records.valid
+    rows = considered.index.difference(records.kept.index)
+    share = len(rows) / max(len(considered), 1)
+    left_out = considered.loc[rows]
+    impossible = {name: ~left_out[name].between(*limits) for name, limits in records.limits.items()}
+    count = int(np.any(list(impossible.values()), axis=0).sum())
+    named = [
+        f"{flags.sum():,} with {name} not from {low:g} to {high:g} {records.units[name]}"
+        for (name, flags), (low, high) in zip(impossible.items(), records.limits.values(), strict=True)
+        if flags.any()
+    ]
     return Finding(
-        FINE if len(rows) == 0 else STOP if is_many else WARNING,
-        "closing rows outside of the limits of lead speed and range (filters)",
-        f"{len(rows):,} of {len(closing):,} rows ({share:.1%}){reason if impossible else ''}",
+        FINE if len(rows) == 0 else STOP if share > 0.5 or count > MANY * len(considered) else WARNING,
+        "rows outside of the limits of the variables; of cut-ins, rows that close outside of filters",
+        f"{len(rows):,} of {len(considered):,} rows ({share:.1%}){': ' if named else ''}{', '.join(named)}",
         share,
-        "Correct the units if rows are impossible. Otherwise widen the limits in filters, or set them to "
-        "auto; the result is valid only inside the limits.",
+        "Correct the units and signs if rows are impossible. Otherwise widen the limits (of cut-ins, in "
+        "filters, or set them to auto); the result is valid only inside the limits.",
         list(rows),
     )
 
 
 @CHECKS.add("sample_size")
+@needs(*CUT_INS)
 def sample_size(records: Records) -> Finding:
     """Check whether each segment has enough distinct rows.
 
@@ -73,6 +87,7 @@ def sample_size(records: Records) -> Finding:
 
 
 @CHECKS.add("size_of_tail")
+@needs(*CUT_INS)
 def size_of_tail(records: Records) -> Finding:
     """Check the number of rows to which the tail of TTC^-1 is fitted, in the segment with the fewest.
 

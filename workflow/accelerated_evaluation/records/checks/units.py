@@ -6,6 +6,7 @@ from scipy.stats import binom, spearmanr
 
 from accelerated_evaluation.records.checks import (
     CHECKS,
+    CUT_INS,
     FINE,
     LEVEL,
     MANY,
@@ -14,13 +15,13 @@ from accelerated_evaluation.records.checks import (
     Finding,
     Records,
     by_share,
+    needs,
 )
+from accelerated_evaluation.records.limits import FARTHEST, FASTEST
 
 FASTEST_TRAFFIC = 45.0  # [m/s], 162 km/h: on no road is half of the vehicles faster
-FASTEST_CAR = 70.0  # [m/s], 252 km/h: manufacturers limit fast cars to 250 km/h
 LONGEST_GAP = 5.0  # [s]: vehicles farther apart do not follow each other (Highway Capacity Manual 1985)
 SHORTEST_GAP = 0.5  # [s]: no driver reacts faster, so half of the drivers cannot have shorter gaps
-FARTHEST = 300.0  # [m]: no radar or camera of a car follows a target that is farther away
 NEAREST = 3.0  # [m]: a camera behind the windscreen does not see the road that is nearer to the bumper
 FULL_BRAKING = 9.81  # [m/s^2]: largest deceleration that tyres can transmit
 # Crashes of human drivers per lane change: one in 500,000 miles, with a lane change every 5 miles (the paper)
@@ -39,7 +40,7 @@ def invalid_values(records: Records) -> Finding:
     rows, size = list(records.invalid), len(records.valid) + len(records.invalid)
     return Finding(
         by_share(len(rows), size),
-        "missing, negative, infinite or non-numeric values, and speeds above 300 m/s",
+        "missing, infinite or non-numeric values; of cut-ins also negative values and speeds above 300 m/s",
         f"{len(rows):,} of {size:,} rows",
         len(rows),
         "Correct these rows, or set data.invalid_rows to drop, which leaves them out and counts them.",
@@ -48,6 +49,7 @@ def invalid_values(records: Records) -> Finding:
 
 
 @CHECKS.add("speed_unit")
+@needs(*CUT_INS)
 def speed_unit(records: Records) -> Finding:
     """Check whether the speeds are plausible as speeds of road traffic in m/s.
 
@@ -61,13 +63,13 @@ def speed_unit(records: Records) -> Finding:
         The verdict, the median lead speed [m/s], and the rows with too high a speed.
     """
     fastest = np.maximum(records.valid["lead_speed"], records.host_speed)
-    median, rows = records.valid["lead_speed"].median(), fastest[fastest > FASTEST_CAR]
+    median, rows = records.valid["lead_speed"].median(), fastest[fastest > FASTEST]
     verdict = STOP if median > FASTEST_TRAFFIC else by_share(len(rows), len(fastest))
     if verdict == FINE and records.warnings:
         verdict = WARNING
     return Finding(
         verdict,
-        f"median lead speed, at most {FASTEST_TRAFFIC:g} m/s on any road; speeds above {FASTEST_CAR:g} m/s",
+        f"median lead speed, at most {FASTEST_TRAFFIC:g} m/s on any road; speeds above {FASTEST:g} m/s",
         "; ".join(
             [
                 f"median {median:.1f} m/s, largest speed of either vehicle {fastest.max():.1f} m/s",
@@ -81,6 +83,7 @@ def speed_unit(records: Records) -> Finding:
 
 
 @CHECKS.add("time_gap")
+@needs(*CUT_INS)
 def time_gap(records: Records) -> Finding:
     """Check whether the median time gap, the range divided by the host speed, is plausible.
 
@@ -104,6 +107,7 @@ def time_gap(records: Records) -> Finding:
 
 
 @CHECKS.add("unavoidable_crashes")
+@needs(*CUT_INS)
 def unavoidable_crashes(records: Records) -> Finding:
     """Check for records in which even full braking could not have avoided a crash.
 
@@ -132,6 +136,7 @@ def unavoidable_crashes(records: Records) -> Finding:
 
 
 @CHECKS.add("sign_of_range_rate")
+@needs(*CUT_INS)
 def sign_of_range_rate(records: Records) -> Finding:
     """Check the sign of the range rate, by the share of rows with a growing range and by a rank correlation.
 
@@ -165,6 +170,7 @@ def sign_of_range_rate(records: Records) -> Finding:
 
 
 @CHECKS.add("far_ranges")
+@needs(*CUT_INS)
 def far_ranges(records: Records) -> Finding:
     """Check for ranges above `FARTHEST` (300 m), which are beyond the reach of automotive sensors.
 
@@ -184,6 +190,7 @@ def far_ranges(records: Records) -> Finding:
 
 
 @CHECKS.add("short_ranges")
+@needs(*CUT_INS)
 def short_ranges(records: Records) -> Finding:
     """Check for ranges below `NEAREST` (3 m), which are too short for a lane change.
 

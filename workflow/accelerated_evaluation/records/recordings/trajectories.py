@@ -64,7 +64,7 @@ CANDIDATES = """
 # The distance of each vehicle is rounded to a micrometre, so that the sum does not depend on its order.
 COUNTS = """
     SELECT (SELECT count(*) FROM tracks) AS read,
-        (SELECT count(*) FROM tracks WHERE NOT {complete}) AS incomplete,
+        (SELECT count(*) FROM tracks WHERE NOT ({complete})) AS incomplete,
         (SELECT count(*) FROM frames) AS used,
         (SELECT count(*) FROM stays) AS stays,
         (SELECT coalesce(sum(moved * reported), 0) FROM frames) AS moved,
@@ -185,7 +185,7 @@ def _account(counts: Mapping[str, float]) -> Account:
     """Begin the account with the rows that are not the first frame of a vehicle in a lane."""
     read, incomplete, used, stays = (int(counts[name]) for name in ("read", "incomplete", "used", "stays"))
     account = Account(read)
-    account.enter(incomplete, step="read", reason="a missing or infinite value")
+    account.enter(incomplete, step="read", reason="a missing or infinite value, or in no lane")
     account.enter(
         read - incomplete - used, step="tracking", reason="the same vehicle in the same frame once more"
     )

@@ -16,7 +16,7 @@ from accelerated_evaluation.base.errors import InputError, StudyError
 from accelerated_evaluation.records.recordings import trajectories
 from accelerated_evaluation.records.recordings.cut_ins import require_agreement
 from accelerated_evaluation.records.recordings.database import database
-from accelerated_evaluation.records.recordings.osi_lanes import joined_lanes
+from accelerated_evaluation.records.recordings.osi_lanes import TraceLanes
 from accelerated_evaluation.records.recordings.trajectories import (
     changes_of_lane,
     cut_ins_of,
@@ -76,8 +76,8 @@ def read(settings: Mapping[str, Any]) -> pd.DataFrame:
     Raises
     ------
     InputError
-        If there is no trace, or if a trace cannot be read, has no vehicle in a lane, or has speeds that
-        contradict the positions.
+        If there is no trace, or if a trace or its map cannot be read, or if a trace has no vehicle in a lane,
+        or speeds that contradict the positions.
     StudyError
         If the library betterosi is not installed.
     """
@@ -113,8 +113,9 @@ def _require_use(where: str, counts: Mapping[str, float]) -> None:
         raise InputError(
             where,
             seen=f"{counts['read']:,.0f} positions of vehicles, of which none is complete",
-            expected="moving objects with position, velocity, orientation and assigned_lane_id",
-            change="Configure the tool that wrote the trace to write all four.",
+            expected="vehicles with position, velocity and orientation, and either assigned_lane_id, or "
+            "lanes with centre lines or an OpenDRIVE map on which the vehicles drive",
+            change="Configure the tool that wrote the trace to write them.",
         )
     require_agreement(
         where,
@@ -131,16 +132,14 @@ def _read_trace(connection: "DuckDBPyConnection", file: Path) -> None:
     rows: list[tuple] = []
     classes: dict[int, str] = {}
     driven: dict[int, tuple[float, float, float]] = {}
-    lanes: dict[int, int] | None = None
+    lanes = TraceLanes(file)
     for message in _messages(file):
-        if lanes is None and message.lane:
-            lanes = joined_lanes(message.lane)
         vehicles = [one for one in message.moving_object if one.type.name == "VEHICLE" and one.base]
         for one in vehicles:
             if one.vehicle_classification:
                 classes.setdefault(one.id.value, one.vehicle_classification.type.name)
         if vehicles:
-            rows += _rows_of(message, vehicles, lanes or {}, driven)
+            rows += _rows_of(message, vehicles, lanes, driven)
         if len(rows) >= BATCH:
             _store(connection, rows)
     _store(connection, rows)
@@ -183,7 +182,7 @@ def _messages(file: Path) -> Iterator["GroundTruth"]:
 def _rows_of(
     message: "GroundTruth",
     vehicles: list["MovingObject"],
-    lanes: Mapping[int, int],
+    lanes: TraceLanes,
     driven: dict[int, tuple[float, float, float]],
 ) -> Iterator[tuple]:
     """Yield the rows of one message, and update the distance that each vehicle has driven.
@@ -193,7 +192,7 @@ def _rows_of(
     message, vehicles
         The message, and its vehicles.
     lanes
-        Mapping from the number of each piece of a lane to the number of the lane; see `joined_lanes`.
+        The lanes of the trace.
     driven
         Mapping from the number of each vehicle to the distance driven [m] and the last position x, y [m]. It
         is updated.
@@ -201,7 +200,7 @@ def _rows_of(
     time = 1000 * message.timestamp.seconds + round(message.timestamp.nanos / 1e6)
     numbers = np.array([_numbers(one) for one in vehicles]).reshape(-1, 6).T
     x, y, yaw, speed_x, speed_y, length = numbers
-    lane = [_lane(one, lanes) for one in vehicles]
+    lane = lanes.of_vehicles(message, vehicles, x, y, yaw)
     host, range_ = _hosts(x, y, yaw, length, lane)
     velocity = speed_x * np.cos(yaw) + speed_y * np.sin(yaw)
     for i, one in enumerate(vehicles):
@@ -220,13 +219,6 @@ def _numbers(one: "MovingObject") -> list[float]:
     parts = (base.position, "x"), (base.position, "y"), (base.orientation, "yaw")
     parts += (base.velocity, "x"), (base.velocity, "y"), (base.dimension, "length")
     return [np.nan if part is None else getattr(part, name) for part, name in parts]
-
-
-def _lane(one: "MovingObject", lanes: Mapping[int, int]) -> int | None:
-    """Return the first lane that a vehicle is assigned to, in the newer or the older field of OSI."""
-    newer = one.moving_object_classification
-    assigned = [*(newer.assigned_lane_id if newer else ()), *one.assigned_lane_id]
-    return lanes.get(assigned[0].value, assigned[0].value) if assigned else None
 
 
 def _hosts(

@@ -172,10 +172,11 @@ def read(settings: Mapping[str, Any]) -> pd.DataFrame:
     targets, hosts = (recording_files(folder, pattern, key) for pattern in (TARGETS, HOST))
     parts = 1 + sum(file.stat().st_size for file in targets) // PART
     with database() as (connection, space):
-        _sort_into_parts(
-            connection, targets, space / "targets", _targets_query(settings, parts), TARGET_COLUMNS
-        )
-        _sort_into_parts(connection, hosts, space / "host", _host_query(settings, parts), HOST_COLUMNS)
+        tick, complete = 1000 * settings["time_unit"], " AND ".join(f"isfinite({c})" for c in TARGET_COLUMNS)
+        query = SELECT_TARGETS.format(tick=tick, parts=parts, complete=complete)
+        _sort_into_parts(connection, targets, space / "targets", query, TARGET_COLUMNS)
+        query = SELECT_HOST.format(tick=tick, parts=parts, speed=SPEED[settings["speed_unit"]])
+        _sort_into_parts(connection, hosts, space / "host", query, HOST_COLUMNS)
         with readable(Path(folder)):
             found, counts = _work(connection, space, parts, settings)
     warnings = _require_units(folder, counts, settings["speed_unit"])
@@ -190,16 +191,6 @@ def read(settings: Mapping[str, Any]) -> pd.DataFrame:
         micrometres=int(counts["micrometres"]),
         warnings=warnings,
     )
-
-
-def _targets_query(settings: Mapping[str, Any], parts: int) -> str:
-    complete = " AND ".join(f"isfinite({name})" for name in TARGET_COLUMNS)
-    return SELECT_TARGETS.format(tick=1000 * settings["time_unit"], parts=parts, complete=complete)
-
-
-def _host_query(settings: Mapping[str, Any], parts: int) -> str:
-    speed = SPEED[settings["speed_unit"]]
-    return SELECT_HOST.format(tick=1000 * settings["time_unit"], parts=parts, speed=speed)
 
 
 def _sort_into_parts(

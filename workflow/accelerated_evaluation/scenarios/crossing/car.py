@@ -10,7 +10,7 @@ from numpy.typing import ArrayLike
 
 from accelerated_evaluation.base.arrays import Array
 from accelerated_evaluation.scenarios.acc_aeb import AccAebParameters
-from accelerated_evaluation.scenarios.compiled import available_threads, simulate_in_slices
+from accelerated_evaluation.scenarios.compiled import simulate_in_slices
 from accelerated_evaluation.scenarios.crossing import CrossingOutcomes
 from accelerated_evaluation.scenarios.crossing.kernel import (
     TICK,
@@ -102,8 +102,7 @@ class CrossingCar(AccAebParameters):
             from 0.
         """
         starts = self.start(self.scenario.checked(*columns))
-        threads = available_threads()
-        return simulate_in_slices(self.scenario, simulate_slice, self.compiled(), starts, threads=threads)
+        return simulate_in_slices(self.scenario, simulate_slice, starts, self.compiled())
 
     def trace(self, *encounter: float) -> pd.DataFrame:
         """Simulate one encounter, and return its states over time.

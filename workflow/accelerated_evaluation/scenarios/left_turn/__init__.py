@@ -53,7 +53,6 @@ LEFT_TURN = SCENARIOS.add("left_turn")(
         records=Path("data/left_turn/records.parquet"),
         divided_by=("turning_speed_mps", (0.2, 1.0, 5.0)),
         verdicts=Path("data/left_turn/verdicts.csv.gz"),
-        experiments=Path("data/stored_experiments/published.csv"),
         restrictions={"turning speed 0.2 m/s or more": lambda x: x[:, 1] >= SLOWEST},
     )
 )

@@ -67,7 +67,6 @@ PEDESTRIAN = SCENARIOS.add("pedestrian")(
         records=Path("data/pedestrian/records.parquet"),
         divided_by=("pedestrian_speed_mps", (0.13, 0.2, 0.3)),
         verdicts=Path("data/pedestrian/verdicts.csv.gz"),
-        experiments=Path("data/stored_experiments/published.csv"),
         restrictions={"pedestrian speed 0.3 m/s or more": lambda x: np.abs(x[:, 1]) >= SLOWEST},
     )
 )

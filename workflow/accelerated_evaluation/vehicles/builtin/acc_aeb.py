@@ -6,16 +6,12 @@ from typing import ClassVar
 import pandas as pd
 from numpy.typing import ArrayLike
 
-from accelerated_evaluation.base.arrays import Array
 from accelerated_evaluation.scenarios.acc_aeb import AccAebParameters
-from accelerated_evaluation.scenarios.compiled import available_threads, simulate_in_slices
-from accelerated_evaluation.scenarios.cut_in import CUT_IN
 from accelerated_evaluation.scenarios.parameters import parameter_error
-from accelerated_evaluation.vehicles.builtin.kernel import STEP, Car, simulate_moving, simulate_slice
+from accelerated_evaluation.vehicles.builtin.kernel import STEP, Car, simulate_slice
 from accelerated_evaluation.vehicles.builtin.traces import trace_car
 from accelerated_evaluation.vehicles.checks import checked_encounters
 from accelerated_evaluation.vehicles.moving import CompiledVehicle, checked_motion
-from accelerated_evaluation.vehicles.protocol import Outcomes
 from accelerated_evaluation.vehicles.registry import VEHICLES
 
 KMH = 1 / 3.6  # [m/s]
@@ -31,8 +27,8 @@ class AccAeb(AccAebParameters, CompiledVehicle):
 
     The car has a proportional-integral ACC on the time headway, an AEB triggered by the time to collision
     (TTC), and an actuator limited in friction and jerk. An encounter is simulated for 8 s, in steps of 0.1 s;
-    `reference.simulate` is a readable version of the simulation. If ``aeb_ttc`` is None, the AEB has the
-    threshold of a Volvo V60, which depends on the speed and is 0.91 s at 40 km/h and above.
+    `benchmarks/reference_car.py` is a readable version of the simulation. If ``aeb_ttc`` is None, the AEB has
+    the threshold of a Volvo V60, which depends on the speed and is 0.91 s at 40 km/h and above.
 
     Attributes
     ----------
@@ -47,7 +43,7 @@ class AccAeb(AccAebParameters, CompiledVehicle):
         If a parameter is not a finite number in its range.
     """
 
-    moving_kernel: ClassVar = staticmethod(simulate_moving)
+    kernel: ClassVar = staticmethod(simulate_slice)
 
     top_start_speed: float = 35.0
 
@@ -63,35 +59,6 @@ class AccAeb(AccAebParameters, CompiledVehicle):
         if not self.aeb:
             return 0.0
         return V60_TTC[1] if self.aeb_ttc is None else self.aeb_ttc
-
-    def simulate(self, lead_speed: ArrayLike, range_: ArrayLike, closing_speed: ArrayLike) -> Outcomes:
-        """Simulate n cut-ins behind a lead vehicle that keeps its speed.
-
-        Parameters
-        ----------
-        lead_speed
-            Speed of the lead vehicle [m/s], not negative, shape (n,).
-        range_
-            Distance to the lead vehicle at the start [m], positive, shape (n,).
-        closing_speed
-            Host speed minus lead speed at the start [m/s], shape (n,). It may be 0 or negative (the gap
-            opens), but the host speed, its sum with the lead speed, must not be negative. If the host starts
-            at rest, the encounter ends at once without a crash.
-
-        Returns
-        -------
-        Outcomes
-            The outcomes, of shape (n,). They do not depend on the batch or on the number of threads, not even
-            in the last bit.
-
-        Raises
-        ------
-        InputError
-            If shapes differ or a value is outside its limits. The message names the first such row, counted
-            from 0.
-        """
-        encounters = checked_encounters(lead_speed, range_, closing_speed)
-        return simulate_encounters(self, encounters, threads=available_threads())
 
     def trace(
         self,
@@ -142,8 +109,3 @@ class AccOnly(AccAeb):
     """The car `AccAeb` without AEB: ``aeb`` is fixed, and the other parameters of the AEB have no effect."""
 
     aeb: bool = field(default=False, init=False)
-
-
-def simulate_encounters(car: AccAeb, encounters: Array, *, threads: int) -> Outcomes:
-    """Return the outcomes of checked encounters, shape (3, n), simulated on at most ``threads`` threads."""
-    return simulate_in_slices(CUT_IN, simulate_slice, car.compiled(), encounters, threads=threads)

@@ -7,15 +7,12 @@ from typing import Any, ClassVar
 import pandas as pd
 from numpy.typing import ArrayLike
 
-from accelerated_evaluation.scenarios.compiled import available_threads, simulate_in_slices
-from accelerated_evaluation.scenarios.cut_in import CUT_IN
 from accelerated_evaluation.scenarios.parameters import check_number, parameter_error, zero_or_more
-from accelerated_evaluation.vehicles.builtin.driver_kernel import STEP, follow_moving, follow_slice
+from accelerated_evaluation.vehicles.builtin.driver_kernel import STEP, follow_slice
 from accelerated_evaluation.vehicles.builtin.driver_numbers import Driver
-from accelerated_evaluation.vehicles.builtin.traces import trace_driver, trace_moving_driver
+from accelerated_evaluation.vehicles.builtin.traces import trace_driver
 from accelerated_evaluation.vehicles.checks import checked_encounters
 from accelerated_evaluation.vehicles.moving import CompiledVehicle, checked_motion
-from accelerated_evaluation.vehicles.protocol import Outcomes
 
 G = 9.81  # [m/s^2], as in JRC-FSM
 
@@ -30,6 +27,13 @@ class ReferenceDriver(CompiledVehicle):
     has, and keeps this speed until the driver reacts. The driver only brakes, and neither steers nor
     accelerates again. The lead vehicle keeps its speed. An encounter is simulated for 34.8 s, in steps of
     0.1 s, in which the cars move with their speeds at the end of the step.
+
+    There is a crash if the cars overlap laterally and the gap along the road is 0 or less. The smallest range
+    and the smallest time to collision are those of all states until contact in which the cars overlap
+    laterally and the host is behind; the smallest range also includes the initial range. If the contact
+    occurs in the first state with overlap (from the side), the smallest time to collision is that of the
+    approach before. The impact speed is host speed minus lead speed at contact. It is negative only if the
+    other car moves sideways into a host that has braked to a lower speed next to it.
 
     By default the car that cuts in is in the host's lane from the start, and the range is the distance
     between the bumpers. With a ``lateral_speed``, the car comes from the lane on the left, and its lateral
@@ -54,7 +58,7 @@ class ReferenceDriver(CompiledVehicle):
     """
 
     deterministic: ClassVar[bool] = True
-    moving_kernel: ClassVar = staticmethod(follow_moving)
+    kernel: ClassVar = staticmethod(follow_slice)
 
     lateral_speed: float = zero_or_more(0.0)
     entry_offset: float = 3.5
@@ -77,42 +81,6 @@ class ReferenceDriver(CompiledVehicle):
             expected = f"less than {self.width / STEP:g} m/s, a car's width in a step"
             raise parameter_error("lateral_speed", self.lateral_speed, expected)
 
-    def simulate(self, lead_speed: ArrayLike, range_: ArrayLike, closing_speed: ArrayLike) -> Outcomes:
-        """Simulate n cut-ins behind a lead vehicle that keeps its speed.
-
-        Parameters
-        ----------
-        lead_speed
-            Speed of the car that cuts in [m/s], not negative, shape (n,).
-        range_
-            Distance between the bumpers [m], positive, shape (n,), at the start or, with lateral motion, at
-            ``entry_offset``.
-        closing_speed
-            Host speed minus lead speed [m/s] at the same time, if the driver has not reacted before, shape
-            (n,). The host speed, its sum with the lead speed, must not be negative.
-
-        Returns
-        -------
-        Outcomes
-            The outcomes, of shape (n,). There is a crash if the cars overlap laterally and the gap along the
-            road is 0 or less. The smallest range and the smallest time to collision are those of all states
-            until contact in which the cars overlap laterally and the host is behind; the smallest range also
-            includes the initial range. If the contact occurs in the first state with overlap (from the side),
-            the smallest time to collision is that of the approach before. The impact speed is host speed
-            minus lead speed at contact. It is negative only if the other car moves sideways into a host that
-            has braked to a lower speed next to it.
-
-        Raises
-        ------
-        InputError
-            If shapes differ or a value is outside its limits. The message names the first such row, counted
-            from 0.
-        """
-        encounters = checked_encounters(lead_speed, range_, closing_speed)
-        return simulate_in_slices(
-            CUT_IN, follow_slice, self.compiled(), encounters, threads=available_threads()
-        )
-
     def trace(
         self,
         lead_speed: float,
@@ -130,10 +98,7 @@ class ReferenceDriver(CompiledVehicle):
             Lead speeds every 0.1 s [m/s], shape (states,), if the lead vehicle changes its speed.
         """
         encounter = checked_encounters([lead_speed], [range_], [closing_speed])
-        speeds = checked_motion(lead_speeds, encounter)
-        if speeds is None:
-            return trace_driver(self.compiled(), encounter)
-        return trace_moving_driver(self.compiled(), encounter, speeds)
+        return trace_driver(self.compiled(), encounter, checked_motion(lead_speeds, encounter))
 
     def _numbers(self, rule: int, reaction_time: float, **numbers: Any) -> Driver:  # noqa: ANN401
         """Return the parameters of a driver for the compiled code.

@@ -265,6 +265,47 @@ def move(state: NDArray, count: int, driver: Driver) -> None:
 
 
 @compiled
+def _follow_lead(state: NDArray, count: int, lead_speeds: NDArray, ahead: int) -> None:
+    """Set the lead speeds of encounters that are not over to those ``ahead`` steps after their states."""
+    last = lead_speeds.shape[1] - 1
+    for i in range(count):
+        if state[OVER, i] == 0.0:
+            state[LEAD, i] = lead_speeds[int(state[INDEX, i]), min(int(state[STEPS, i]) + ahead, last)]
+
+
+@compiled
+def _reopen(state: NDArray, count: int, last: int, driver: Driver) -> None:
+    """Continue encounters without contact that `watch` ended before the step ``last``.
+
+    Until then the lead vehicle may change its speed, so that a host which does not close in can do so later.
+    """
+    for i in range(count):
+        touches = abs(state[OFFSET, i]) < driver.width and abs(state[DISTANCE, i]) <= driver.length
+        if not touches and state[STEPS, i] < min(last, STATES - 1):
+            state[OVER, i] = 0.0
+
+
+@compiled
+def observe(state: NDArray, count: int, driver: Driver, lead_speeds: NDArray) -> None:
+    """Update the first ``count`` encounters by what happens in a state, and let the drivers decide."""
+    last = lead_speeds.shape[1] - 1
+    if last > 0:
+        _follow_lead(state, count, lead_speeds, 0)
+    watch(state, count, driver)
+    if last > 0:
+        _reopen(state, count, last, driver)
+    decide(state, count, driver)
+
+
+@compiled
+def advance(state: NDArray, count: int, driver: Driver, lead_speeds: NDArray) -> None:
+    """Advance the first ``count`` encounters by 0.1 s, at the speeds at the end of the step."""
+    if lead_speeds.shape[1] > 1:
+        _follow_lead(state, count, lead_speeds, 1)
+    move(state, count, driver)
+
+
+@compiled
 def _finish(state: NDArray, i: int, driver: Driver, outcomes: NDArray) -> None:
     """Write the outcomes of the encounter in lane ``i``, which is over."""
     index = int(state[INDEX, i])
@@ -284,6 +325,7 @@ def _exchange(
     upcoming: int,
     end: int,
     driver: Driver,
+    is_moving: bool,
     outcomes: NDArray,
 ) -> tuple[int, int]:
     """Replace the encounters that are over by new ones.
@@ -293,7 +335,8 @@ def _exchange(
     i = 0
     while i < count or (count < LANES and upcoming < end):
         if i < count and state[OVER, i] == 0.0:
-            skip(driver, state, i)
+            if not is_moving:
+                skip(driver, state, i)
             i += 1
             continue
         if i < count:
@@ -302,7 +345,8 @@ def _exchange(
             start(driver, encounters[:, upcoming], upcoming, state, i)
             upcoming += 1
             count = max(count, i + 1)
-            skip(driver, state, i)
+            if not is_moving:
+                skip(driver, state, i)
             i += 1
         else:
             count -= 1
@@ -311,67 +355,23 @@ def _exchange(
 
 
 @compiled
-def follow_slice(encounters: NDArray, begin: int, end: int, driver: Driver, outcomes: NDArray) -> None:
+def follow_slice(
+    encounters: NDArray, begin: int, end: int, driver: Driver, lead_speeds: NDArray, outcomes: NDArray
+) -> None:
     """Simulate the columns ``begin`` to ``end`` of ``encounters``, excluding ``end``.
 
-    The rows of ``encounters``, shape (3, n), are lead speed [m/s], range [m] and closing speed [m/s]. The
-    outcomes crash (0 or 1), min_range [m], min_ttc [s] and impact_speed [m/s] are written to the columns of
-    ``outcomes``, shape (4, n).
+    The rows of ``encounters``, shape (3, n), are lead speed [m/s], range [m] and closing speed [m/s].
+    ``lead_speeds`` [m/s] are those every 0.1 s, shape (n, states), or shape (n, 1) if the lead vehicles keep
+    their speeds; after the last of them the lead vehicle keeps its speed. The outcomes crash (0 or 1),
+    min_range [m], min_ttc [s] and impact_speed [m/s] are written to the columns of ``outcomes``, shape (4,
+    n).
     """
-    state = np.empty((FIELDS, LANES))
+    state, is_moving = np.empty((FIELDS, LANES)), lead_speeds.shape[1] > 1
     count, upcoming = 0, begin
     while True:
-        count, upcoming = _exchange(state, count, encounters, upcoming, end, driver, outcomes)
+        count, upcoming = _exchange(state, count, encounters, upcoming, end, driver, is_moving, outcomes)
         if count == 0:
             return
         for _ in range(SWEEP):
-            watch(state, count, driver)
-            decide(state, count, driver)
-            move(state, count, driver)
-
-
-@compiled
-def follow_moving(encounters: NDArray, lead_speeds: NDArray, driver: Driver, outcomes: NDArray) -> None:
-    """Simulate encounters, shape (3, n), with lead speeds [m/s] every 0.1 s, shape (n, states).
-
-    The outcomes are written to ``outcomes``, shape (4, n), in the same order as in `follow_slice`.
-
-    After the last given time the lead vehicle keeps its speed. Only then does an encounter end if the host
-    does not close in any more. The cars move with their speeds at the end of each step, as in the whole file.
-    """
-    state, last = np.empty((FIELDS, LANES)), lead_speeds.shape[1] - 1
-    for first in range(0, encounters.shape[1], LANES):
-        count, step = min(LANES, encounters.shape[1] - first), 0
-        for i in range(count):
-            start(driver, encounters[:, first + i], first + i, state, i)
-        while count > 0:
-            for i in range(count):
-                state[LEAD, i] = lead_speeds[int(state[INDEX, i]), min(step, last)]
-            watch(state, count, driver)
-            count = _without_ended(state, count, step >= min(last, STATES - 1), driver, outcomes)
-            decide(state, count, driver)
-            for i in range(count):
-                state[LEAD, i] = lead_speeds[int(state[INDEX, i]), min(step + 1, last)]
-            move(state, count, driver)
-            step += 1
-
-
-@compiled
-def _without_ended(state: NDArray, count: int, is_late: bool, driver: Driver, outcomes: NDArray) -> int:
-    """Write the outcomes of encounters that have ended, and return the number of the others.
-
-    An encounter in which the host does not close in any more has ended only if ``is_late`` is true, because
-    the lead speed does not change any more then. The lanes of encounters that have ended are filled with
-    encounters from the last lanes.
-    """
-    i = 0
-    while i < count:
-        touches = abs(state[OFFSET, i]) < driver.width and abs(state[DISTANCE, i]) <= driver.length
-        if state[OVER, i] > 0.0 and (touches or is_late):
-            _finish(state, i, driver, outcomes)
-            count -= 1
-            state[:, i] = state[:, count]
-        else:
-            state[OVER, i] = 0.0
-            i += 1
-    return count
+            observe(state, count, driver, lead_speeds)
+            advance(state, count, driver, lead_speeds)

@@ -17,7 +17,7 @@ from accelerated_evaluation.vehicles.builtin.human_numbers import SWERVE, HumanN
 from accelerated_evaluation.vehicles.builtin.human_population import Population
 from accelerated_evaluation.vehicles.builtin.traces import trace_human
 from accelerated_evaluation.vehicles.checks import checked_encounters
-from accelerated_evaluation.vehicles.moving import checked_lead_speeds, checked_motion
+from accelerated_evaluation.vehicles.moving import checked_lead_speeds, checked_motion, kept_speeds
 from accelerated_evaluation.vehicles.protocol import Outcomes
 from accelerated_evaluation.vehicles.registry import VEHICLES
 
@@ -278,9 +278,6 @@ class Human:
                 change="Draw as many drivers as there are encounters.",
             )
         outcomes = np.empty((5, encounters.shape[1]))
-        traits = np.ascontiguousarray(inner)
-        if lead_speeds is None:
-            human_kernel.follow_all(self.compiled(), encounters, traits, outcomes)
-        else:
-            human_kernel.follow_all_moving(self.compiled(), encounters, lead_speeds, traits, outcomes)
+        speeds = kept_speeds(encounters) if lead_speeds is None else lead_speeds
+        human_kernel.follow_all(self.compiled(), encounters, speeds, np.ascontiguousarray(inner), outcomes)
         return Outcomes(outcomes[0] > 0, *outcomes[1:4]), outcomes[4]

@@ -245,24 +245,19 @@ def _settle(margin: float, closing: float, braking: float, outcome: NDArray) -> 
 
 
 @compiled
-def follow_all(numbers: HumanNumbers, encounters: NDArray, traits: NDArray, outcomes: NDArray) -> None:
+def follow_all(
+    numbers: HumanNumbers, encounters: NDArray, lead_speeds: NDArray, traits: NDArray, outcomes: NDArray
+) -> None:
     """Simulate the columns of ``encounters``, shape (3, n), each with the driver in a row of ``traits``.
 
-    The outcomes are written to ``outcomes``, shape (5, n), with the rows crash, smallest range [m], smallest
-    time to collision [s], impact speed [m/s] and largest deceleration [m/s^2].
+    ``lead_speeds`` [m/s] are those every 0.1 s, shape (n, states), or shape (n, 1) if the lead vehicles keep
+    their speeds. The outcomes are written to ``outcomes``, shape (5, n), with the rows crash, smallest range
+    [m], smallest time to collision [s], impact speed [m/s] and largest deceleration [m/s^2].
     """
     nothing, outcome = np.empty((0, 5)), np.empty(5)
     for i in range(encounters.shape[1]):
-        follow(numbers, encounters[:, i], traits[i], outcome, nothing)
-        outcomes[:, i] = outcome
-
-
-@compiled
-def follow_all_moving(
-    numbers: HumanNumbers, encounters: NDArray, lead_speeds: NDArray, traits: NDArray, outcomes: NDArray
-) -> None:
-    """Simulate encounters as `follow_all`, with lead speeds [m/s] every 0.1 s in ``lead_speeds``."""
-    nothing, outcome = np.empty((0, 5)), np.empty(5)
-    for i in range(encounters.shape[1]):
-        follow_motion(numbers, encounters[:, i], lead_speeds[i], traits[i], outcome, nothing)
+        if lead_speeds.shape[1] > 1:
+            follow_motion(numbers, encounters[:, i], lead_speeds[i], traits[i], outcome, nothing)
+        else:
+            follow(numbers, encounters[:, i], traits[i], outcome, nothing)
         outcomes[:, i] = outcome

@@ -2,9 +2,9 @@
 
 The array ``state`` of a block has a row for each quantity and a column (a lane) for each encounter. The
 functions of a step update the first ``count`` lanes, and loops over lanes become vector instructions.
-`reference.py` is a readable version of the same calculation, and the tests require that both agree in every
-bit. All functions and constants of the compiled code are in this file, because numba's cache on disk only
-notices changes of the file itself.
+`benchmarks/reference_car.py` is a readable version of the same calculation, and the tests require that both
+agree in every bit. All functions and constants of the compiled code are in this file, because numba's cache
+on disk only notices changes of the file itself.
 
 Loops over lanes read the state first and write it last, because LLVM compiles an early write of a minimum to
 a masked store, which is slow. A step consists of three loops, because in a single loop the chain of
@@ -156,7 +156,16 @@ def _sweep(state: NDArray, index: NDArray, count: int, over: bool, outcomes: NDA
 
 
 @compiled
-def simulate_slice(encounters: NDArray, begin: int, end: int, car: Car, outcomes: NDArray) -> None:
+def _follow_lead(state: NDArray, index: NDArray, count: int, speeds: NDArray, first: int, last: int) -> None:
+    """Set the lead speeds in ``count`` lanes to the means of their ``speeds``, (n, steps), at two steps."""
+    for i in range(count):
+        state[LEAD, i] = (speeds[index[i], first] + speeds[index[i], last]) / 2
+
+
+@compiled
+def simulate_slice(
+    encounters: NDArray, begin: int, end: int, car: Car, lead_speeds: NDArray, outcomes: NDArray
+) -> None:
     """Simulate the columns ``begin`` to ``end`` of ``encounters``, independently of each other.
 
     Parameters
@@ -167,11 +176,15 @@ def simulate_slice(encounters: NDArray, begin: int, end: int, car: Car, outcomes
         First column, and the column after the last one.
     car
         Parameters of the car.
+    lead_speeds
+        Lead speeds [m/s] at every step, shape (n, STEPS + 1), or shape (n, 1) if the lead vehicles keep their
+        speeds. Within a step a lead vehicle moves with the mean of its speeds at both ends of the step.
     outcomes
         Receives crash (0 or 1), min_range [m], min_ttc [s] and impact_speed [m/s], shape (4, n).
     """
     state = np.empty((FIELDS, LANES))
     index = np.empty(LANES, np.int64)
+    is_moving = lead_speeds.shape[1] > 1
     for first in range(begin, end, LANES):
         count = min(LANES, end - first)
         start(encounters, first, count, car, state, index)
@@ -180,37 +193,10 @@ def simulate_slice(encounters: NDArray, begin: int, end: int, car: Car, outcomes
             step += 1
             watch(state, count, car)
             command(state, count, car)
+            if is_moving:
+                _follow_lead(state, index, count, lead_speeds, step - 1, step)
             move(state, count, car)
-            if step % SWEEP == 0:
+            if is_moving:
+                _follow_lead(state, index, count, lead_speeds, step, step)
+            if is_moving or step % SWEEP == 0:  # the lead speed at the end of an encounter must not change
                 count = _sweep(state, index, count, step == STEPS, outcomes)
-
-
-@compiled
-def simulate_moving(encounters: NDArray, lead_speeds: NDArray, car: Car, outcomes: NDArray) -> None:
-    """Simulate encounters as in `simulate_slice`, but with lead vehicles that change their speeds.
-
-    Within a step the lead vehicle moves with the mean of its speeds at the beginning and at the end of the
-    step. With a constant speed the outcomes are those of `simulate_slice`.
-
-    Parameters
-    ----------
-    encounters, car, outcomes
-        As in `simulate_slice`: encounters of shape (3, n), parameters, and outcomes of shape (4, n).
-    lead_speeds
-        Lead speeds [m/s] at every step, shape (n, STEPS + 1).
-    """
-    state, index = np.empty((FIELDS, LANES)), np.empty(LANES, np.int64)
-    for first in range(0, encounters.shape[1], LANES):
-        count = min(LANES, encounters.shape[1] - first)
-        start(encounters, first, count, car, state, index)
-        step = 0
-        while count > 0:
-            watch(state, count, car)
-            command(state, count, car)
-            for i in range(count):
-                state[LEAD, i] = (lead_speeds[index[i], step] + lead_speeds[index[i], step + 1]) / 2
-            move(state, count, car)
-            step += 1
-            for i in range(count):
-                state[LEAD, i] = lead_speeds[index[i], step]
-            count = _sweep(state, index, count, step == STEPS, outcomes)

@@ -67,15 +67,15 @@ def trace_car(car: Car, encounter: Array, lead_speeds: Array | None = None) -> p
     return _table(rows, is_moving=lead_speeds is not None)
 
 
-def trace_driver(driver: Driver, encounter: Array) -> pd.DataFrame:
+def trace_driver(driver: Driver, encounter: Array, lead_speeds: Array | None = None) -> pd.DataFrame:
     """Simulate one encounter of a reference driver, and return its trace.
 
     Parameters
     ----------
     driver
         Parameters of the driver.
-    encounter
-        Checked lead speed [m/s], range [m] and closing speed [m/s], shape (3, 1).
+    encounter, lead_speeds
+        As in `trace_car`.
 
     Returns
     -------
@@ -85,49 +85,25 @@ def trace_driver(driver: Driver, encounter: Array) -> pd.DataFrame:
         positive again when the other car is behind the host.
     """
     state = np.empty((driver_kernel.FIELDS, 1))
+    is_moving = lead_speeds is not None
+    speeds = lead_speeds[None] if is_moving else encounter[:1]
     driver_kernel.start(driver, encounter[:, 0], 0, state, 0)
     rows: list[tuple] = []
     while True:
         before = state[:, 0].copy()
-        driver_kernel.skip(driver, state, 0)
+        if not is_moving:
+            driver_kernel.skip(driver, state, 0)
         skipped = int(state[driver_kernel.STEPS, 0]) - len(rows)
         rows += [_driver_row(driver, before, k) for k in range(skipped)]
         for _ in range(driver_kernel.SWEEP):
-            driver_kernel.watch(state, 1, driver)
-            driver_kernel.decide(state, 1, driver)
+            driver_kernel.observe(state, 1, driver, speeds)
             rows.append(_driver_row(driver, state[:, 0], 0))
             if state[driver_kernel.OVER, 0] > 0:
-                trace = _table(rows)
+                trace = _table(rows, is_moving=is_moving)
                 if driver.lateral_speed == 0.0:  # the range as it was given, before rounding
                     trace.loc[0, "range_m"] = min(trace.loc[0, "range_m"], encounter[1, 0])
                 return trace
-            driver_kernel.move(state, 1, driver)
-
-
-def trace_moving_driver(driver: Driver, encounter: Array, lead_speeds: Array) -> pd.DataFrame:
-    """Simulate one encounter of a reference driver with a changing lead speed, and return its trace.
-
-    ``encounter`` contains the checked lead speed [m/s], range [m] and closing speed [m/s], shape (3, 1), and
-    ``lead_speeds`` the checked lead speeds over time [m/s], shape (states,). The table has one row for each
-    state, with the columns `COLUMNS`.
-    """
-    state, last = np.empty((driver_kernel.FIELDS, 1)), lead_speeds.size - 1
-    driver_kernel.start(driver, encounter[:, 0], 0, state, 0)
-    rows: list[tuple] = []
-    while True:
-        step = len(rows)
-        state[driver_kernel.LEAD, 0] = lead_speeds[min(step, last)]
-        driver_kernel.watch(state, 1, driver)
-        driver_kernel.decide(state, 1, driver)
-        rows.append(_driver_row(driver, state[:, 0], 0))
-        touches = abs(state[driver_kernel.OFFSET, 0]) < driver.width
-        touches &= abs(state[driver_kernel.DISTANCE, 0]) <= driver.length
-        is_late = step >= min(last, driver_kernel.STATES - 1)
-        if state[driver_kernel.OVER, 0] > 0 and (touches or is_late):
-            return _table(rows, is_moving=True)
-        state[driver_kernel.OVER, 0] = 0.0
-        state[driver_kernel.LEAD, 0] = lead_speeds[min(step + 1, last)]
-        driver_kernel.move(state, 1, driver)
+            driver_kernel.advance(state, 1, driver, speeds)
 
 
 def trace_human(

@@ -1,6 +1,7 @@
 """A user's vehicle, with checks of its outcomes and messages for its exceptions."""
 
 import os
+import sys
 import warnings
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
@@ -8,7 +9,7 @@ from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
-from numpy.typing import ArrayLike
+from numpy.typing import ArrayLike, NDArray
 
 from accelerated_evaluation.base.arrays import Array
 from accelerated_evaluation.base.errors import InputError, StudyError
@@ -55,6 +56,7 @@ class CheckedVehicle:
     scenario: Scenario = field(default=CUT_IN, repr=False)
     deterministic: bool | None = field(default=None, repr=False, compare=False)
     was_repeated: bool = field(default=False, init=False, repr=False, compare=False)
+    elsewhere: Callable[[Array], Any] | None = field(default=None, init=False, repr=False, compare=False)
 
     def __post_init__(self) -> None:
         if self.deterministic is None:
@@ -88,6 +90,14 @@ class CheckedVehicle:
                 scenario=self.scenario,
             )
         return outcomes
+
+    def repeat(self, *columns: ArrayLike) -> Any:  # noqa: ANN401
+        """Return the outcomes of n encounters from another process, or from this one if there is no other.
+
+        The arguments and errors are those of `simulate`.
+        """
+        encounters = self.scenario.checked(*columns)
+        return self._outcomes(encounters) if self.elsewhere is None else self.elsewhere(encounters)
 
     @property
     def takes_motion(self) -> bool:
@@ -198,7 +208,18 @@ def found_difference(
     count = encounters.shape[1]
     chosen = np.unique(np.linspace(0, count - 1, min(count, REPEATED)).astype(int))
     rows = np.concatenate([chosen, chosen[::-1]])
-    again = simulate(encounters[:, rows])
+    return difference_in(simulate(encounters[:, rows]), rows, encounters, first, vehicle, scenario)
+
+
+def difference_in(
+    again: Any,  # noqa: ANN401
+    rows: NDArray[np.intp],
+    encounters: Array,
+    first: Any,  # noqa: ANN401
+    vehicle: str,
+    scenario: Scenario,
+) -> InputError | None:
+    """Return the error for the first outcome of ``again`` that differs from that of its row in ``first``."""
     for name in scenario.outcome_names:
         before, after = getattr(first, name)[rows] * 1.0, getattr(again, name) * 1.0
         differs = ~np.isclose(after, before, rtol=TOLERANCE, atol=TOLERANCE)
@@ -208,7 +229,7 @@ def found_difference(
                 vehicle,
                 f"{name} of {scenario.described(encounters[:, rows[row]])}",
                 f"{before[row]:g} at first, and {after[row]:g} when simulated again in another batch",
-                "the same outcomes of an encounter in every call and in every batch",
+                "the same outcomes of an encounter in every call, in every batch and in every process",
                 change="If the outcomes of this vehicle are random, set vehicle.deterministic to false. "
                 "Otherwise seed its random numbers in each call, keep no state between calls, and let "
                 "no encounter depend on the others in its batch.",
@@ -218,13 +239,14 @@ def found_difference(
 
 @contextmanager
 def kept_alive() -> Iterator[None]:
-    """Run a user's code in a ``with`` block such that it cannot end the process or change its working folder.
+    """Run a user's code in a ``with`` block such that it changes nothing of the process outside of the block.
 
     If the block calls ``os._exit``, which would end the study without a message, SystemExit is raised
     instead. Processes that the block forks may still call it. If the block changes the working folder, the
-    new folder is used in all later blocks, but not outside of them.
+    new folder is used in all later blocks, but not outside of them. The standard streams are restored.
     """
     own, leave, folder = os.getpid(), os._exit, os.getcwd()
+    streams = sys.stdin, sys.stdout, sys.stderr
     os.chdir(FOLDER.get("user's code", folder))
 
     def refuse(status: int) -> None:
@@ -237,6 +259,7 @@ def kept_alive() -> Iterator[None]:
         yield
     finally:
         os._exit = leave
+        sys.stdin, sys.stdout, sys.stderr = streams
         if (changed := os.getcwd()) != folder:
             FOLDER["user's code"] = changed
             os.chdir(folder)

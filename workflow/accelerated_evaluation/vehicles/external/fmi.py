@@ -118,6 +118,13 @@ class Model:
         for name in self.start:
             self._require(f"start.{name}", name, self._variables)
 
+    @property
+    def step(self) -> float | None:
+        """Step with which the FMU says that it is run [s], None if it says nothing."""
+        of_slave, experiment = self.description.coSimulation, self.description.defaultExperiment
+        declared = getattr(of_slave, "fixedInternalStepSize", None) or getattr(experiment, "stepSize", None)
+        return float(declared) if declared else None
+
     def started(self, state: State) -> "Instance":
         """Return a new instance of the FMU that is initialised with a state and ready for its first step."""
         return Instance(self, state)

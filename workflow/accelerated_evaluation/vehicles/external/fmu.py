@@ -2,6 +2,7 @@
 
 import itertools
 import math
+import warnings
 from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -80,6 +81,18 @@ class Fmu(ForeignVehicle):
         if not 1 <= self.duration / self.step <= MOST_STEPS:
             raise parameter_error("duration", self.duration, f"1 to {MOST_STEPS:,} steps of {self.step:g} s")
         self._model = Model(self.file, self.inputs, self.acceleration, self.start)
+        self._warn_of_step(self._model.step)
+
+    def _warn_of_step(self, declared: float | None) -> None:
+        """Warn if the step is no multiple of the step that the FMU declares [s]."""
+        steps = self.step / declared if declared else 1.0
+        if not math.isclose(steps, max(round(steps), 1), rel_tol=1e-6):
+            warnings.warn(
+                f"{self.file}: the step of {self.step:g} s is no multiple of {declared:g} s, the step that "
+                "the FMU declares. Some FMUs then return the values of another time. Set parameters.step "
+                "to a multiple.",
+                stacklevel=3,
+            )
 
     @property
     def name(self) -> str:

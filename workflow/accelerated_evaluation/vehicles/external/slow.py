@@ -4,7 +4,7 @@ import math
 import time
 from collections import Counter
 from collections.abc import Iterator, Mapping, Sequence
-from concurrent.futures import FIRST_COMPLETED, BrokenExecutor, Future, wait
+from concurrent.futures import FIRST_COMPLETED, BrokenExecutor, Executor, Future, wait
 from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass, field
 from typing import Any
@@ -23,9 +23,10 @@ from accelerated_evaluation.vehicles.external.checked import (
     after_repetition,
     error_in_words,
 )
+from accelerated_evaluation.vehicles.external.elsewhere import Elsewhere
 from accelerated_evaluation.vehicles.external.foreign import ForeignVehicle
 from accelerated_evaluation.vehicles.external.store import Encounter, Request, Store, store_of
-from accelerated_evaluation.vehicles.external.workers import Workers, simulate_batch, workers_of
+from accelerated_evaluation.vehicles.external.workers import Processes, Workers, simulate_batch, workers_of
 from accelerated_evaluation.vehicles.loading import load_vehicle, section_files, vehicles_of
 from accelerated_evaluation.vehicles.moving import checked_lead_speeds, motion_error, takes_motion
 from accelerated_evaluation.vehicles.protocol import Vehicle
@@ -132,7 +133,7 @@ class SlowVehicle:
         speeds = checked_lead_speeds(lead_speeds, encounters[0])
         rows = list(map(tuple, np.hstack([encounters.T, speeds]).tolist()))
         outcomes = np.empty((len(self.scenario.outcomes), len(rows)))
-        for first, found in self._simulated(rows):
+        for first, found in self._simulated(rows, self.workers.executor):
             outcomes[:, first : first + found.shape[1]] = found
         return self.scenario.outcomes_of(outcomes)
 
@@ -152,12 +153,15 @@ class SlowVehicle:
         return outcomes
 
     def _again(self, encounters: Array) -> Any:  # noqa: ANN401
-        return self._looked_up(encounters, again=True)
+        """Return new outcomes of encounters, shape (d, n), from other processes and in reverse order."""
+        outcomes = self._looked_up(encounters[:, ::-1], again=True, elsewhere=True)
+        return self.scenario.outcome_type(*(values[::-1] for values in vars(outcomes).values()))
 
-    def _looked_up(self, encounters: Array, *, again: bool) -> Any:  # noqa: ANN401
+    def _looked_up(self, encounters: Array, *, again: bool, elsewhere: bool = False) -> Any:  # noqa: ANN401
         """Return the outcomes of encounters, shape (d, n), from the store or, if necessary, by simulation.
 
-        With ``again``, each request for an encounter gets an outcome of its own, as for random outcomes.
+        With ``again``, each request for an encounter gets an outcome of its own, as for random outcomes. With
+        ``elsewhere``, other processes than usual simulate the encounters.
         """
         keys: list[Encounter] = list(zip(*encounters.tolist(), strict=True))
         requests: list[Request] = [(key, self._next_number(key) if again else 0) for key in keys]
@@ -166,7 +170,8 @@ class SlowVehicle:
         known = self.store.known(dict.fromkeys(requests))
         missing = [request for request in dict.fromkeys(requests) if request not in known]
         self.found += len(known)
-        for first, outcomes in self._simulated([encounter for encounter, _ in missing]):
+        executor = self.workers.others if elsewhere else self.workers.executor
+        for first, outcomes in self._simulated([encounter for encounter, _ in missing], executor):
             rows = list(zip(*outcomes.tolist(), strict=True))
             batch = missing[first : first + len(rows)]
             self.store.add(batch, rows)
@@ -179,8 +184,8 @@ class SlowVehicle:
         self._handed_out[encounter] += 1
         return self._handed_out[encounter] - 1
 
-    def _simulated(self, encounters: Sequence[Encounter]) -> Iterator[tuple[int, Array]]:
-        """Simulate encounters in batches, and yield the outcomes of each batch.
+    def _simulated(self, encounters: Sequence[Encounter], executor: Executor) -> Iterator[tuple[int, Array]]:
+        """Simulate encounters in batches by an executor, and yield the outcomes of each batch.
 
         Each item is the index of the first encounter of the batch, and the outcomes, shape (m, size of the
         batch). Batches are yielded in the order in which they end. After a fault no new batch is started, but
@@ -195,7 +200,10 @@ class SlowVehicle:
             while running or (waiting and fault is None):
                 while waiting and fault is None and len(running) < self.workers.count:
                     first = waiting.pop()
-                    running[self._submit(encounters[first : first + size])] = first, time.monotonic()
+                    running[self._submit(encounters[first : first + size], executor)] = (
+                        first,
+                        time.monotonic(),
+                    )
                 for future in wait(running, return_when=FIRST_COMPLETED).done:
                     first, begun = running.pop(future)
                     try:
@@ -210,8 +218,8 @@ class SlowVehicle:
         if fault is not None:
             raise self._with_kept(fault)
 
-    def _submit(self, batch: Sequence[Encounter]) -> Future:
-        return self.workers.executor.submit(
+    def _submit(self, batch: Sequence[Encounter], executor: Executor) -> Future:
+        return executor.submit(
             simulate_batch,
             self.name,
             dict(self.parameters),
@@ -294,7 +302,10 @@ def loaded_for(
         car.deterministic = vehicle["deterministic"]
     files = section_files(vehicle, scenario)  # raises an error if a file does not exist
     if not is_slow(name, simulations, scenario):
-        yield car
+        with Processes(1) as other:  # it starts with the first repetition
+            if isinstance(car, CheckedVehicle):
+                car.elsewhere = Elsewhere(name, parameters, scenario, other)
+            yield car
         return
     store = store_of(name, parameters, files, scenario)
     declared = car.deterministic if isinstance(car, CheckedVehicle) else None
@@ -315,7 +326,7 @@ def loaded_for(
 
 @contextmanager
 def all_loaded(
-    vehicles: Mapping[str, Mapping[str, Any]], simulations: Mapping[str, Any]
+    vehicles: Mapping[str, Mapping[str, Any]], simulations: Mapping[str, Any], scenario: Scenario = CUT_IN
 ) -> Iterator[dict[str, Vehicle]]:
     """Yield several vehicles by name, each loaded by `loaded_for`.
 
@@ -325,8 +336,11 @@ def all_loaded(
         Sections of the same form as ``vehicle``, by name.
     simulations
         Section ``simulations`` of the configuration.
+    scenario
+        The scenario of the vehicles.
     """
     with ExitStack() as stack:
         yield {
-            name: stack.enter_context(loaded_for(vehicle, simulations)) for name, vehicle in vehicles.items()
+            name: stack.enter_context(loaded_for(vehicle, simulations, scenario))
+            for name, vehicle in vehicles.items()
         }

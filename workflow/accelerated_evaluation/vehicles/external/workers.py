@@ -30,6 +30,7 @@ from accelerated_evaluation.vehicles.loading import load_vehicle
 
 PROCESSES = "processes"
 CLUSTERS = {"dask": ("distributed", "LocalCluster"), "slurm": ("dask_jobqueue", "SLURMCluster")}
+INTERRUPT = {signal.SIGINT}
 GRACE = 2.0  # [s], time after the limit until a worker is ended, so that its command is ended first
 # The printed output and the timer belong to the process, which may have several threads.
 ONE_AT_A_TIME = threading.Lock()
@@ -38,9 +39,13 @@ JOIN = 60.0  # [s], longest time to wait for the first worker of a cluster whose
 
 @dataclass(frozen=True)
 class Workers:
-    """An executor, and the number of batches that it runs at the same time."""
+    """An executor for batches, another one for repetitions, and the number of batches of each at a time.
+
+    The processes of the two executors differ, except on a cluster, where the scheduler chooses the process.
+    """
 
     executor: Executor
+    others: Executor
     count: int
 
 
@@ -100,8 +105,8 @@ def workers_of(simulations: Mapping[str, Any]) -> Iterator[Workers]:
     """
     kind, count = simulations["executor"], simulations["workers"]
     if kind == PROCESSES:
-        with Processes(count) as processes:
-            yield Workers(processes, count)
+        with Processes(count) as processes, Processes(count) as others:
+            yield Workers(processes, others, count)
         return
     with ExitStack() as stack:
         try:
@@ -113,7 +118,8 @@ def workers_of(simulations: Mapping[str, Any]) -> Iterator[Workers]:
             raise _error(
                 repr(kind), error_in_words(error), "a cluster that starts or answers", change
             ) from error
-        yield Workers(client.get_executor(pure=False, retries=0), count)
+        executor = client.get_executor(pure=False, retries=0)
+        yield Workers(executor, executor, count)
 
 
 class Processes(Executor):
@@ -138,7 +144,12 @@ class Processes(Executor):
         The call blocks until a process is free.
         """
         pool = self._idle.get()
-        future = pool.submit(fn, *args, **kwargs)
+        # A new process inherits the mask, so that an interrupt waits until the process can end silently.
+        mask = signal.pthread_sigmask(signal.SIG_BLOCK, INTERRUPT)
+        try:
+            future = pool.submit(fn, *args, **kwargs)
+        finally:
+            signal.pthread_sigmask(signal.SIG_SETMASK, mask)
         future.add_done_callback(lambda _: self._idle.put(pool))
         return future
 
@@ -152,17 +163,24 @@ class Processes(Executor):
 
 
 def _follow_parent() -> None:
-    """End this worker process, and the command that it runs, after the process of the study has ended."""
+    """End this worker process and the command that it runs with the study, or if they are interrupted."""
 
-    def follow() -> None:
-        parent_process().join()
+    def end(*_: object) -> None:
         for group, mark in [*RUNNING]:
             end_group(group, mark)
         # The process is ended by a signal, because os._exit is replaced while a vehicle runs; see
         # `checked.kept_alive`.
         os.kill(os.getpid(), signal.SIGKILL)
 
+    def follow() -> None:
+        parent_process().join()
+        end()
+
     threading.Thread(target=follow, daemon=True).start()
+    signal.signal(
+        signal.SIGINT, end
+    )  # instead of a traceback: the process of the study reports the interrupt
+    signal.pthread_sigmask(signal.SIG_UNBLOCK, INTERRUPT)
 
 
 def _dask_client(kind: str, count: int, options: Mapping[str, Any], stack: ExitStack) -> Any:  # noqa: ANN401

@@ -1,0 +1,175 @@
+"""Replays of records: how often the event happened there, and what that says about an estimate."""
+
+from itertools import pairwise
+
+import numpy as np
+import pandas as pd
+import pytest
+from accelerated_evaluation.answer import evidence as evidence_module
+from accelerated_evaluation.answer.evidence import Evidence, evidence_on, known_runs, largest, replays_of
+from accelerated_evaluation.answer.replays import FOLLOWED, LEVEL, SIZES, replay
+from accelerated_evaluation.problem.inverse import normal_scores
+from accelerated_evaluation.scenarios.cut_in import CUT_IN
+from accelerated_evaluation.scenarios.left_turn import LEFT_TURN
+from accelerated_evaluation.vehicles import Outcomes, load_vehicle
+from accelerated_evaluation.vehicles.events import CRASH
+from accelerated_evaluation.vehicles.external.watched import WatchedVehicle
+from law_folder import LAW
+from scipy.stats import binom, poisson
+from test_scenario_commands import law as law_of_left_turns
+
+SIZE = 20_000
+
+
+def records(generator, size=SIZE):
+    """Return uniform points in a cube, shape (3, size); the first coordinate is how near they are."""
+    return generator.uniform(size=(3, size))
+
+
+def replayed(happens, seed=1, *, is_slow=True):
+    generator = np.random.default_rng(seed)
+    x = records(generator)
+    return replay(happens, x, x[0], generator, is_slow=is_slow)
+
+
+def test_a_slow_vehicle_replays_a_sample_of_each_stratum():
+    found = replayed(lambda x: np.zeros(x.shape[1], bool))
+    assert found.records.tolist() == [20, 180, 1800, 18_000]
+    assert found.sampled.tolist() == [*SIZES]
+    nearness = found.encounters[0]
+    ends = np.split(nearness, np.cumsum(SIZES)[:-1])
+    assert all(nearer.max() < farther.min() for nearer, farther in pairwise(ends))
+    assert (found.happened, found.replayed, found.p_value(1e-6)) == (0, sum(SIZES), 1.0)
+
+
+def test_a_fast_vehicle_replays_all_records_and_guides_with_the_same_sample():
+    fault = lambda x: (x[1] > 0.5) & (x[1] < 0.51)  # noqa: E731
+    slow, fast = replayed(fault), replayed(fault, is_slow=False)
+    np.testing.assert_array_equal(slow.encounters, fast.encounters)
+    np.testing.assert_array_equal(slow.flags, fast.flags)
+    assert fast.replayed == SIZE
+    assert fast.happened == fault(records(np.random.default_rng(1))).sum()
+    assert fast.p_value(1e-3) == pytest.approx(2 * poisson.sf(fast.happened - 1, 1e-3 * SIZE))
+
+
+def test_records_similar_to_events_are_replayed_too():
+    fault = lambda x: (np.abs(x - 0.02) < [[0.02], [0.2], [0.2]]).all(axis=0)  # noqa: E731
+    found = replayed(fault)
+    assert found.events.sum() > 0
+    assert sum(SIZES) < found.replayed <= sum(SIZES) + FOLLOWED
+    others = found.flags[sum(SIZES) :]
+    assert others.mean() > 3 * found.events.sum() / sum(SIZES)
+    assert len(np.unique(found.encounters.T, axis=0)) == found.replayed
+
+
+def test_the_p_value_is_that_of_the_most_surprising_stratum_or_of_all_events():
+    found = replayed(lambda x: (x[0] > 0.01) & (x[1] < 0.1))
+    upper = 1e-5
+    most = upper * SIZE
+    strata = [
+        binom.sf(k - 1, n, min(most / size, 1))
+        for k, n, size in zip(found.events, found.sampled, found.records, strict=True)
+    ]
+    expected = 5 * min(*strata, poisson.sf(found.happened - 1, most))
+    assert found.p_value(upper) == pytest.approx(min(expected, 1))
+    assert found.p_value(0.5) == 1
+
+
+@pytest.mark.parametrize("probability", [1e-4, 1e-2])
+def test_a_right_estimate_is_rarely_contradicted(probability):
+    """The event is where it is most surprising: in the stratum with the largest share of replays."""
+    probabilities = []
+    for seed in range(300):
+        found = replayed(lambda x: x[0] < probability, seed)
+        probabilities.append(found.p_value(probability))
+        assert found.p_value(probability / 100) <= found.p_value(probability)
+    assert np.mean(np.array(probabilities) < LEVEL) <= LEVEL + 3 * np.sqrt(LEVEL / 300)
+
+
+class Blind:
+    """A car that does not react below a closing speed; the default car crashes in no record."""
+
+    deterministic = True
+
+    def __init__(self, limit):
+        self.limit = limit
+
+    def simulate(self, lead_speed, range_, closing_speed):
+        crash = (closing_speed < self.limit) & (range_ < 8 * closing_speed)
+        return Outcomes(
+            crash,
+            np.where(crash, 0.0, range_),
+            np.where(crash, range_ / np.maximum(closing_speed, 1e-9), 20.0),
+            np.where(crash, closing_speed, 0.0),
+        )
+
+
+def cut_ins(size=20_000):
+    """Return records of a made-up law, shape (3, size), in which about 1 % close slowly and soon."""
+    return LAW.from_normal_scores(np.random.default_rng(2).standard_normal((size, 3))).encounters.T
+
+
+@pytest.mark.parametrize("limit", [4.0, 3.25])
+@pytest.mark.parametrize("is_slow", [False, True])
+def test_a_fault_that_the_records_show_contradicts_an_estimate_that_missed_it(monkeypatch, limit, is_slow):
+    x, car = cut_ins(), Blind(limit)
+    if is_slow:
+        monkeypatch.setattr(evidence_module, "SlowVehicle", Blind)
+    vehicle = WatchedVehicle(car, CUT_IN)
+    replays = replays_of(vehicle, x, CRASH, np.random.default_rng(1))
+    share = car.simulate(*x).crash.mean()
+    assert 1e-3 < share < 0.1
+    assert (replays.replayed == x.shape[1]) is not is_slow
+    missed = evidence_on(vehicle, replays, CRASH, upper=share / 400)
+    (doubt,) = missed.doubts
+    assert "the records contradict the estimate" in doubt
+    assert f"crash in {replays.happened:,} of {replays.replayed:,} replayed records" in doubt
+    tables = missed.added_to(
+        {"estimate": pd.DataFrame({"converged": [True]}), "runs": pd.DataFrame({"a": [1]})}
+    )
+    assert not tables["estimate"]["converged"].any()
+    assert tables["replays"]["p_value"].iloc[-1] < LEVEL
+    right = evidence_on(vehicle, replays, CRASH, upper=2 * share)
+    assert right.doubts == []
+    assert f"{replays.happened:,} ended with crash" in right.in_words
+    assert right.added_to({"estimate": pd.DataFrame({"converged": [True]})})["estimate"]["converged"].all()
+
+
+def test_a_difference_in_another_process_is_a_doubt():
+    replays = replayed(lambda x: np.zeros(x.shape[1], bool))
+    found = Evidence("crash", 1e-6, replays, "the vehicle differed")
+    assert found.doubts == ["the vehicle differed"]
+    assert not found.added_to({"answer": pd.DataFrame({"converged": [True]})})["answer"]["converged"].any()
+
+
+@pytest.mark.parametrize("name", ["cut-ins", "left turns"])
+def test_normal_scores_are_the_inverse_of_the_map_of_a_law(name):
+    z = np.random.default_rng(3).standard_normal((200, 3))
+    points = {
+        "cut-ins": lambda z: LAW.from_normal_scores(z).encounters,
+        "left turns": law_of_left_turns().from_normal_scores,
+    }[name]
+    x = points(z)
+    found, is_found = normal_scores(points, x)
+    assert is_found.all()
+    np.testing.assert_allclose(points(found), x, rtol=1e-6)
+    continuous = slice(1 if name == "cut-ins" else 0, None)  # the lead speed is drawn from recorded values
+    np.testing.assert_allclose(found[:, continuous], z[:, continuous], atol=1e-4)
+    assert not normal_scores(points, x + 1000)[1].any()
+
+
+def test_replays_with_events_guide_the_sampler_and_others_do_not():
+    points = law_of_left_turns().from_normal_scores
+    x = points(np.random.default_rng(4).standard_normal((2_000, 3)))
+    vehicle = WatchedVehicle(load_vehicle("acc_aeb", LEFT_TURN), LEFT_TURN)
+    replays = replays_of(vehicle, x.T, LEFT_TURN.events[0], np.random.default_rng(1))
+    known = known_runs(replays, points)
+    assert replays.flags.any()
+    np.testing.assert_allclose(points(known.z), replays.encounters.T, rtol=1e-6)
+    np.testing.assert_array_equal(known.happened, replays.flags)
+    assert known_runs(replayed(lambda x: np.zeros(x.shape[1], bool)), points) is None
+
+
+def test_the_largest_end_of_intervals_is_a_probability():
+    assert largest(pd.Series([0.1, np.nan, 0.2])) == 0.2
+    assert largest(pd.Series([np.nan])) == largest(pd.Series([np.inf])) == 1.0

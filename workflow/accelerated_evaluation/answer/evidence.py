@@ -1,0 +1,194 @@
+"""What runs that no sampler has chosen say about an estimate: repetitions elsewhere, replays of records."""
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+import pandas as pd
+from fewruns.constants import FEW
+from fewruns.predecessor import Predecessor
+
+from accelerated_evaluation.answer.answer import Answer, answer
+from accelerated_evaluation.answer.by_few_runs import FewRuns
+from accelerated_evaluation.answer.fitted_records import FittedRecords
+from accelerated_evaluation.answer.posterior import answer_row
+from accelerated_evaluation.answer.replays import LEVEL, Replays, replay
+from accelerated_evaluation.base.arrays import Array
+from accelerated_evaluation.laws.draws import Draws
+from accelerated_evaluation.problem import Problem
+from accelerated_evaluation.problem.inverse import normal_scores
+from accelerated_evaluation.scenarios.protocol import Event
+from accelerated_evaluation.vehicles.external.elsewhere import difference_elsewhere
+from accelerated_evaluation.vehicles.external.slow import SlowVehicle
+from accelerated_evaluation.vehicles.external.watched import WatchedVehicle
+from accelerated_evaluation.vehicles.loading import load_vehicle
+
+
+@dataclass(frozen=True)
+class Evidence:
+    """Evidence for or against an estimate.
+
+    Attributes
+    ----------
+    event
+        The event in words.
+    upper
+        The largest probability that the estimate allows: the upper end of its widest interval.
+    replays
+        The replayed records.
+    difference
+        How a run differs when it is repeated in another process; None if all repetitions agree.
+    """
+
+    event: str
+    upper: float
+    replays: Replays
+    difference: str | None
+
+    @property
+    def doubts(self) -> list[str]:
+        """Reasons why the estimate cannot be trusted, in words."""
+        return [text for text in (self.difference, self._contradiction()) if text is not None]
+
+    @property
+    def in_words(self) -> str:
+        """The replays as a sentence."""
+        replays, (count, total) = self.replays, self._counts()
+        shown = "all" if count == total else f"{count:,} of {total:,}"
+        return (
+            f"replays: the vehicle replayed {shown} distinct records, and {replays.happened:,} ended "
+            f"with {self.event} ({replays.happened / count:.2g}); the estimate expects at most "
+            f"{self.upper * total:.2g} in all records"
+        )
+
+    def added_to(self, tables: Mapping[str, pd.DataFrame]) -> dict[str, pd.DataFrame]:
+        """Return tables with ``replays``; doubts are added, and nothing has then converged."""
+        found = {**tables, "replays": self.replays.table(self.upper)}
+        if not self.doubts:
+            return found
+        return {
+            name: table.assign(converged=False, doubts=" ".join(self.doubts))
+            if "converged" in table
+            else table
+            for name, table in found.items()
+        }
+
+    def _counts(self) -> tuple[int, int]:
+        return self.replays.replayed, int(self.replays.records.sum())
+
+    def _contradiction(self) -> str | None:
+        p_value = self.replays.p_value(self.upper)
+        if p_value >= LEVEL:
+            return None
+        count, total = self._counts()
+        return (
+            f"the records contradict the estimate (p = {p_value:.1g}, level {LEVEL:g}): {self.event} "
+            f"in {self.replays.happened:,} of {count:,} replayed records; expected at most "
+            f"{self.upper * total:.2g} in all {total:,} records. The estimate cannot be trusted: the sampler "
+            "missed a part of the event, or the law does not describe the records. Inspect these records "
+            "with the command replay, and correct the vehicle if it should not have the event in them."
+        )
+
+
+def replays_of(
+    vehicle: WatchedVehicle, records: Array, event: Event, generator: np.random.Generator
+) -> Replays:
+    """Replay records with the vehicle under test; those near the event of the default vehicle come first.
+
+    Parameters
+    ----------
+    vehicle
+        The vehicle under test.
+    records
+        The distinct records to which the laws were fitted, as points of the law, shape (n, d).
+    event
+        The event.
+    generator
+        Source of randomness for the choice of records.
+    """
+    scenario, car = vehicle.scenario, vehicle.vehicle
+    known = load_vehicle(scenario.default_vehicle, scenario)
+    return replay(
+        lambda points: event.happens(car.simulate(*scenario.to_inputs(points.T).T)),
+        records.T,
+        event.score(known.simulate(*scenario.to_inputs(records).T)),
+        generator,
+        is_slow=isinstance(car, SlowVehicle),
+    )
+
+
+def checked_answers(
+    problem: Problem,
+    draws: Draws,
+    records: FittedRecords,
+    way: FewRuns,
+    events: Sequence[Event],
+    streams: Callable[[str], np.random.Generator],
+    replicates: int = 1,
+) -> tuple[list[Answer], Evidence]:
+    """Compute answers from few runs, and check them by replays of records and by runs in other processes.
+
+    Parameters
+    ----------
+    problem
+        The scenario, the vehicle and its main event.
+    draws, records, way, events
+        As in `answer.answer`; the replays guide the way, unless it has a predecessor.
+    streams
+        Returns the random stream with a given name.
+    replicates
+        Number of independent answers. If there is evidence against them, none counts as converged.
+    """
+    watched = WatchedVehicle(problem.vehicle, problem.scenario)
+    problem = replace(problem, vehicle=watched, law=draws.proposal)
+    replays = replays_of(watched, records.x, problem.event, streams("replays"))
+    if way.predecessor is None:
+        way = replace(way, predecessor=known_runs(replays, draws.proposal.from_normal_scores))
+    answers = [
+        answer(problem, draws, way, events, generator=streams(f"replicate {number}"))
+        for number in range(replicates)
+    ]
+    ends = [answer_row(each.posterior)["high95"] for each in answers]
+    upper = 1.0 if np.isnan(ends).any() else min(max(ends), 1.0)
+    evidence = evidence_on(watched, replays, problem.event, upper)
+    if evidence.doubts:
+        answers = [replace(each, converged=False) for each in answers]
+    return answers, evidence
+
+
+def known_runs(replays: Replays, from_normal_scores: Callable[[Array], Array]) -> Predecessor | None:
+    """Return the replays as known runs for the sampler; None without an event among them.
+
+    Parameters
+    ----------
+    replays
+        The replayed records.
+    from_normal_scores
+        The map of the law that is sampled, from normal scores to encounters, both of shape (n, d).
+    """
+    if not replays.flags.any() or len(replays.encounters) > FEW:
+        return None
+    z, is_found = normal_scores(from_normal_scores, replays.encounters.T)
+    flags = replays.flags[is_found]
+    return Predecessor(z[is_found], flags) if flags.any() else None
+
+
+def evidence_on(vehicle: WatchedVehicle, replays: Replays, event: Event, upper: float) -> Evidence:
+    """Repeat the runs of an estimate elsewhere, and compare the estimate with the replays.
+
+    Parameters
+    ----------
+    vehicle
+        The vehicle under test, with the runs of the estimate.
+    replays
+        Its replays of the records.
+    event
+        The event.
+    upper
+        Upper end of the widest interval of the estimate.
+    """
+    found = None
+    if not vehicle.differed:  # otherwise the sampler knows that the outcomes vary
+        found = difference_elsewhere(vehicle.vehicle, vehicle.encounters, vehicle.outcomes, event)
+    named = vehicle.scenario.event_in_words(event)
+    return Evidence(named, upper, replays, None if found is None else str(found))

@@ -1,0 +1,75 @@
+"""A vehicle that remembers what was simulated, for checks after an estimate."""
+
+from typing import Any
+
+import numpy as np
+
+from accelerated_evaluation.base.arrays import Array
+from accelerated_evaluation.scenarios.protocol import ENDED, Scenario
+from accelerated_evaluation.vehicles.protocol import Vehicle
+
+REMEMBERED = 20_000  # largest number of runs that are kept; an estimate from few runs has fewer
+
+
+class WatchedVehicle:
+    """A vehicle that remembers its runs.
+
+    Attributes
+    ----------
+    vehicle
+        The vehicle. All attributes except those of this class are those of this vehicle.
+    scenario
+        The scenario.
+    not_ended
+        Number of simulations that were stopped at their time limit. Their outcome is not known; an estimate
+        treats them as simulations without the event.
+    differed
+        Number of repetitions that ended differently from the first simulation of the encounter.
+    """
+
+    def __init__(self, vehicle: Vehicle, scenario: Scenario) -> None:
+        self.vehicle, self.scenario, self.not_ended, self.differed = vehicle, scenario, 0, 0
+        self._runs: dict[tuple[float, ...], tuple[float, ...]] = {}
+
+    def simulate(self, *columns: Array) -> Any:  # noqa: ANN401
+        """Return the outcomes of the vehicle, and remember them."""
+        outcomes = self.vehicle.simulate(*columns)
+        self.not_ended += int(np.count_nonzero(~getattr(outcomes, ENDED, np.array([], bool))))
+        if len(self._runs) < REMEMBERED:
+            self._runs |= _rows(columns, outcomes)
+        return outcomes
+
+    def repeat(self, *columns: Array) -> Any:  # noqa: ANN401
+        """Return the outcomes of a repetition of the vehicle, and count those that differ from the first."""
+        again = getattr(self.vehicle, "repeat", self.vehicle.simulate)(*columns)
+        self.differed += sum(
+            not np.allclose(outcome, self._runs.get(encounter, outcome), equal_nan=True)
+            for encounter, outcome in _rows(columns, again).items()
+        )
+        return again
+
+    @property
+    def encounters(self) -> Array:
+        """The encounters that were simulated, without repetitions, shape (d, n)."""
+        return np.array([*self._runs]).reshape(-1, self.scenario.dimension).T
+
+    @property
+    def outcomes(self) -> Any:  # noqa: ANN401
+        """The outcomes of the encounters."""
+        rows = np.array([*self._runs.values()]).reshape(-1, len(self.scenario.outcomes))
+        return self.scenario.outcomes_of(rows.T)
+
+    def __getattr__(self, name: str) -> Any:  # noqa: ANN401
+        """Return an attribute of the vehicle."""
+        return getattr(self.vehicle, name)
+
+    def __repr__(self) -> str:
+        """Return the description of the vehicle, which identifies its runs."""
+        return repr(self.vehicle)
+
+
+def _rows(columns: tuple[Array, ...], outcomes: Any) -> dict[tuple[float, ...], tuple[float, ...]]:  # noqa: ANN401
+    """Return a mapping from each encounter to its outcomes, both as tuples of numbers."""
+    encounters = np.array([np.asarray(column, dtype=float) for column in columns]).T.tolist()
+    found = np.array([values * 1.0 for values in vars(outcomes).values()]).T.tolist()
+    return dict(zip(map(tuple, encounters), map(tuple, found), strict=True))

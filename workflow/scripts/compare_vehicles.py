@@ -1,0 +1,39 @@
+"""Compare the vehicle under test with others, which are fast to simulate, under the same draws of the law."""
+
+from functools import partial
+
+import pandas as pd
+from accelerated_evaluation.answer.answer import answer
+from accelerated_evaluation.answer.by_map import Map
+from accelerated_evaluation.answer.by_simulations import Simulations
+from accelerated_evaluation.answer.fitted_records import stored_records
+from accelerated_evaluation.answer.study_tables import comparison_tables
+from accelerated_evaluation.base.files import read_json, write_csv
+from accelerated_evaluation.base.randomness import child_generator
+from accelerated_evaluation.crash_map.maps import read_crash_map
+from accelerated_evaluation.laws.draws import as_draws
+from accelerated_evaluation.laws.files import read_law
+from accelerated_evaluation.problem import Problem
+from accelerated_evaluation.scenarios import SCENARIOS
+from accelerated_evaluation.study.jobs import job
+from accelerated_evaluation.vehicles.external.slow import all_loaded
+
+if __name__ == "__main__":
+    with job(snakemake.log[0]):
+        files, params = snakemake.input, snakemake.params
+        scenario, stream = SCENARIOS[params.scenario["name"]], partial(child_generator, params.seed, "laws")
+        records = stored_records(scenario, files.encounters, params.support, read_json(files.exposure))
+        draws = as_draws(read_law(files.draws, records.table))
+        maps, answers = dict(zip(params.vehicles, files.maps, strict=bool(files.maps))), {}
+        simulations = params.simulations | {"workers": snakemake.threads}
+        with all_loaded(params.vehicles, simulations, scenario) as vehicles:
+            for name, vehicle in vehicles.items():
+                way = Simulations(params.scenario["simulations"])
+                if name in maps:
+                    way = Map(read_crash_map(maps[name]), records.data)
+                problem = Problem(scenario, draws.proposal, vehicle, scenario.events[0])
+                answers[name] = answer(problem, draws, way, generator=stream("references", name))
+        own = {name: pd.read_csv(path) for name, path in files.items() if name in params.own}
+        tables = comparison_tables(own, answers, records, scenario.references, params.half_width)
+        for name, path in snakemake.output.items():
+            write_csv(path, tables[name])

@@ -1,0 +1,46 @@
+"""Weight the laws, draw from them, and compute the answer for the vehicle under test, with its tables."""
+
+from functools import partial
+
+from accelerated_evaluation.answer.by_few_runs import FewRuns
+from accelerated_evaluation.answer.by_map import Map
+from accelerated_evaluation.answer.by_simulations import Simulations
+from accelerated_evaluation.answer.fitted_records import stored_records
+from accelerated_evaluation.answer.law_study import LawStudy
+from accelerated_evaluation.answer.study_tables import answer_tables
+from accelerated_evaluation.base.files import read_json, write_csv
+from accelerated_evaluation.base.randomness import child_generator
+from accelerated_evaluation.crash_map.maps import read_crash_map
+from accelerated_evaluation.laws.files import write_law
+from accelerated_evaluation.methods.surrogate import Surrogate
+from accelerated_evaluation.problem import Problem
+from accelerated_evaluation.records.report import read_report
+from accelerated_evaluation.records.verdict import Verdict
+from accelerated_evaluation.scenarios import SCENARIOS
+from accelerated_evaluation.study.jobs import job
+from accelerated_evaluation.vehicles.events import events_of
+from accelerated_evaluation.vehicles.external.slow import loaded_for
+
+if __name__ == "__main__":
+    with job(snakemake.log[0]):
+        files, params, outputs = snakemake.input, snakemake.params, dict(snakemake.output.items())
+        settings, stream = params.settings, partial(child_generator, params.settings["seed"], "laws")
+        scenario, fastest = SCENARIOS[settings["scenario"]["name"]], params.closing_speed_max
+        records = stored_records(scenario, files.encounters, params.support, read_json(files.exposure))
+        study = LawStudy.of(records, params.draws, stream, next(iter(files.family), None), fastest)
+        draws = study.draws(stream("draws"))
+        way = Simulations(settings["scenario"]["simulations"])
+        if params.slow:
+            way = FewRuns(Surrogate.stopping(settings), settings["surrogate"]["batch_size"])
+        for path in files.map:
+            way = Map(read_crash_map(path), records.data)
+        events, half_width = events_of(scenario, params.events), settings["importance_sampling"]["beta"]
+        simulations = params.simulations | {"workers": snakemake.threads}
+        with loaded_for(settings["vehicle"], simulations, scenario) as vehicle:
+            problem = Problem(scenario, draws.proposal, vehicle, scenario.events[0])
+            tables = answer_tables(problem, study, draws, records, way, events, half_width, stream)
+        verdict = Verdict.of(read_report(files.report))
+        write_law(outputs.pop("law"), study.law(), records.table, verdict)
+        write_law(outputs.pop("draws"), draws.proposal, records.table, verdict)
+        for name, path in outputs.items():
+            write_csv(path, tables[name])
