@@ -17,21 +17,16 @@ from accelerated_evaluation.methods.cross_entropy.families import (
     LARGE,
     PiecewiseFamily,
 )
-<<<<<<< HEAD
-from accelerated_evaluation.methods.cross_entropy.sample import Sample
-from accelerated_evaluation.methods.cross_entropy.search import SearchSettings, event_score, search
-from accelerated_evaluation.problem import Problem
-from accelerated_evaluation.scenarios.cut_in import CUT_IN
-=======
 from accelerated_evaluation.methods.cross_entropy.levels import (
     SearchSettings,
     Shift,
     draw_level,
     event_score,
 )
+from accelerated_evaluation.methods.cross_entropy.sample import Sample
 from accelerated_evaluation.methods.cross_entropy.search import search
-from accelerated_evaluation.problem import Problem, Sample
->>>>>>> merged
+from accelerated_evaluation.problem import Problem
+from accelerated_evaluation.scenarios.cut_in import CUT_IN
 from accelerated_evaluation.vehicles import AccAeb, Outcomes
 from toy_segment import CONFIG, PAPERS, SETTINGS, F, Toy, before, families, found, toy
 

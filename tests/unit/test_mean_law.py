@@ -32,18 +32,14 @@ def x(law):
     return law.from_normal_scores(np.random.default_rng(3).normal(size=(700, 3)) * [1, 1.5, 1.5])
 
 
-<<<<<<< HEAD
-def each(law, x):
-=======
 def test_the_rarest_coordinates_are_ranges_above_zero(law):
     stratum, far = next(iter(law.strata.values())), np.array([1e3, 1e5])
-    found = stratum.cut_ins(np.full(2, 10.0), far, np.ones(2))
-    assert (found.range_ > 0).all()
-    assert np.isfinite(found.closing_speed).all()
+    found = stratum.points(np.full(2, 10.0), far, np.ones(2))
+    assert (found[:, 1] > 0).all()
+    assert np.isfinite(found[:, 2]).all()
 
 
-def each(law, cut_ins):
->>>>>>> merged
+def each(law, x):
     """Return ranges' survival and density, and closing speeds' survival and density, of every draw."""
     lead_speed, range_, closing_speed = x.T
     places, value, rows = Places.of(lead_speed, range_, SUPPORT), np.log(SUPPORT.range_max / range_), []

@@ -7,15 +7,8 @@ import numpy as np
 import pandas as pd
 import pytest
 from accelerated_evaluation import cli
-<<<<<<< HEAD
 from accelerated_evaluation.laws.files import write_law
-=======
-from accelerated_evaluation.laws.joint import Box
-from accelerated_evaluation.laws.joint.files import write_joint_law
-from accelerated_evaluation.laws.joint.truncated import Normals
-from accelerated_evaluation.laws.joint.truncated_normals import TruncatedNormalMixture
 from accelerated_evaluation.records.checks import inspect_records
->>>>>>> merged
 from accelerated_evaluation.scenarios import SCENARIOS
 from accelerated_evaluation.scenarios.left_turn import LEFT_TURN
 from accelerated_evaluation.scenarios.record_table import records_to_check

@@ -26,12 +26,12 @@ from accelerated_evaluation.answer.extrapolation import drawn_crashes, extrapola
 from accelerated_evaluation.answer.fitted_records import FittedRecords
 from accelerated_evaluation.answer.injuries.impacts import Key, mean_risks, tabulated_risks
 from accelerated_evaluation.answer.injuries.tables import injury_tables
+from accelerated_evaluation.answer.joint_family import JointFamily
 from accelerated_evaluation.answer.law_study import LawStudy
 from accelerated_evaluation.answer.map_tables import MapTables
 from accelerated_evaluation.answer.posterior import budget
 from accelerated_evaluation.answer.restricted import restricted
 from accelerated_evaluation.laws.draws import Draws
-from accelerated_evaluation.laws.smooth.family import DistinctRecords
 from accelerated_evaluation.problem import Problem
 from accelerated_evaluation.scenarios.protocol import Event
 
@@ -87,7 +87,9 @@ def answer_tables(
         tables = own_tables(own, records, half_width)
     tables["extrapolation"] = extrapolation(own, records, replayed)
     tables["crash_places"] = drawn_crashes(own, records, streams("crash places"))
-    if isinstance(records.data, DistinctRecords):
+    if isinstance(study.family, JointFamily):
+        tables["laws"] = study.family.table(study.weights)
+    else:
         tables["calibration"] = calibration_table(study)
     if isinstance(way, Map):
         tables |= _map_tables(own, study, way, streams)
