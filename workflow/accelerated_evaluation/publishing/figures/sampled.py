@@ -6,10 +6,11 @@ import pandas as pd
 from matplotlib.figure import Figure
 
 from accelerated_evaluation.publishing.figures.dot_chart import FRAME, ROW
-from accelerated_evaluation.publishing.figures.laws import NEAR, draw_nested
+from accelerated_evaluation.publishing.figures.laws import draw_nested
 from accelerated_evaluation.publishing.figures.style import COLUMN_WIDTH, note_source, paper_style
 from accelerated_evaluation.publishing.published import figure
 
+NEAR = 0.15  # [1/s], smallest TTC^-1 of the records that are drawn
 ALONE = "crash, error of the simulations alone"
 CRASHED, SAFE = "#b2182b", "#08306b"
 SMALLEST, LARGEST = 4, 120  # [pt^2], areas of the marker of a crash with a share of 0 and of 1
