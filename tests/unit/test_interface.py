@@ -6,7 +6,8 @@ from pathlib import Path
 import accelerated_evaluation as ae
 import pytest
 
-PAGE = Path(__file__).resolve().parents[2] / "docs" / "interface.md"
+ROOT = Path(__file__).resolve().parents[2]
+PAGE = ROOT / "docs" / "interface.md"
 BLOCKS = re.findall(r"```python\n(.*?)```", PAGE.read_text(encoding="utf-8"), re.DOTALL)
 
 
@@ -24,6 +25,7 @@ def test_a_name_that_is_not_public_is_refused():
 
 
 def test_the_examples_run_one_after_another(tmp_path, monkeypatch):
+    (tmp_path / "data").symlink_to(ROOT / "data")
     monkeypatch.chdir(tmp_path)
     names = {}
     for block in BLOCKS:
