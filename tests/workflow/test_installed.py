@@ -13,6 +13,7 @@ import pytest
 from accelerated_evaluation.base.project import PROJECT
 from accelerated_evaluation.scenarios import SCENARIOS
 
+pytestmark = pytest.mark.studies
 ROOT = Path(__file__).resolve().parents[2]
 CAR = '''
 import numpy as np
