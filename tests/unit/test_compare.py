@@ -28,6 +28,7 @@ def studies(tmp_path, monkeypatch):
         tables = tmp_path / "figures" / name / "tables"
         tables.mkdir(parents=True)
         (tables / "answer.csv").write_text(ANSWER.format(name, crash, ttc))
+        (tables / "empty.csv").write_text("study,event,probability\n")
         (tables / "estimates.csv").write_text(ESTIMATES.format(name, estimate, row))
     return tmp_path
 

@@ -13,7 +13,7 @@ SHOWN = {  # columns that are printed, by published table
 }
 DESCRIPTION = """\
 Compare two finished studies, such as the default study and one in which you have changed a modelling choice:
-the settings that differ, and the numbers of the published tables that differ, in one table.
+the settings that differ, and the numbers that differ in the tables that both have published.
 
 The probabilities of the answer, with their 80 % intervals, and of the exact evaluation of the paper's law are
 printed. All cells that differ are written to OUT.csv: table, row, column, the cell in each study, and the

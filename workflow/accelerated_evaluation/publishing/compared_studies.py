@@ -21,7 +21,7 @@ def changed_settings(first: Study, second: Study) -> pd.DataFrame:
 
 
 def changed_cells(first: Study, second: Study) -> pd.DataFrame:
-    """Return the cells of published tables that differ between two studies.
+    """Return the cells that differ in the tables that both studies have published.
 
     Rows are matched by their leading columns of text, such as the method or the event, and by their order if
     several rows have the same text. A cell that only one of the studies has is missing in the other.
@@ -78,7 +78,8 @@ def _cells(*tables: pd.DataFrame) -> list[pd.Series]:
 
 
 def _by_row(table: pd.DataFrame, texts: Sequence[str]) -> pd.Series:
-    row = table.reindex(columns=texts).fillna("").astype(str).agg(", ".join, axis=1)
+    words = table.reindex(columns=texts).fillna("").astype(str).to_numpy()
+    row = pd.Series(map(", ".join, words), dtype=str)
     repeated = row.groupby(row).cumcount() + 1
     row = row.where(repeated == 1, row + " (" + repeated.astype(str) + ")")
     rest = table.drop(columns=texts, errors="ignore").astype(object).set_axis(row)
@@ -88,7 +89,7 @@ def _by_row(table: pd.DataFrame, texts: Sequence[str]) -> pd.Series:
 def _changed(values: Sequence[pd.Series], studies: Sequence[Study]) -> pd.DataFrame:
     """Return the values that differ; numbers that agree to nine digits do not differ."""
     both = pd.concat(values, axis=1, keys=map(_header, studies))
-    return both[[not _equal(*pair) for pair in both.to_numpy()]]
+    return both[np.array([not _equal(*pair) for pair in both.to_numpy()], dtype=bool)]
 
 
 def _equal(one: object, other: object) -> bool:
