@@ -24,9 +24,9 @@ from accelerated_evaluation.publishing.figures.dot_chart import (
 from accelerated_evaluation.publishing.figures.method_styles import style_of
 from accelerated_evaluation.publishing.figures.style import COLUMN_WIDTH, note_source, paper_style
 from accelerated_evaluation.publishing.published import figure
-from accelerated_evaluation.publishing.tables.formats import readable
 from accelerated_evaluation.publishing.tables.surrogate import PHASES, side_by_side
 
+SMALL = 0.01  # shares below this are not written as a number
 MARGIN = 0.5  # margin around the crashes in figure 19 (b), in units of the normal scores
 SCORES = {"z_inverse_range": "$R^{-1}$", "z_inverse_ttc": "$TTC^{-1}$"}
 PHASE_LOOKS = {
@@ -68,13 +68,11 @@ def fig19_surrogate_runs(
     spread = _shares_by_segment(runs, exact, shares)
     y = spaced(spread["segment"], 1.5)
     with paper_style():
-        drawn, panels = plt.subplot_mosaic(
-            [["a", "b"], ["c", "c"]],
-            figsize=(COLUMN_WIDTH, 1.8 + FRAME + ROW * y.max()),
-            height_ratios=(1.4, ROW * y.max()),
-        )
+        size = (2 * COLUMN_WIDTH, FRAME + 1.2 * ROW * y.max())
+        drawn, panels = plt.subplot_mosaic("abc", figsize=size, width_ratios=(1, 1, 0.8))
+        titles = {"a": "all simulations", "b": "near the crashes", "c": "shares by lead speed"}
         for letter, axes in panels.items():
-            axes.set_title(f"({letter})")
+            axes.set_title(f"({letter}) {titles[letter]}", loc="left")
         for letter in "ab":
             _draw_scores(panels[letter], shown)
         core = shown.loc[shown["event"] & (shown["phase"] != PHASES[0]), list(SCORES)]
@@ -84,7 +82,7 @@ def fig19_surrogate_runs(
         panels["a"].set_ylabel(f"score of {SCORES['z_inverse_ttc']}")
         _draw_shares(panels["c"], spread, y)
         signs = panels["a"].get_legend_handles_labels()
-        drawn.legend(*signs, loc="outside upper center", ncols=3, columnspacing=1, handletextpad=0.3)
+        drawn.legend(*signs, loc="outside upper center", ncols=6, columnspacing=1, handletextpad=0.3)
         note_source(drawn, source)
     return drawn, pd.concat([shown.assign(panel="a, b"), spread.assign(panel="c")], ignore_index=True)
 
@@ -148,8 +146,8 @@ def _shares_by_segment(runs: pd.DataFrame, exact: pd.DataFrame, shares: Mapping[
     table = pd.DataFrame(
         {
             "lane changes": share,
-            "simulations": runs["segment"].value_counts(normalize=True),
-            "of the estimate": counted["segment"].value_counts(normalize=True),
+            "all simulations": runs["segment"].value_counts(normalize=True),
+            "those of the estimate": counted["segment"].value_counts(normalize=True),
             "crashes": crashes / crashes.sum(),
         }
     )
@@ -175,6 +173,7 @@ def _draw_shares(axes: Axes, spread: pd.DataFrame, y: Array) -> None:
     axes.hlines(y, 0, spread["share"], color=DOT["color"], linewidth=0.8, zorder=2)
     axes.plot(spread["share"], y, clip_on=False, zorder=3, **DOT)
     name_rows(axes, y, spread["segment"].str.replace("-", "–") + " m/s", spread["quantity"])
-    write_beside(axes, y, (readable(share, 2) for share in spread["share"]), "share")
+    texts = (f"{share:.0%}" if share >= SMALL or not share else f"<{SMALL:.0%}" for share in spread["share"])
+    write_beside(axes, y, texts, "")
     axes.set(xlabel="share", xlim=(0, 1))
     axes.invert_yaxis()
