@@ -19,6 +19,7 @@ INTERVAL = ("probability", "ci_low", "ci_high")
 TRUTH = {"color": "black", "linewidth": 0.8, "zorder": 1}
 DOT = {"color": PIECES[0], "marker": "o", "linestyle": "none", "markersize": 3.5}
 ROW = 0.13  # [in], height of a row
+PLAIN = 1e-3  # the ticks of a logarithmic axis are plain numbers if it begins above this
 FRAME = 0.9  # [in], height of the figure above and below the rows
 
 
@@ -137,7 +138,7 @@ def scale_logarithmically(axes: Axes, label: str) -> None:
     low, high = axes.get_xlim()
     decades = math.log10(high / low)
     axes.xaxis.set_major_locator(LogLocator(subs=(1, 2, 5) if decades < 1.5 else (1, 3) if decades < 3 else (1,)))
-    axes.xaxis.set_major_formatter(lambda value, _: _short(value))
+    axes.xaxis.set_major_formatter(lambda value, _: f"{value:g}" if low > PLAIN else _short(value))
     axes.xaxis.set_minor_formatter(NullFormatter())
 
 
@@ -159,7 +160,7 @@ def in_math(value: float) -> str:
 def _short(value: float) -> str:
     """Write the value of a tick with one digit and a power of ten, as a formula for Matplotlib."""
     mantissa, exponent = f"{value:.0e}".split("e")
-    if -2 <= int(exponent) <= 3:
-        return f"{value:g}"
+    if exponent == "+00":
+        return mantissa
     factor = "" if mantissa == "1" else rf"{mantissa} \times "
     return f"${factor}10^{{{int(exponent)}}}$"
