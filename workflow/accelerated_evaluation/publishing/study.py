@@ -124,7 +124,7 @@ class Study:
     def source(self) -> str:
         """The description of the data."""
         if self.scenario is not CUT_IN:
-            return f"scenario {self.scenario.name}: {self.config['scenario']['records']}"
+            return f"records of the scenario {self.scenario.name.replace('_', ' ')}"
         data = self.config["data"]
         return describe(data)
 

@@ -26,7 +26,11 @@ GROUPS = {
 }
 MARKERS = {"predicted": ("o", PIECES[0]), "replayed": ("D", PIECES[1]), "counted": ("s", "black")}
 # Sources of counts whose names in the table do not say what was counted.
-SOURCES = {"GES 1999": "lane-change crashes, police-reported, United States 1999"}
+SOURCES = {
+    "GES 1999": "lane changes, reported to the police, 1999",
+    "Human benchmark, police-reported": "of every kind, reported to the police",
+    "Human benchmark, any injury reported": "of every kind, any injury reported",
+}
 
 
 def rows_to_draw(counted: pd.DataFrame) -> pd.DataFrame:
@@ -86,13 +90,13 @@ def fig31_counted_crashes(counted_crashes: pd.DataFrame, source: str) -> tuple[F
             reach = [rate - chosen["low95"].fillna(rate), chosen["high95"].fillna(rate) - rate]
             look = {"color": color, "linestyle": "none", "markersize": 3.5}
             label = f"{kind}, 95 % limits"
-            axes.errorbar(
-                rate, y[of_kind], xerr=reach, elinewidth=0.8, marker=marker, label=label, **look
-            )
+            axes.errorbar(rate, y[of_kind], xerr=reach, elinewidth=0.8, marker=marker, label=label, **look)
         none = (rows["per_million_miles"] == 0).to_numpy()
         if none.any():
             look = {"color": "black", "linestyle": "none", "markersize": 4}
-            axes.plot(rows["high95"][none], y[none], marker="<", label="none counted: upper 95 % limit", **look)
+            axes.plot(
+                rows["high95"][none], y[none], marker="<", label="none counted: upper 95 % limit", **look
+            )
         scale_logarithmically(axes, "crashes or near-crashes per million miles")
         name_rows(axes, y, rows["group"], rows["label"])
         finish(drawn, axes, f"{source}, and the 100-Car study")

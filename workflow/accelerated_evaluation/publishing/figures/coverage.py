@@ -1,6 +1,7 @@
 """Beyond the paper: coverage of the intervals in the study (figure 18) and in synthetic worlds (24)."""
 
 from collections.abc import Iterable
+
 import matplotlib.pyplot as plt
 import numpy as np
 import pandas as pd
@@ -85,8 +86,8 @@ def fig24_worlds(worlds: pd.DataFrame, beyond: pd.DataFrame) -> tuple[Figure, pd
     Parameters
     ----------
     worlds, beyond
-        Tables ``worlds.csv`` and ``worlds_beyond.csv`` of ``benchmarks/results``: a row for each kind of world
-        and procedure. The kinds that only the second one has break an assumption of this project.
+        Tables ``worlds.csv`` and ``worlds_beyond.csv`` of ``benchmarks/results``: a row for each kind of
+        world and procedure. The kinds that only the second one has break an assumption of this project.
 
     Returns
     -------
@@ -96,9 +97,7 @@ def fig24_worlds(worlds: pd.DataFrame, beyond: pd.DataFrame) -> tuple[Figure, pd
     """
     further = beyond[~beyond["kind"].isin(worlds["kind"]) & (beyond["procedure"] == "map")]
     parts = {"similar to the models": worlds, "break an assumption": further.assign(procedure=OURS)}
-    parts = {
-        f"{name}, {part['worlds'].max()} worlds each": part for name, part in parts.items() if len(part)
-    }
+    parts = {f"{name}, {part['worlds'].max()} worlds each": part for name, part in parts.items() if len(part)}
     data = pd.concat([part.assign(group=name) for name, part in parts.items()], ignore_index=True)
     rows = data.drop_duplicates("kind")
     y = pd.Series(1.8 * spaced(rows["group"], 1.0), index=rows["kind"])

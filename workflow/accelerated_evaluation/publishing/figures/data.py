@@ -12,7 +12,10 @@ from matplotlib.figure import Figure
 from accelerated_evaluation.publishing.figures.style import COLUMN_WIDTH, note_source, paper_style
 from accelerated_evaluation.publishing.published import figure
 
-MAPS = {"range": ("m", "range", "$R$ [m]"), "inverse_ttc": ("per_s", "inverse time to collision", "$TTC^{-1}$ [1/s]")}
+MAPS = {
+    "range": ("m", "range", "$R$ [m]"),
+    "inverse_ttc": ("per_s", "inverse time to collision", "$TTC^{-1}$ [1/s]"),
+}
 BINS = 50
 
 

@@ -75,7 +75,7 @@ def draw_truth(axes: Axes, row: pd.Series, label: str) -> None:
         Name in the legend, to which the value is added.
     """
     if pd.notna(row.get("ci_low")):
-        axes.axvspan(row["ci_low"], row["ci_high"], color="black", alpha=0.3, linewidth=0)
+        axes.axvspan(row["ci_low"], row["ci_high"], color="black", alpha=0.15, linewidth=0)
     axes.axvline(row["probability"], label=f"{label}: {in_math(row['probability'])}", **TRUTH)
 
 
@@ -124,7 +124,7 @@ def in_ratios(values: pd.Series) -> list[str]:
 
 
 def scale_linearly(axes: Axes, label: str) -> None:
-    """Label a linear x axis, with a power of ten in the label and not next to it, where it could cover the label."""
+    """Label a linear x axis, with its power of ten in the label, which it could cover otherwise."""
     largest = max(map(abs, axes.get_xlim()))
     power = math.floor(math.log10(largest)) if largest else 0
     power = 0 if -1 <= power <= 3 else power
@@ -137,8 +137,10 @@ def scale_logarithmically(axes: Axes, label: str) -> None:
     axes.set(xscale="log", xlabel=label)
     low, high = axes.get_xlim()
     decades = math.log10(high / low)
-    axes.xaxis.set_major_locator(LogLocator(subs=(1, 2, 5) if decades < 1.5 else (1, 3) if decades < 3 else (1,)))
-    axes.xaxis.set_major_formatter(lambda value, _: f"{value:g}" if low > PLAIN else _short(value))
+    axes.xaxis.set_major_locator(
+        LogLocator(subs=(1, 2, 5) if decades < 1.5 else (1, 3) if decades < 3 else (1,))
+    )
+    axes.xaxis.set_major_formatter(lambda value, _: f"{value:,g}" if low > PLAIN else _short(value))
     axes.xaxis.set_minor_formatter(NullFormatter())
 
 

@@ -55,7 +55,8 @@ def fig12_crash_probability(
         exact or paper), method, replicate, simulations, probability, ci_low and ci_high.
     """
     table = _rows(estimates, course, COMPARED, "all")
-    lines = {"exact": float(exact.set_index("segment").at["all", "probability"]), "paper": PAPER_PROBABILITY}
+    truth = float(exact.set_index("segment").loc["all", "probability"])
+    lines = {"exact": truth, "paper": PAPER_PROBABILITY}
     last = table.groupby(["method", "replicate"])["probability"].last().max()
     with paper_style():
         drawn, panels = plt.subplots(2, 1, figsize=(COLUMN_WIDTH, 4.2), sharex=True, sharey=True)

@@ -111,9 +111,9 @@ def fig15_sensitivity(
     -------
     figure, data
         The figure has a row for each choice and value. The caps on the closing speed have a panel of their
-        own, because they change the probability by orders of magnitude. The columns of the data are choice, value,
-        probability, standard_error and ratio, the ratio to the probability of the study. The first row is the
-        study.
+        own, because they change the probability by orders of magnitude. The columns of the data are choice,
+        value, probability, standard_error and ratio, the ratio to the probability of the study. The first row
+        is the study.
     """
     truth = _all(exact)
     study = {"choice": "study", "value": "all as configured", **truth[["probability", "standard_error"]]}

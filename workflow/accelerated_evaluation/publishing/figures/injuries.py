@@ -98,8 +98,8 @@ def fig33_risk_curves() -> tuple[Figure, pd.DataFrame]:
     Returns
     -------
     figure, data
-        The figure has a panel for each level of injury and side of the impact. The columns of the data are level, impact (front or
-        rear), source, delta_v_km_h and probability.
+        The figure has a panel for each level of injury and side of the impact. The columns of the data are
+        level, impact (front or rear), source, delta_v_km_h and probability.
     """
     curves = {(level, impact): published_curves(level, impact) for level in LEVELS for impact in IMPACTS}
     sources = sorted({name for found in curves.values() for name in found})

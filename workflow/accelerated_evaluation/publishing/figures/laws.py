@@ -46,9 +46,9 @@ def fig21_scores(laws: pd.DataFrame, source: str) -> tuple[Figure, pd.DataFrame]
     Returns
     -------
     figure, data
-        The first panels show the differences [nats] in the `REGIONS`, and the third one the largest difference
-        of all regions in standard errors. The fourth panel shows the weights. The data are the table itself,
-        with a column ``below_...`` for each of the first panels.
+        The first panels show the differences [nats] in the `REGIONS`, and the third one the largest
+        difference of all regions in standard errors. The fourth panel shows the weights. The data are the
+        table itself, with a column ``below_...`` for each of the first panels.
     """
     single = laws["law"] != MIXTURE
     below = {region: laws.loc[single, region].max() - laws[region] for region in REGIONS}
@@ -182,7 +182,9 @@ def fig23_answer(
     levels = answer_thresholds.assign(
         group="one threshold of the tails", name=answer_thresholds["level"].map("{:g}".format)
     )
-    readings = data_quality.assign(group="other treatment of the records", name=data_quality["reading"].replace(SAME_READING))
+    readings = data_quality.assign(
+        group="other treatment of the records", name=data_quality["reading"].replace(SAME_READING)
+    )
     data = pd.concat([crash, levels, readings], ignore_index=True)
     with paper_style():
         y = spaced(data["group"], 1.6)

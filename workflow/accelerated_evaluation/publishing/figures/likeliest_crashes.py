@@ -39,7 +39,8 @@ def fig28_ways_to_crash(
     Returns
     -------
     figure, data
-        The figure has a pair of panels for each of the `CRASHES` kinds with the largest probability. The data have a row for each encounter and time.
+        The figure has a pair of panels for each of the `CRASHES` kinds with the largest probability. The data
+        have a row for each encounter and time.
     """
     crashes = happened[happened["kind"] == "crash"]
     shown = crashes.nlargest(CRASHES, "probability")
@@ -70,7 +71,8 @@ def fig29_nearest_records(
     Returns
     -------
     figure, data
-        The figure has a pair of panels for each of the first `RECORDS` records. The data have a row for each record and time.
+        The figure has a pair of panels for each of the first `RECORDS` records. The data have a row for each
+        record and time.
     """
     shown = happened[happened["kind"] == "record"].head(RECORDS)
     titles = [

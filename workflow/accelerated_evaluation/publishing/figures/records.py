@@ -38,8 +38,8 @@ def fig26_sample_size(encounters: pd.DataFrame, source: str) -> tuple[Figure, pd
     Returns
     -------
     figure, data
-        The figure has cells of 5 m/s by 10 m, or less at the upper ends, with their counts. The data contain lower and upper edges and
-        count of all cells.
+        The figure has cells of 5 m/s by 10 m, or less at the upper ends, with their counts. The data contain
+        lower and upper edges and count of all cells.
     """
     names = ("lead_speed", "range")
     edges = [_edges(encounters[name], step) for name, step in zip(names, CELL, strict=True)]
@@ -69,7 +69,7 @@ def fig26_sample_size(encounters: pd.DataFrame, source: str) -> tuple[Figure, pd
 
 
 def _edges(values: pd.Series, step: float) -> np.ndarray:
-    """Return consecutive multiples of a step that enclose all values, the last one lowered to the values' end."""
+    """Return multiples of a step that enclose all values; the last is lowered to the end of the values."""
     first, last = np.floor(values.min() / step), np.ceil(values.max() / step)
     edges = np.arange(first, max(last, first + 1) + 1) * step
     edges[-1] = max(np.ceil(values.max()), edges[-2] + 1)
@@ -106,8 +106,8 @@ def fig27_row_order(encounters: pd.DataFrame, source: str) -> tuple[Figure, pd.D
     Returns
     -------
     figure, data
-        The figure has a panel for each quantity, in which each value is divided by that of all rows. The data contain, for each block, its first and last row,
-        and median and 95 % quantile of each quantity.
+        The figure has a panel for each quantity, in which each value is divided by that of all rows. The data
+        contain, for each block, its first and last row, and median and 95 % quantile of each quantity.
     """
     blocks = np.array_split(np.arange(len(encounters)), min(BLOCKS, max(len(encounters) // 20, 1)))
     rows = [_digest(encounters.iloc[block], block) for block in blocks]

@@ -169,7 +169,9 @@ def _piece_names(starts: list[float], symbol: str, unit: str) -> list[str]:
     names = []
     for start, end in zip(starts, ends, strict=True):
         low, high = 1 / end, 1 / start if start else math.inf
-        words = f"< {high:.3g}" if not low else f"> {low:.3g}" if math.isinf(high) else f"{low:.3g}–{high:.3g}"
+        words = (
+            f"< {high:.3g}" if not low else f"> {low:.3g}" if math.isinf(high) else f"{low:.3g}–{high:.3g}"
+        )
         names.append(f"${symbol}$ {words} {unit}")
     return names
 
