@@ -46,6 +46,10 @@ def test_an_index_with_a_meaning_is_a_column():
     named = table.set_axis(pd.RangeIndex(1, 3, name="iteration"))
     assert presented(named).columns.tolist() == ["iteration", "share"]
     assert presented(table.set_axis([5, 7])).columns.tolist() == ["share"]
+    nested = pd.DataFrame(
+        {"f": [1, 2]}, index=pd.MultiIndex.from_tuples([("5-15", "R⁻¹"), ("15-25", "TTC⁻¹")])
+    )
+    assert presented(nested).to_numpy().tolist() == [["5-15", "R⁻¹", 1], ["15-25", "TTC⁻¹", 2]]
     two = pd.DataFrame({("single", "share"): [1, 2], ("piecewise", "share"): [3, 4]})
     assert as_html(two).count("<th") > 2
 

@@ -18,12 +18,12 @@ HEADERS = {
     "aic_above_best": "AIC above the best",
     "behind": "behind the best [standard errors]",
     "bic": "BIC",
-    "change_inverse_range": "change of R⁻¹ [%]",
-    "change_inverse_ttc": "change of TTC⁻¹ [%]",
+    "change_inverse_range": "relative change of the tilt of R⁻¹",
+    "change_inverse_ttc": "relative change of the tilt of TTC⁻¹",
     "ci_high": "upper limit",
     "ci_low": "lower limit",
-    "cov_reported": "variation, reported",
-    "cov_true": "variation, true",
+    "cov_reported": "coefficient of variation, reported",
+    "cov_true": "coefficient of variation, true",
     "coverage80": "coverage of 80 %",
     "coverage95": "coverage of 95 %",
     "dispersion_15000": "dispersion, blocks of 15,000",
@@ -46,6 +46,7 @@ HEADERS = {
     "threshold_range_m": "threshold of the range [m]",
     "threshold_ttc_s": "threshold of TTC [s]",
     "to_crash": "ratio to crashes",
+    "within": "within the limits",
     "to_exact": "ratio to exact",
     "to_exact_sd": "ratio to exact, standard deviation",
     "who": "vehicle or study",
@@ -81,10 +82,10 @@ def presented(table: pd.DataFrame) -> pd.DataFrame:
 
     An index with a name or with texts becomes a column, as it has a meaning; any other is dropped.
     """
-    flat = not isinstance(table.columns, pd.MultiIndex)
     if table.index.nlevels > 1 or table.index.name is not None or table.index.dtype.kind not in "iu":
-        kept = [name if name is not None else "" for name in table.index.names]
-        table = table.rename_axis(index=kept).reset_index() if flat else table.reset_index()
+        # Headers without a name have to differ, so they are blanks.
+        names = [" " * place if name is None else name for place, name in enumerate(table.index.names, 1)]
+        table = table.rename_axis(index=names).reset_index()
     words = {name: in_words(table[name]) for name in VEHICLE_COLUMNS if name in table}
     words |= {name: table[name].map(_quantity) for name in CODED_COLUMNS if name in table}
     table = table.assign(**words)
