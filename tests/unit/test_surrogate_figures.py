@@ -98,7 +98,7 @@ def test_a_replicate_without_crash_has_a_row_and_a_figure(replicates, runs, exac
     assert data.loc[data["method"] == "surrogate", "estimating"].tolist() == [0, 0, 0]
     assert figure.axes[1].get_xlim()[1] < 3
     figure, data = surrogate_figures.fig19_surrogate_runs(nothing, exact, SHARES, "made up")
-    assert data.loc[data["quantity"] == "those of the estimate", "share"].tolist() == [0, 0]
+    assert data.loc[data["quantity"] == "of the estimate", "share"].tolist() == [0, 0]
     assert figure.axes[0].get_xlim() == figure.axes[1].get_xlim()
 
 
@@ -117,8 +117,8 @@ def test_every_simulation_of_one_replicate_is_drawn_by_phase_and_outcome(draw):
     assert (low, high) == pytest.approx((30 / 20 - 0.5, 100 / 20 + 0.5))
     share = data.dropna(subset="share").set_index(["quantity", "segment"])["share"]
     assert share["lane changes", "5-15"] == 0.4
-    assert share["all simulations", "5-15"] == pytest.approx(0.6)
-    assert share["those of the estimate", "5-15"] == 0
+    assert share["simulations", "5-15"] == pytest.approx(0.6)
+    assert share["of the estimate", "5-15"] == 0
     assert share["crashes", "5-15"] == pytest.approx(0.8 / 1.4)
 
 

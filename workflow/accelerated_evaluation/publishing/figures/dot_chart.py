@@ -140,7 +140,7 @@ def scale_logarithmically(axes: Axes, label: str) -> None:
     axes.xaxis.set_major_locator(
         LogLocator(subs=(1, 2, 5) if decades < 1.5 else (1, 3) if decades < 3 else (1,))
     )
-    axes.xaxis.set_major_formatter(lambda value, _: f"{value:,g}" if low > PLAIN else _short(value))
+    axes.xaxis.set_major_formatter(lambda value, _: f"{value:,g}" if low > PLAIN else in_powers(value))
     axes.xaxis.set_minor_formatter(NullFormatter())
 
 
@@ -159,7 +159,7 @@ def in_math(value: float) -> str:
     return rf"{mantissa} $\times$ 10$^{{{int(exponent)}}}$"
 
 
-def _short(value: float) -> str:
+def in_powers(value: float) -> str:
     """Write the value of a tick with one digit and a power of ten, as a formula for Matplotlib."""
     mantissa, exponent = f"{value:.0e}".split("e")
     if exponent == "+00":

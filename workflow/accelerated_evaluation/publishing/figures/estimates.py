@@ -168,7 +168,8 @@ def _add_legend(drawn: Figure, methods: Sequence[str]) -> None:
     entries = [dict(zip(*axes.get_legend_handles_labels()[::-1], strict=True)) for axes in drawn.axes]
     named = {label: entry[label] for entry in entries for label in entry if label in methods}
     legend = named | entries[0]
-    drawn.legend(legend.values(), legend.keys(), loc="outside upper center", ncols=3)
+    layout = {"loc": "outside upper center", "ncols": 3, "columnspacing": 0.8, "handlelength": 1.5}
+    drawn.legend(legend.values(), legend.keys(), **layout)
 
 
 def _complete(

@@ -89,8 +89,9 @@ def _draw_records(axes: Axes, near: pd.DataFrame) -> None:
 
 def _draw_lines(axes: Axes, rows: pd.DataFrame) -> None:
     vehicles = rows[rows["kind"] == "vehicle"].groupby("name", sort=False)
-    for place, ((name, line), look) in enumerate(zip(vehicles, LOOKS * 3, strict=False)):
-        color, dashes, marker = look
+    for place, (name, line) in enumerate(vehicles):
+        turn, at = divmod(place, len(LOOKS))  # further vehicles combine the looks in another way
+        color, dashes, marker = (LOOKS[(at + shift * turn) % len(LOOKS)][shift] for shift in range(3))
         style = {"color": color, "linestyle": dashes}
         step = max(len(line) // MARKERS, 1)
         points = {"marker": marker, "markersize": 4, "markevery": (place * step // len(LOOKS), step)}

@@ -7,7 +7,7 @@ import numpy as np
 import pandas as pd
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
-from matplotlib.ticker import LogFormatterSciNotation, LogLocator
+from matplotlib.ticker import LogLocator, NullFormatter
 
 from accelerated_evaluation.base.arrays import Array
 from accelerated_evaluation.publishing.figures.dot_chart import (
@@ -16,8 +16,10 @@ from accelerated_evaluation.publishing.figures.dot_chart import (
     ROW,
     TRUTH,
     draw_intervals,
+    in_powers,
     name_groups,
     name_rows,
+    scale_linearly,
     spaced,
     write_beside,
 )
@@ -26,6 +28,8 @@ from accelerated_evaluation.publishing.figures.style import COLUMN_WIDTH, note_s
 from accelerated_evaluation.publishing.published import figure
 from accelerated_evaluation.publishing.tables.surrogate import PHASES, side_by_side
 
+# Names of the shares of simulations in the figure.
+QUANTITIES = {"simulations": "all simulations", "of the estimate": "those of the estimate"}
 SMALL = 0.01  # shares below this are not written as a number
 MARGIN = 0.5  # margin around the crashes in figure 19 (b), in units of the normal scores
 SCORES = {"z_inverse_range": "$R^{-1}$", "z_inverse_ttc": "$TTC^{-1}$"}
@@ -120,11 +124,14 @@ def fig20_methods(replicates: pd.DataFrame, exact: pd.DataFrame, source: str) ->
             draw_intervals(right, ratios[rows], y[rows], **look)
         right.axvline(1, **TRUTH)
         left.set(xscale="log", xlabel="simulations")
-        left.xaxis.set_major_locator(LogLocator(numticks=4))
-        left.xaxis.set_major_formatter(LogFormatterSciNotation())
+        low, high = left.get_xlim()
+        left.xaxis.set_major_locator(LogLocator(subs=(1, 3) if high < 100 * low else (1,), numticks=4))
+        left.xaxis.set_major_formatter(lambda value, _: in_powers(value))
+        left.xaxis.set_minor_formatter(NullFormatter())
         # The upper limits of estimates without a crash would make the axis too long.
         seen = ratios.loc[ratios["probability"] > 0, "ci_high"].max()
-        right.set(xlabel="estimate / exact", xlim=(0, 1.05 * np.fmax(seen, 1)))
+        right.set_xlim(0, 1.05 * np.fmax(seen, 1))
+        scale_linearly(right, "estimate / exact")
         name_groups(left, y, data["method"])
         left.invert_yaxis()
         sign = {"color": "black", "marker": "o", "linestyle": "none", "markersize": 3.5}
@@ -146,8 +153,8 @@ def _shares_by_segment(runs: pd.DataFrame, exact: pd.DataFrame, shares: Mapping[
     table = pd.DataFrame(
         {
             "lane changes": share,
-            "all simulations": runs["segment"].value_counts(normalize=True),
-            "those of the estimate": counted["segment"].value_counts(normalize=True),
+            "simulations": runs["segment"].value_counts(normalize=True),
+            "of the estimate": counted["segment"].value_counts(normalize=True),
             "crashes": crashes / crashes.sum(),
         }
     )
@@ -172,7 +179,8 @@ def _draw_shares(axes: Axes, spread: pd.DataFrame, y: Array) -> None:
     """Draw shares as rows, segment by segment, with their values next to them."""
     axes.hlines(y, 0, spread["share"], color=DOT["color"], linewidth=0.8, zorder=2)
     axes.plot(spread["share"], y, clip_on=False, zorder=3, **DOT)
-    name_rows(axes, y, spread["segment"].str.replace("-", "–") + " m/s", spread["quantity"])
+    names = spread["quantity"].replace(QUANTITIES)
+    name_rows(axes, y, spread["segment"].str.replace("-", "–") + " m/s", names)
     texts = (f"{share:.0%}" if share >= SMALL or not share else f"<{SMALL:.0%}" for share in spread["share"])
     write_beside(axes, y, texts, "")
     axes.set(xlabel="share", xlim=(0, 1))
