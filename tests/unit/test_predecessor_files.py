@@ -12,12 +12,13 @@ from accelerated_evaluation.base.files import write_csv
 from accelerated_evaluation.methods.study import with_encounters
 from accelerated_evaluation.methods.surrogate import read_predecessor
 from accelerated_evaluation.problem import Problem
+from accelerated_evaluation.scenarios.cut_in import CUT_IN
 from accelerated_evaluation.track.campaign_file import read_campaign
 from accelerated_evaluation.track.status import status_of
 from accelerated_evaluation.vehicles import load_vehicle
 from law_folder import LAW, begin_campaign
 
-PROBLEM = Problem(LAW, load_vehicle("acc_aeb"))
+PROBLEM = Problem(CUT_IN, LAW, load_vehicle("acc_aeb"))
 
 
 def driven(step, name, batches):
@@ -99,7 +100,7 @@ def table():
 def test_a_table_of_simulations_is_read(table, tmp_path):
     write_csv(tmp_path / "runs.csv", table)
     known = read_predecessor(tmp_path / "runs.csv", PROBLEM)
-    np.testing.assert_allclose(known.z[:, 2], table["z_inverse_ttc"])
+    np.testing.assert_allclose(known.z[:, 2], table["z_closing_speed"])
     assert known.happened.sum() == 4
 
 
@@ -109,8 +110,8 @@ def test_a_table_of_simulations_is_read(table, tmp_path):
         (lambda t: t.drop(columns="z_lead_speed"), "z_lead_speed"),
         (lambda t: t.assign(event=False), "no event in 30 simulations"),
         (lambda t: t.assign(event="maybe"), "'maybe'"),
-        (lambda t: t.assign(z_inverse_ttc="far"), "far"),
-        (lambda t: t.assign(inverse_ttc=t["inverse_ttc"] * 1.01), "another law"),
+        (lambda t: t.assign(z_closing_speed="far"), "far"),
+        (lambda t: t.assign(closing_speed=t["closing_speed"] * 1.01), "another law"),
     ],
 )
 def test_a_table_that_does_not_fit_is_refused(table, tmp_path, spoil, message):

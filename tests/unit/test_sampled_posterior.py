@@ -2,8 +2,7 @@
 
 import numpy as np
 import pytest
-from accelerated_evaluation.answer.posterior import shrunk_estimates
-from accelerated_evaluation.answer.reweighting import SampledPosterior
+from accelerated_evaluation.answer.posterior import SampledPosterior, shrunk_estimates
 from scipy.stats import norm
 
 
