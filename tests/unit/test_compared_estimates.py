@@ -145,4 +145,7 @@ def test_a_posterior_is_read_back_from_the_table_of_its_draws(own):
         assert again.member.tolist() == MEMBER.tolist()
         assert answer_row(again) == answer_row(known)
         assert compare(again, sampled) == compare(known, sampled)
-    assert posterior_of(draws_table(SimpleNamespace(posterior=None, draws=SimpleNamespace(size=0, names=())))) is None
+    assert (
+        posterior_of(draws_table(SimpleNamespace(posterior=None, draws=SimpleNamespace(size=0, names=()))))
+        is None
+    )

@@ -9,7 +9,13 @@ import pytest
 from accelerated_evaluation.answer import evidence as evidence_module
 from accelerated_evaluation.answer.answer import Answer
 from accelerated_evaluation.answer.by_few_runs import FewRuns
-from accelerated_evaluation.answer.evidence import Evidence, checked_answers, evidence_on, known_runs, replays_of
+from accelerated_evaluation.answer.evidence import (
+    Evidence,
+    checked_answers,
+    evidence_on,
+    known_runs,
+    replays_of,
+)
 from accelerated_evaluation.answer.posterior import Posterior
 from accelerated_evaluation.answer.replays import FOLLOWED, LEVEL, SIZES, replay
 from accelerated_evaluation.laws.draws import as_draws

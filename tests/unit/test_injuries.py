@@ -7,7 +7,13 @@ import numpy as np
 import pytest
 from accelerated_evaluation.answer.exposure import Rate
 from accelerated_evaluation.answer.injuries.curves import FRONTAL, LEVELS, MILES_PER_HOUR, REAR, Logistic
-from accelerated_evaluation.answer.injuries.impacts import SPEEDS, MassRatio, gentle, mean_risks, tabulated_risks
+from accelerated_evaluation.answer.injuries.impacts import (
+    SPEEDS,
+    MassRatio,
+    gentle,
+    mean_risks,
+    tabulated_risks,
+)
 from accelerated_evaluation.answer.injuries.sources import SOURCES, published_curves
 from accelerated_evaluation.answer.injuries.tables import (
     Injured,

@@ -4,7 +4,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 import pytest
-from accelerated_evaluation.answer.answer import answer
+from accelerated_evaluation.answer.answer import evaluate
 from accelerated_evaluation.answer.by_few_runs import GOAL, FewRuns
 from accelerated_evaluation.answer.by_simulations import Simulations
 from accelerated_evaluation.answer.comparison import draws_table
@@ -73,7 +73,7 @@ def exact(law):
 def answered(drawn, way, generator, respond=respond, deterministic=True):
     """Return the answer for a car that responds by a function of points."""
     problem = Problem(TOY, drawn.proposal, Car(respond, deterministic))
-    return answer(problem, drawn, way, generator=generator)
+    return evaluate(problem, drawn, way, generator=generator)
 
 
 def drawn_laws(*laws):
@@ -142,7 +142,9 @@ def test_both_ways_find_the_probability_under_each_draw():
     drawn = drawn_laws(*(toy_law(mean) for mean in [(3.5, 5.0), (4.0, 4.0), (4.5, 6.0)]))
     truth = np.array([exact(law) for law in drawn.laws])
     many = answered(drawn, Simulations(60_000), np.random.default_rng(9))
-    few = answered(drawn, FewRuns(replace(GOAL, maximum_simulations=150), share=0.1), np.random.default_rng(10))
+    few = answered(
+        drawn, FewRuns(replace(GOAL, maximum_simulations=150), share=0.1), np.random.default_rng(10)
+    )
     assert few.simulations <= 150
     for posterior in (many.posterior, few.posterior):
         deviation = np.abs(posterior.probabilities / truth - 1) / posterior.errors

@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pandas as pd
 import pytest
-from accelerated_evaluation.answer.answer import answer
+from accelerated_evaluation.answer.answer import evaluate
 from accelerated_evaluation.answer.by_few_runs import FewRuns, laws_of
 from accelerated_evaluation.answer.by_map import Map
 from accelerated_evaluation.crash_map.mapping import map_crashes
@@ -230,7 +230,7 @@ def test_the_map_of_a_reference_gives_the_mean_of_the_draws_and_each_of_them(law
     crash_map = map_crashes(QuickCloser(), grid, [], generator)
     records = DistinctRecords.of(encounters, SUPPORT)
     problem = Problem(CUT_IN, law, QuickCloser())
-    answered = answer(problem, law, Map(crash_map, records), generator=generator)
+    answered = evaluate(problem, law, Map(crash_map, records), generator=generator)
     found = answered.posterior
     x = law.draw(20_000, np.random.default_rng(6))
     crash = x[:, 2] > 0.25 * x[:, 1]
@@ -266,7 +266,7 @@ def test_runs_that_are_chosen_for_a_near_miss_find_its_probability(law):
     problem = Problem(CUT_IN, law, QuickCloser(), near)
     stopping = Stopping(minimum_events=1, maximum_simulations=400)
     events = CRASH, CUT_IN.event("min_range", 1.0)
-    found = answer(problem, law, FewRuns(stopping), events, generator=np.random.default_rng(10))
+    found = evaluate(problem, law, FewRuns(stopping), events, generator=np.random.default_rng(10))
     table = found.table().set_index("event")
     x = law.draw(20_000, np.random.default_rng(6))
     rates = {name: np.mean(x[:, 2] * time > x[:, 1]) for name, time in EVENTS.items()}
