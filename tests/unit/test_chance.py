@@ -105,7 +105,7 @@ def test_a_replicate_without_an_estimate_is_described_next_to_one_with_an_estima
     problem = Problem(CUT_IN, LAW, Corner())
     few = Stopping(minimum_events=1, maximum_simulations=10)
     notes = {"estimate": Surrogate().estimate(problem, few, np.random.default_rng(1)), "not_ended": 0}
-    own = SampledPosterior(np.geomspace(1e-7, 1e-6, 20), np.full(20, 0.1), np.arange(20) % 2, 10)
+    own = SampledPosterior(np.geomspace(1e-7, 1e-6, 20), np.arange(20) % 2, np.full(20, 0.1), 10)
     answers = [
         Answer(problem, as_draws(LAW), {CRASH: posterior}, converged=posterior is not None, notes=notes)
         for posterior in (own, None)

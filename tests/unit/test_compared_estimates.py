@@ -28,7 +28,7 @@ OWN = np.random.default_rng(2).normal(0, 0.1, SIZE)
 
 
 def posterior(logs, error):
-    return SampledPosterior(np.exp(logs), np.full(SIZE, error), np.zeros(SIZE, int), 1000)
+    return SampledPosterior(np.exp(logs), np.zeros(SIZE, int), np.full(SIZE, error), 1000)
 
 
 def test_the_ratio_has_the_error_of_both_samplings_and_not_that_of_the_law():
@@ -136,7 +136,7 @@ def tabulated(own, human):
 def test_a_posterior_is_read_back_from_the_table_of_its_draws(own):
     """Studies compare vehicles by this table, and must get the ratios of the answer itself."""
     shared = np.nan if own is None else 0.08
-    sampled = SampledPosterior(np.exp(LAW), np.full(SIZE, 0.1), MEMBER, 12, shared, own, 0.003)
+    sampled = SampledPosterior(np.exp(LAW), MEMBER, np.full(SIZE, 0.1), 12, shared, own, 0.003)
     for known in (sampled, Posterior(np.exp(LAW), MEMBER)):
         names = tuple(np.array(["a", "b"])[MEMBER])
         table = draws_table(SimpleNamespace(posterior=known, draws=SimpleNamespace(size=SIZE, names=names)))

@@ -71,7 +71,7 @@ def test_a_campaign_begins_where_its_predecessor_met_the_event(first):
 
 def test_another_law_or_event_is_no_predecessor(first, capsys):
     assert begin_next("--event", "min_range=1") == 2
-    assert "--predecessor, its event: seen crash; expected min range at most 1 m" in capsys.readouterr().err
+    assert "--predecessor, its event: seen crash; expected range at most 1 m" in capsys.readouterr().err
     law = json.loads(Path("law.json").read_text())
     Path("law.json").write_text(json.dumps(law | {"description": "another"}))
     assert begin_next() == 2
