@@ -81,15 +81,15 @@ lint: $(ENVIRONMENT) ## ruff and snakefmt
 	ruff format --check .
 	snakefmt --check $(RULES)
 
-test: lint ## lint and run the tests; lists at the end what was left out
-	pytest
+test: lint ## lint and run the tests; lists at the end the slowest tests, and what was left out
+	pytest --durations 20
 
 test-slurm: $(ENVIRONMENT) ## run the smoke study through a Slurm on this machine; skipped where it cannot be installed
 	tests/slurm/install.sh
 	pytest -n 0 -s -m slurm tests/slurm
 
-test-studies: $(ENVIRONMENT) ## whole small studies of odd data, vehicles and settings; about an hour
-	pytest tests/corpus -m '' --dist worksteal
+test-studies: $(ENVIRONMENT) ## whole small studies, the benchmarks' own tests and the installed wheel; over an hour
+	pytest -m studies --dist worksteal
 
 format: $(ENVIRONMENT) ## format the sources for the linters
 	ruff check --fix .

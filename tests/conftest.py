@@ -43,12 +43,12 @@ WITH_TOYS = ("config/smoke.yaml", "config/toys.yaml")
 
 LEFT_OUT = """\
 The tests marked browser, slurm and crate: pytest -m "browser or slurm or crate"
-Whole studies of odd data, vehicles and settings: make test-studies"""
+Whole studies, the benchmarks' own tests and the installed wheel: make test-studies"""
 
 
 def pytest_terminal_summary(terminalreporter, config):
     """Say at the end which tests the options in pyproject.toml leave out, and how to run them."""
-    if config.option.markexpr == "not (browser or slurm or crate)":
+    if config.option.markexpr == "not (browser or slurm or crate or studies)":
         terminalreporter.section("left out")
         terminalreporter.write_line(LEFT_OUT)
 

@@ -26,10 +26,6 @@ CODE = [
 ]
 
 
-localrules:
-    compare,
-
-
 rule compare:
     """The table, and what it is made from, because the tracked table alone would make a fresh clone look finished."""
     input:

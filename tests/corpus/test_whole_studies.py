@@ -1,7 +1,7 @@
 """Whole small studies of odd data, vehicles and settings: each ends with every figure, table and chapter.
 
-They take minutes, so `make test-studies` runs them, and `make test` does not. Those that differ most run by
-`pytest tests/corpus -m "not rest"`.
+They take minutes, so `make test-studies` runs them, and `make test` does not. Those that differ most are not
+marked `rest`, and `.ci/run` runs them, too.
 """
 
 import re
@@ -252,6 +252,9 @@ STUDIES = {
     },
 }
 SOME = {"never crashes", "500 records"}  # each takes more than two minutes of processor time
+
+
+pytestmark = pytest.mark.studies
 
 
 @pytest.fixture(scope="module")

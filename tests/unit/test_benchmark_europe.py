@@ -11,6 +11,7 @@ from accelerated_evaluation.laws.motion.recorded import Recorded
 from accelerated_evaluation.laws.smooth.support import Support
 from accelerated_evaluation.study.configuration import load
 
+pytestmark = pytest.mark.studies
 ROOT = Path(__file__).resolve().parents[2]
 sys.path.append(str(ROOT / "benchmarks" / "europe"))
 

@@ -15,6 +15,7 @@ sys.path.append(str(Path(__file__).resolve().parents[2] / "benchmarks" / "laws")
 from extremes import ConditionalExtremes
 from regressions import REGRESSIONS, fit_regression
 
+pytestmark = pytest.mark.studies
 SIZE = 12_000
 MEAN = 2.0  # [m/s], of the closing speeds that do not depend on lead speed and range
 STEP = 1e-6

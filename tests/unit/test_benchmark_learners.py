@@ -9,6 +9,7 @@ import pytest
 from scipy.special import ndtr
 from scipy.stats import gaussian_kde
 
+pytestmark = pytest.mark.studies
 ROOT = Path(__file__).resolve().parents[2]
 sys.path.append(str(ROOT / "benchmarks" / "samplers"))
 for package in ("openturns", "sklearn"):

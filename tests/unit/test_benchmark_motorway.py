@@ -16,6 +16,7 @@ from accelerated_evaluation.records.sources import SOURCES
 from accelerated_evaluation.study.configuration import load
 from accelerated_evaluation.vehicles import load_vehicle
 
+pytestmark = pytest.mark.studies
 ROOT = Path(__file__).resolve().parents[2]
 sys.path += [str(ROOT / "benchmarks"), str(ROOT / "benchmarks" / "motorway")]
 

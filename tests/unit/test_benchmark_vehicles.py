@@ -12,6 +12,7 @@ from accelerated_evaluation.crash_map.mapping import map_crashes
 from accelerated_evaluation.crash_map.maps import Grid
 from accelerated_evaluation.vehicles import AccAeb
 
+pytestmark = pytest.mark.studies
 ROOT = Path(__file__).resolve().parents[2]
 sys.path.append(str(ROOT / "benchmarks" / "samplers"))
 

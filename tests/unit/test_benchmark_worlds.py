@@ -14,6 +14,7 @@ from accelerated_evaluation.laws.smooth.family import DistinctRecords, Fitter, m
 from accelerated_evaluation.laws.smooth.support import SUPPORT
 from rate_car import RateCar
 
+pytestmark = pytest.mark.studies
 ROOT = Path(__file__).resolve().parents[2]
 sys.path.append(str(ROOT / "benchmarks" / "worlds"))
 

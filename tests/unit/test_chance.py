@@ -107,7 +107,8 @@ def test_a_replicate_without_an_estimate_is_described_next_to_one_with_an_estima
     sources = ["data", "choice of law", "sampling"]
     budget = pd.DataFrame({"replicate": 0, "source": sources, "variance_share": [0.5, 0.4, 0.1]})
     estimate = pd.DataFrame({"replicate": [0, 1], "converged": [True, False]})
-    lines = _answers(SimpleNamespace(tables={"answer": answer, "budget": budget, "estimate": estimate}))
+    beyond = pd.DataFrame(columns=["replicate", "part"])
+    lines = _answers(SimpleNamespace(tables={"answer": answer, "budget": budget, "estimate": estimate, "extrapolation": beyond}))
     assert sum(line.startswith("variance of the logarithm") for line in lines) == 1
     assert lines[-2].startswith("NOT CONVERGED")
     assert lines[-1] == "crash: not known from these runs"

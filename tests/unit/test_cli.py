@@ -1,3 +1,4 @@
+import re
 import subprocess
 import sys
 from pathlib import Path
@@ -193,6 +194,13 @@ def test_help_is_complete(capsys):
         assert stop.value.code == 0
         text = capsys.readouterr().out
         assert all(word in text for word in words)
+
+
+@pytest.mark.parametrize("name", ["compare", "crate", "extract", "inspect", "paper", "replay", "simulate"])
+def test_help_of_a_subcommand_has_an_example(name, capsys):
+    with pytest.raises(SystemExit):
+        cli.main([name, "--help"])
+    assert re.search(rf"^  accelerated-evaluation {name} \S", capsys.readouterr().out, re.MULTILINE)
 
 
 @pytest.mark.parametrize(

@@ -1,12 +1,9 @@
-"""The sampler is a package of its own: it imports nothing of the study, and it is in the same wheel."""
+"""The sampler is a package of its own: it imports nothing of the study."""
 
 import re
 import subprocess
 import sys
-import tomllib
 from pathlib import Path
-
-from setuptools import find_packages
 
 ROOT = Path(__file__).resolve().parents[2]
 
@@ -16,12 +13,6 @@ def test_the_sampler_imports_nothing_of_the_study():
     assert sources
     for path, source in sources.items():
         assert not re.search(r"^\s*(from|import) accelerated_evaluation", source, re.MULTILINE), path
-
-
-def test_the_sampler_is_in_the_wheel():
-    found = tomllib.loads((ROOT / "pyproject.toml").read_text())["tool"]["setuptools"]["packages"]["find"]
-    packages = find_packages(ROOT / found["where"][0], include=found["include"])
-    assert {"fewruns", "accelerated_evaluation", "accelerated_evaluation.methods"} <= set(packages)
 
 
 def test_importing_all_public_names_loads_neither_pandas_nor_scipy_stats():

@@ -8,6 +8,7 @@ from pathlib import Path
 
 import pytest
 
+pytestmark = pytest.mark.studies
 ROOT = Path(__file__).resolve().parents[2]
 PARTS = ("article", "benchmarks", "config", "data", "docs", "notebooks", "profiles", "tests", "workflow")
 JOBS = {

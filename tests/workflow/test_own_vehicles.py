@@ -36,6 +36,7 @@ def rules_to_run(project, *targets):
     return set(re.findall(r"^(\w+): .*\n    because of", run.stdout + run.stderr, re.MULTILINE))
 
 
+@pytest.mark.studies
 def test_own_vehicles_are_compared(finished, tmp_path):
     """The finished study gets other vehicles, so that only what concerns vehicles runs."""
     clone = compare(finished.copied(tmp_path))

@@ -6,6 +6,7 @@ import pandas as pd
 import pytest
 import yaml
 
+pytestmark = pytest.mark.studies
 CAR = """
 from accelerated_evaluation.vehicles import load_vehicle
 

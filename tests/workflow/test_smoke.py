@@ -7,6 +7,7 @@ import subprocess
 import sys
 import time
 
+import pytest
 from accelerated_evaluation.publishing.book.catalogue import read_contents
 
 DATA = "Safety Pilot Model Deployment (real events), a sample of 6,000"
@@ -42,6 +43,7 @@ write_law(sys.argv[1], choose_law("answer", encounters, config)[1], encounters)
 """
 
 
+@pytest.mark.studies
 def test_a_killed_run_resumes_on_one_core_and_ends_with_the_same_bytes(project_with_toys, request):
     """The whole study, which it is compared with, is asked for last, as another process may be running it."""
     project = project_with_toys

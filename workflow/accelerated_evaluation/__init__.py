@@ -1,1 +1,84 @@
-"""Accelerated evaluation of automated vehicles: from lane-change records to a crash probability."""
+"""Accelerated evaluation of automated vehicles: from records of encounters to a crash probability.
+
+The names below are the public interface; docs/interface.md has an example of each.
+"""
+
+from importlib import import_module
+from typing import Any
+
+# The module of each public name. It is imported when the name is first used, because the compiler (numba) and
+# the laws take a second.
+_HOME = {
+    # Configuration, randomness and errors.
+    "InputError": "base.errors",
+    "StudyError": "base.errors",
+    "child_generator": "base.randomness",
+    "load": "study.configuration",
+    "resolved": "study.configuration",
+    # Scenarios and records.
+    "CUT_IN": "scenarios.cut_in",
+    "Event": "scenarios.protocol",
+    "FittedRecords": "answer.fitted_records",
+    "Outcome": "scenarios.protocol",
+    "SCENARIOS": "scenarios",
+    "SOURCES": "records.sources",
+    "Scenario": "scenarios.protocol",
+    "Variable": "scenarios.protocol",
+    "Verdict": "records.verdict",
+    "event_named": "vehicles.events",
+    "outcome": "scenarios.protocol",
+    "read_records": "answer.fitted_records",
+    # Laws of the encounters.
+    "Box": "laws.protocol",
+    "Draws": "laws.draws",
+    "DrawnLaws": "laws.draws",
+    "JointLaw": "laws.joint.protocol",
+    "LAWS": "laws",
+    "Law": "laws.protocol",
+    "LawStudy": "answer.law_study",
+    "OneLaw": "laws.draws",
+    "StratifiedLaw": "laws.strata",
+    "as_draws": "laws.draws",
+    "choose_draws": "answer.choice",
+    "fit_paper_law": "answer.choice",
+    "read_law": "laws.files",
+    "write_law": "laws.files",
+    # Vehicles, and what is asked about them.
+    "Problem": "problem",
+    "VEHICLES": "vehicles",
+    "Vehicle": "vehicles.protocol",
+    "load_vehicle": "vehicles.loading",
+    "vehicles_of": "vehicles.loading",
+    # The answer, in three ways.
+    "Answer": "answer.answer",
+    "Crashes": "answer.answer",
+    "FewRuns": "answer.by_few_runs",
+    "Grid": "crash_map.maps",
+    "Map": "answer.by_map",
+    "Posterior": "answer.posterior",
+    "Replayed": "answer.answer",
+    "SampledPosterior": "answer.posterior",
+    "Simulations": "answer.by_simulations",
+    "Stopping": "methods",
+    "compare": "answer.comparison",
+    "evaluate": "answer.answer",
+    "extrapolation": "answer.extrapolation",
+    "map_crashes": "crash_map.mapping",
+    # The command `estimate` as a function.
+    "Estimated": "answer.estimation",
+    "Request": "answer.estimation",
+    "estimate": "answer.estimation",
+}
+__all__ = sorted(_HOME)
+
+
+def __getattr__(name: str) -> Any:  # noqa: ANN401
+    if name not in _HOME:
+        raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
+    found = getattr(import_module(f"{__name__}.{_HOME[name]}"), name)
+    globals()[name] = found  # also in place of a package of the same name, which its import has put here
+    return found
+
+
+def __dir__() -> list[str]:
+    return __all__

@@ -41,6 +41,6 @@ if __name__ == "__main__":
             tables = answer_tables(problem, study, draws, records, way, events, half_width, stream)
         verdict = Verdict.of(read_report(files.report))
         write_law(outputs.pop("law"), study.law(), records.table, verdict)
-        write_law(outputs.pop("draws"), draws.proposal, records.table, verdict)
+        write_law(outputs.pop("draws"), draws.law, records.table, verdict)
         for name, path in outputs.items():
             write_csv(path, tables[name])

@@ -148,7 +148,7 @@ class Way(Protocol):
         """Compute the answer for the event of a problem, and for further events."""
 
 
-def answer(
+def evaluate(
     problem: Problem,
     draws: Draws,
     by: Way,
@@ -178,3 +178,6 @@ def answer(
         Posterior of the probability of each event, with tables and a text.
     """
     return by.answer(problem, draws, events, generator)
+
+
+answer = evaluate

@@ -58,7 +58,7 @@ class Map:
                 lines = self._lines(self.crash_map, event, vehicle, draws, generator)
             if event == CRASH and (law := typical_law(draws)) is not None:
                 lines, impact_speed = with_impacts(lines, vehicle, law)
-                limits = speed_limits(self.records.cut_ins, *lines.place(np.arange(lines.places.size)))
+                limits = speed_limits(self.records.cut_ins, lines.places.lead_speed, lines.places.range_)
                 lines, part = divided(lines, limits.values())
                 crashes = Crashes(lines.inside, impact_speed[part], masses_under(lines, draws))
                 probabilities = crashes.weights.sum(axis=1)

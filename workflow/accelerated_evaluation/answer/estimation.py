@@ -77,7 +77,7 @@ class Estimated:
             tables["account"] = self.records.account
         for name, table in self.verdict.added_to_answers(tables).items():
             write_csv(folder / f"{name}.csv", table)
-        write_law(folder / "law.json", self.answers[0].draws.proposal, self.records.table, self.verdict)
+        write_law(folder / "law.json", self.answers[0].draws.law, self.records.table, self.verdict)
         self.records.write(folder / "encounters.parquet")
         if len(compared := self.compared(folder)):
             write_csv(folder / "compared.csv", compared)

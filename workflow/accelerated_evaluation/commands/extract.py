@@ -22,7 +22,10 @@ files that are written:
   OUT_exposure.json        time and distance that the hosts drove: hours, kilometres
 
 A study can also begin with the recordings and then extracts the cut-ins itself. docs/your_records.md explains
-the definition of a cut-in and each of its settings."""
+the definition of a cut-in and each of its settings.
+
+example:
+  accelerated-evaluation extract my_recordings.yaml cut_ins.parquet"""
 
 
 @COMMANDS.add("extract")

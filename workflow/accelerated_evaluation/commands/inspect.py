@@ -21,7 +21,11 @@ The records of another scenario (--scenario, or scenario.name of the configurati
 variables and of its clusters. The checks of the signs, time gaps and tails of cut-ins are then left out; the
 records are compared with those of the scenario in the project instead.
 
-The exit status is 1 if the verdict of a check is stop."""
+The exit status is 1 if the verdict of a check is stop.
+
+examples:
+  accelerated-evaluation inspect my_cut_ins.csv --report report.csv
+  accelerated-evaluation inspect my_study.yaml"""
 
 
 @COMMANDS.add("inspect")

@@ -36,7 +36,10 @@ s after the start: speed_0.1, speed_0.2, ..., up to speed_8.0. Speeds in between
 
 The added columns are at the end, and replace columns of the same name. All other columns are copied
 unchanged. Simulations that were stopped at their time limit have 0 in the column ended, and a warning gives
-their number."""
+their number.
+
+example:
+  accelerated-evaluation simulate cut_ins.csv outcomes.csv --vehicle my_vehicle.py:MyVehicle"""
 
 
 def _description() -> str:

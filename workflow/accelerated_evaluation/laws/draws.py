@@ -45,6 +45,11 @@ class Draws(ABC):
     names: tuple[str, ...]
 
     @property
+    def law(self) -> Law:
+        """The law that a law file contains: the proposal with the draws."""
+        return self
+
+    @property
     def size(self) -> int:
         """Number K of draws."""
         return len(self.names)
@@ -232,6 +237,11 @@ class OneLaw(Draws):
     """A single law as K = 1 draws."""
 
     proposal: Law
+
+    @property
+    def law(self) -> Law:
+        """The law itself."""
+        return self.proposal
 
     @property
     def names(self) -> tuple[str]:

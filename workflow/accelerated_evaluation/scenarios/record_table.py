@@ -2,13 +2,13 @@
 
 import os
 from collections.abc import Mapping
-from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pandas as pd
 
 from accelerated_evaluation.base.errors import InputError
+from accelerated_evaluation.base.project import project_file
 from accelerated_evaluation.base.randomness import child_generator
 from accelerated_evaluation.base.tables import read_csv, read_parquet, require_file
 from accelerated_evaluation.records.checks import Records, Simulate
@@ -16,7 +16,6 @@ from accelerated_evaluation.records.sources import read_source
 from accelerated_evaluation.scenarios import SCENARIOS
 from accelerated_evaluation.scenarios.protocol import CLUSTER, FITTED, Scenario
 
-PROJECT = Path(__file__).resolve().parents[3]
 REPEATED, OUTSIDE = "repeated", "outside"  # columns of flags for the two reasons why a row is left out
 
 
@@ -78,7 +77,7 @@ def read_scenario_records(scenario: Scenario, path: str | os.PathLike | None = N
     InputError
         If there is no file, or if a row to which laws are fitted cannot be simulated.
     """
-    source = path or shipped_file(scenario)
+    source = path or scenario.records
     if source is None:
         raise InputError(
             "scenario.records",
@@ -86,17 +85,11 @@ def read_scenario_records(scenario: Scenario, path: str | os.PathLike | None = N
             expected=f"a file, because no records of the scenario {scenario.name} come with the project",
             change="Name the file of the records.",
         )
-    table = scenario.read_records(Path(source))
+    source = project_file(source)
+    table = scenario.read_records(source)
     fitted = table[table[FITTED]]
     scenario.checked(*(fitted[name] for name in scenario.names), source=str(source), rows=fitted.index + 2)
     return table
-
-
-def shipped_file(scenario: Scenario) -> Path | None:
-    """Return the file of the records that come with the project, or None; it is found from any folder."""
-    if scenario.records is None or scenario.records.exists():
-        return scenario.records
-    return PROJECT / scenario.records
 
 
 def configured_records(config: Mapping[str, Any], simulate: Simulate | None = None) -> Records:
@@ -132,7 +125,8 @@ def records_to_check(scenario: Scenario, table: pd.DataFrame, simulate: Simulate
         Function that simulates encounters, given the variables of the scenario; None to skip the check that
         replays the records.
     """
-    names, shipped = list(scenario.names), shipped_file(scenario)
+    names = list(scenario.names)
+    shipped = None if scenario.records is None else project_file(scenario.records)
     rows = table[[*names, CLUSTER]].set_axis(range(1, len(table) + 1))
     values, (low, high) = rows[names].to_numpy(float), scenario.limits.T
     return Records(

@@ -16,6 +16,7 @@ import yaml
 
 from accelerated_evaluation.base.errors import InputError, StudyError
 from accelerated_evaluation.base.files import write_text
+from accelerated_evaluation.base.project import project_file
 from accelerated_evaluation.base.sections import default_of
 from accelerated_evaluation.records.limits import AUTO, AUTOMATIC, with_limits, with_values
 from accelerated_evaluation.study.consistency import CHECKS
@@ -63,7 +64,8 @@ def load(paths: Sequence[str | os.PathLike] = (), given: Mapping[str, Any] | Non
     Returns
     -------
     dict
-        The complete configuration.
+        The complete configuration. If the records are a file of the project, their path is that of this
+        file, from whatever folder they are read.
 
     Raises
     ------
@@ -77,6 +79,8 @@ def load(paths: Sequence[str | os.PathLike] = (), given: Mapping[str, Any] | Non
         config = _merged(config, part)
     config = completed(config)
     validate(config)
+    source = config["data"][config["data"]["source"]]
+    source["path"] = str(project_file(source["path"]))
     return config
 
 

@@ -206,12 +206,6 @@ CHECKS = (
     ),
     Check(("uncertainty.sampling_interval",), _rising, "the lower end first"),
     Check(
-        ("scenario.name", "simulations.slow"),
-        lambda name, slow: name == "cut_in" or not slow,
-        "slow: false in another scenario than cut_in, whose study simulates fast vehicles only; a slow one "
-        "is estimated by `accelerated-evaluation estimate`, with simulations.keep_class: true for a class",
-    ),
-    Check(
         ("data.source",),
         lambda source: source in SOURCES,
         f"a source of records: one of {', '.join(SOURCES)}",

@@ -8,6 +8,7 @@ from typing import Any, Self
 
 from accelerated_evaluation.base.digests import content_digest, value_digest
 from accelerated_evaluation.base.errors import InputError, located
+from accelerated_evaluation.base.project import project_file
 from accelerated_evaluation.base.tables import require_file
 from accelerated_evaluation.records.sources import SOURCES, describe, record_files
 from accelerated_evaluation.records.verdict import require_checks
@@ -104,8 +105,7 @@ class StudyInputs:
         limits = Path("results") / config["study"] / "limits.json"
         config = without_unused(resolved(config, records, limits, trust=not is_main_process), SOURCES)
         accepted, source = config["data"].pop("accepted_warnings"), config["data"][config["data"]["source"]]
-        if not Path(source["path"]).exists() and (project / source["path"]).exists():
-            source["path"] = str(project / source["path"])
+        source["path"] = str(project_file(source["path"], project))
         if is_main_process:
             require_cores(cores)
             require_places(Path("results") / config["study"], Path("figures") / config["study"])
@@ -131,8 +131,7 @@ class StudyInputs:
                 expected="the file of the records",
                 change=f"Name the file; the project contains no records of the scenario {scenario.name}.",
             )
-        if not Path(path).exists() and (project / path).exists():
-            path = project / path
+        path = project_file(path, project)
         if is_main_process:
             require_cores(cores)
             require_places(Path("results") / config["study"], Path("figures") / config["study"])

@@ -3,15 +3,15 @@
 import json
 from collections.abc import Iterator, Mapping
 from functools import cache
-from pathlib import Path
 from typing import Any
 
 import yaml
 
+from accelerated_evaluation.base.project import PROJECT
 from accelerated_evaluation.base.sections import Schema
 from accelerated_evaluation.records.sources import SOURCES
 
-WORKFLOW = Path(__file__).resolve().parents[2]
+WORKFLOW = PROJECT / "workflow"
 SCHEMA = WORKFLOW / "schemas" / "config.schema.yaml"
 LONGEST = 1000  # largest number of characters of a value in a message
 TYPES = {"boolean": "true or false", "object": "mapping"}

@@ -21,7 +21,8 @@ from tqdm import tqdm
 from accelerated_evaluation.base.digests import file_digest
 from accelerated_evaluation.base.errors import InputError
 from accelerated_evaluation.base.files import atomic_path
-from accelerated_evaluation.publishing.archive.provenance import PROJECT, commit_of
+from accelerated_evaluation.base.project import PROJECT
+from accelerated_evaluation.publishing.archive.provenance import commit_of
 from accelerated_evaluation.publishing.archive.run_records import Job, jobs_of, require_unchanged
 from accelerated_evaluation.publishing.study import Study
 from accelerated_evaluation.study.dependencies import files_of

@@ -7,10 +7,9 @@ from functools import cache
 from pathlib import Path
 from typing import Any
 
+from accelerated_evaluation.base.project import PROJECT
 from accelerated_evaluation.publishing.study import Study
-from accelerated_evaluation.study.configuration import WORKFLOW
 
-PROJECT = WORKFLOW.parent
 # The results depend on these parts of the project. Commits that change only other files, such as
 # documentation, tests or the published figures themselves, are ignored, because they do not change the
 # results.

@@ -10,6 +10,7 @@ import pandas as pd
 import yaml
 
 from accelerated_evaluation.base.digests import file_digest
+from accelerated_evaluation.base.project import PROJECT
 from accelerated_evaluation.publishing.archive.provenance import commit_of
 from accelerated_evaluation.publishing.study import Study
 from accelerated_evaluation.publishing.tables.exact import contradictions
@@ -18,7 +19,6 @@ from accelerated_evaluation.publishing.tables.formats import readable, to_markdo
 from accelerated_evaluation.publishing.tables.paper_numbers import PAPER_PROBABILITY
 from accelerated_evaluation.scenarios.cut_in import CUT_IN
 
-PROJECT = Path(__file__).resolve().parents[4]
 # Packages whose versions the last page lists: those behind numbers, figures and pages. environment.txt pins
 # all.
 PACKAGES = ("numpy", "scipy", "pandas", "pyarrow", "numba", "matplotlib")

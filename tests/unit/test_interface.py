@@ -1,0 +1,34 @@
+"""The public interface: every name has an example on its page, and the page runs."""
+
+import re
+from pathlib import Path
+
+import accelerated_evaluation as ae
+import pytest
+
+ROOT = Path(__file__).resolve().parents[2]
+PAGE = ROOT / "docs" / "interface.md"
+BLOCKS = re.findall(r"```python\n(.*?)```", PAGE.read_text(encoding="utf-8"), re.DOTALL)
+
+
+def test_every_public_name_can_be_imported_and_has_an_example():
+    assert 40 <= len(ae.__all__) <= 60
+    used = set(re.findall(r"\bae\.(\w+)", "\n".join(BLOCKS)))
+    assert used == set(ae.__all__)
+    for name in ae.__all__:
+        assert getattr(ae, name).__doc__ or name.isupper(), name
+
+
+def test_a_name_that_is_not_public_is_refused():
+    with pytest.raises(AttributeError, match="nothing"):
+        ae.nothing  # noqa: B018
+
+
+def test_the_examples_run_one_after_another(tmp_path, monkeypatch):
+    (tmp_path / "data").symlink_to(ROOT / "data")
+    monkeypatch.chdir(tmp_path)
+    names = {}
+    for block in BLOCKS:
+        exec(block, names)
+    assert names["found"].converged
+    assert 0 < names["exact"].posterior.probability < 1e-4

@@ -1,0 +1,100 @@
+"""The wheel works without the repository, with a vehicle in a file of an empty folder."""
+
+import os
+import subprocess
+import sys
+import venv
+import zipfile
+from pathlib import Path
+
+import numpy as np
+import pandas as pd
+import pytest
+from accelerated_evaluation.base.project import PROJECT
+from accelerated_evaluation.scenarios import SCENARIOS
+
+pytestmark = pytest.mark.studies
+ROOT = Path(__file__).resolve().parents[2]
+CAR = '''
+import numpy as np
+from accelerated_evaluation.vehicles import Outcomes
+
+
+class Car:
+    """Brakes with 6 m/s^2 after one second; the lead vehicle keeps its speed."""
+
+    deterministic = True
+
+    def simulate(self, lead_speed, range_, closing_speed):
+        left = range_ - closing_speed - closing_speed**2 / 12
+        crash = left <= 0
+        return Outcomes(crash, np.maximum(left, 0), np.ones(len(left)), np.where(crash, closing_speed, 0.0))
+'''
+
+
+@pytest.fixture(scope="module")
+def wheel(tmp_path_factory):
+    """Return the wheel of this project."""
+    folder = tmp_path_factory.mktemp("wheel")
+    options = ["--quiet", "--no-deps", "--no-build-isolation", "--wheel-dir", str(folder)]
+    subprocess.run([sys.executable, "-m", "pip", "wheel", *options, str(ROOT)], check=True)
+    return next(folder.glob("*.whl"))
+
+
+def test_the_wheel_holds_all_packages_and_the_files_that_they_read(wheel):
+    files = set(zipfile.ZipFile(wheel).namelist())
+    code = {path.relative_to(ROOT / "workflow") for path in (ROOT / "workflow").glob("*/**/*.py")}
+    assert {str(path) for path in code if path.parts[0] != "scripts"} <= files
+    read = [scenario.records for scenario in SCENARIOS.values() if scenario.records is not None]
+    read += ["config/config.yaml", "workflow/schemas/config.schema.yaml", "data/spmd/cut_ins.parquet"]
+    assert {f"accelerated_evaluation/project/{path}" for path in read} <= files
+    assert wheel.stat().st_size < 8e6
+
+
+@pytest.fixture(scope="module")
+def run(wheel, tmp_path_factory):
+    """Return the function that runs a program of an environment with the wheel, in a folder of its own."""
+    environment = tmp_path_factory.mktemp("environment")
+    venv.create(environment)
+    (packages,) = environment.glob("lib/*/site-packages")
+    # Dependencies are those of the tests. Their link to this project is not followed from here.
+    (packages / "dependencies.pth").write_text(str(Path(np.__file__).parents[1]))
+    pip = [sys.executable, "-m", "pip", "--python", str(environment / "bin/python"), "install", "--quiet"]
+    subprocess.run([*pip, "--no-deps", "--no-index", str(wheel)], check=True)
+    folder = tmp_path_factory.mktemp("empty")
+    clean = {key: value for key, value in os.environ.items() if key != "PYTHONPATH"}
+
+    def run(program, *arguments):
+        command = [environment / "bin" / program, *arguments]
+        done = subprocess.run(command, cwd=folder, env=clean, capture_output=True, text=True)
+        assert done.returncode == 0, done.stderr[-3000:]
+        return done.stdout
+
+    run.folder = folder
+    return run
+
+
+def test_the_installed_library_is_not_that_of_the_repository(run):
+    shown = run("python", "-c", "from accelerated_evaluation.base.project import PROJECT; print(PROJECT)")
+    assert Path(shown.strip()).parts[-3:] == ("site-packages", "accelerated_evaluation", "project")
+    assert PROJECT == ROOT
+
+
+def test_a_vehicle_in_a_file_is_simulated_inspected_and_estimated(run):
+    (run.folder / "car.py").write_text(CAR)
+    (run.folder / "my.yaml").write_text("study: mine\nvehicle: {name: 'car.py:Car'}\n")
+    cut_ins = pd.DataFrame({"lead_speed": 20.0, "range": [9.0, 50.0], "closing_speed": 8.0})
+    cut_ins.to_csv(run.folder / "cut_ins.csv", index=False)
+    run("accelerated-evaluation", "simulate", "cut_ins.csv", "out.csv", "--vehicle", "car.py:Car")
+    assert pd.read_csv(run.folder / "out.csv")["crash"].tolist() == [True, False]
+    assert "of 157,757 rows" in run("accelerated-evaluation", "inspect", "my.yaml")
+    run("accelerated-evaluation", "estimate", "--config", "my.yaml")
+    found = pd.read_csv(run.folder / "results/mine/estimate/estimate.csv").iloc[0]
+    assert found["converged"]
+    assert 0 < found["probability"] < 1e-3
+
+
+@pytest.mark.parametrize("name", sorted(SCENARIOS.keys() - {"cut_in"}))
+def test_the_records_of_every_scenario_are_there(run, name):
+    (run.folder / f"{name}.yaml").write_text(f"scenario: {{name: {name}}}\n")
+    assert "warning, 0 stop." in run("accelerated-evaluation", "inspect", f"{name}.yaml")

@@ -1,0 +1,68 @@
+"""The subcommand ``compare``, which lists what differs between two finished studies."""
+
+import argparse
+from pathlib import Path
+
+from accelerated_evaluation.base.errors import InputError
+from accelerated_evaluation.commands import COMMANDS
+
+SHOWN = {  # columns that are printed, by published table
+    "answer": ["probability", "low80", "high80"],
+    "scenario_answer": ["probability", "low80", "high80"],
+    "exact": ["probability"],
+}
+DESCRIPTION = """\
+Compare two finished studies, such as the default study and one in which you have changed a modelling choice:
+the settings that differ, and the numbers that differ in the tables that both have published.
+
+The probabilities of the answer, with their 80 % intervals, and of the exact evaluation of the paper's law are
+printed. All cells that differ are written to OUT.csv: table, row, column, the cell in each study, and the
+ratio of the second to the first. Numbers of random simulations differ within their sampling error, too.
+
+Run it in the folder in which the studies ran, for example
+  echo "{study: bounded, models: {inverse_ttc: {tail: bounded normal}}}" > bounded.yaml
+  make study CONFIG=bounded.yaml
+  accelerated-evaluation compare spmd bounded"""
+
+
+@COMMANDS.add("compare")
+class Compare:
+    """List what differs between two finished studies."""
+
+    help = "list what differs between two finished studies: settings and published numbers"
+    description = DESCRIPTION
+
+    @staticmethod
+    def add_arguments(command: argparse.ArgumentParser) -> None:
+        """Add the names of the studies and the table to write to the parser."""
+        command.add_argument("first", metavar="STUDY", help="name of the study to compare with, such as spmd")
+        command.add_argument("second", metavar="OTHER", help="name of the other study")
+        command.add_argument(
+            "--target",
+            metavar="OUT.csv",
+            type=Path,
+            help="table to write (default: results/OTHER/compared_with_STUDY.csv)",
+        )
+
+    @staticmethod
+    def run(arguments: argparse.Namespace) -> None:
+        """Print the settings and probabilities that differ, and write the table of all cells that differ."""
+        from accelerated_evaluation.base.files import write_csv
+        from accelerated_evaluation.publishing.compared_studies import changed_cells, changed_settings
+        from accelerated_evaluation.publishing.study import Study
+
+        names = arguments.first, arguments.second
+        if names[0] == names[1]:
+            raise InputError(
+                "OTHER", seen=names[1], expected="another study than STUDY", change="Name two studies."
+            )
+        studies = tuple(map(Study.named, names))
+        settings, cells = changed_settings(*studies), changed_cells(*studies)
+        print(settings.to_string(index=False) if len(settings) else "The settings are equal.")
+        places = zip(cells["table"], cells["column"], strict=True)
+        headline = [column in SHOWN.get(table, ()) for table, column in places]
+        shown = cells[headline].to_string(index=False, float_format="{:.3g}".format)
+        print(shown if any(headline) else "The probabilities are equal.")
+        target = arguments.target or studies[1].results / f"compared_with_{names[0]}.csv"
+        write_csv(target, cells)
+        print(f"{target}: {len(cells)} cells of the published tables differ")
