@@ -94,7 +94,7 @@ if IS_CUT_IN:
 
 
 rule book:
-    """Make the book, a web site with the executed notebooks and the guides."""
+    """Make the book, a web site with the executed notebooks and the guides, and the provenance of the study."""
     input:
         notebooks=[result("notebooks", f"{notebook}.ipynb") for notebook in NOTEBOOKS],
         published=[file for name in NOTEBOOKS for file in figures_of(name)]
@@ -106,6 +106,7 @@ rule book:
         explorer=[rules.explorer.output.page] if IS_CUT_IN else [],
     output:
         site=directory(result("book")),
+        provenance=result("provenance.json"),
     log:
         log_of("book.log"),
     benchmark:
