@@ -59,6 +59,7 @@ def test_a_rendered_notebook_has_outputs_at_screen_resolution_and_links_that_lea
         "2, see [guide](../../../docs/g.md) and [03](03.ipynb)",
         "draw()",
     ]
+    assert [made.cells[number].execution_count for number in (0, -1)] == [1, 2]
     drawn, printed = made.cells[-1].outputs
     assert list(drawn.data) == ["image/png"]
     image = Image.open(BytesIO(base64.b64decode(drawn.data["image/png"])))

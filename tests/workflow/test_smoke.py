@@ -134,7 +134,7 @@ def test_published_files_stay_the_same_at_another_commit(finished, tmp_path):
     git("commit", "--quiet", "--message", "another", folder=project.folder)
     run = project.run("book", "--forcerun", "run_12_the_records")
     assert run.returncode == 0, run.stderr[-3000:]
-    assert "run_12_the_records" in run.stderr
+    assert "Running the notebook 12_the_records" in run.stderr
     assert git("status", "--porcelain", "--", "figures", folder=project.folder) == ""
     first, second = (
         json.loads((folder / "results/smoke/provenance.json").read_text())

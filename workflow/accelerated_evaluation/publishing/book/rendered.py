@@ -40,6 +40,8 @@ def write_rendered(notebook: Path, executed: Path, rendered: Path) -> None:
             if picture := output.get("data", {}).get("image/png"):
                 output.data = {"image/png": _smaller(picture)}
     made.cells = [cell for cell in made.cells if "injected-parameters" not in cell.metadata.get("tags", [])]
+    for number, cell in enumerate((cell for cell in made.cells if cell.cell_type == "code"), start=1):
+        cell.execution_count = number
     made.metadata = {
         key: value for key, value in made.metadata.items() if key in ("kernelspec", "language_info", "study")
     } | {"template": template_digest(template.cells)}
