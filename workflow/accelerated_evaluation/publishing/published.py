@@ -22,7 +22,7 @@ from typing import Any, TypeVar
 import pandas as pd
 from matplotlib.figure import Figure
 
-from accelerated_evaluation.publishing.archive.provenance import described, origin_of
+from accelerated_evaluation.publishing.archive.provenance import described
 from accelerated_evaluation.publishing.figures.style import COLUMN_WIDTH, save_figure
 from accelerated_evaluation.publishing.study import Study
 from accelerated_evaluation.publishing.tables.display import as_html
@@ -49,7 +49,7 @@ def figure(make: Make) -> Make:
 
     def publish(study: Study, made: tuple[Figure, pd.DataFrame]) -> ShownFigure:
         drawn, data = made
-        metadata = described(make.__name__, origin_of(study))
+        metadata = described(make.__name__, study.name)
         save_figure(drawn, data, study.figures, make.__name__, metadata)
         study.used.figures.append(make.__name__)
         return ShownFigure(data, study.figures / f"{make.__name__}.png")
