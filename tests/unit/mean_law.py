@@ -1,13 +1,14 @@
 """A mean law of 60 draws, and the probability under each draw that a cut-in needs hard braking."""
 
+from dataclasses import replace
+
 import numpy as np
 import pandas as pd
 import pytest
-from accelerated_evaluation.answer.scored_family import score_family
+from accelerated_evaluation.answer.law_study import LawStudy
+from accelerated_evaluation.answer.smooth_family import SmoothFamily
 from accelerated_evaluation.laws.smooth.dependent import DependentLaw
-from accelerated_evaluation.laws.smooth.draws import LawDraws
 from accelerated_evaluation.laws.smooth.family import DistinctRecords, Member
-from accelerated_evaluation.laws.smooth.mean import MeanLaw
 from accelerated_evaluation.laws.smooth.support import Support
 from accelerated_evaluation.records.encounter_table import complete
 from accelerated_evaluation.track.weighted_set import _places
@@ -29,10 +30,10 @@ def encounters_():
 
 @pytest.fixture(scope="module", name="law")
 def law_(encounters):
-    scored = score_family(DistinctRecords.of(encounters, SUPPORT), MEMBERS, 3)
+    family = SmoothFamily.of(DistinctRecords.of(encounters, SUPPORT), MEMBERS, 3)
+    family = replace(family, encounters=encounters, closing_speed_max=40.0)
     weights = np.full((DRAWS, len(MEMBERS)), 1 / len(MEMBERS))
-    draws = LawDraws.of(scored.family, MEMBERS, weights, SUPPORT, np.random.default_rng(2))
-    return MeanLaw.fitted(draws, encounters, "mean of draws", 40.0)
+    return LawStudy(family, weights).draws(np.random.default_rng(2))
 
 
 def one_draw(law, k, cap=np.inf):

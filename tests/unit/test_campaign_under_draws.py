@@ -5,8 +5,7 @@ import re
 import numpy as np
 import pytest
 from accelerated_evaluation import cli
-from accelerated_evaluation.answer.averaged import Course
-from accelerated_evaluation.answer.reweighting import draws_of
+from accelerated_evaluation.answer.by_few_runs import laws_of
 from accelerated_evaluation.base.errors import InputError
 from accelerated_evaluation.laws.files import write_law
 from accelerated_evaluation.records.encounter_table import write_encounters
@@ -16,8 +15,8 @@ from accelerated_evaluation.track.driven import DrivenOutcome
 from accelerated_evaluation.track.whole import (
     ALONE,
     _reach,
+    laws_under,
     read_draws,
-    read_under,
     whole_in_words,
 )
 from accelerated_evaluation.vehicles.events import CRASH
@@ -75,7 +74,7 @@ def test_a_campaign_under_one_law_is_read_under_all(campaign, law, encounters, f
     middle = int(np.argsort(known)[-3])  # crashes often, so that its runs reach those of the others
     other = drive(one_draw(few, middle), "one.json", encounters, folder)
     draws = read_draws(folder / "law.json", other)
-    found = read_under(other, law_of(other), draws).refined().probabilities
+    found = laws_under(law_of(other), draws).refined(other.sampler).probabilities
     assert abs(np.log(found[middle] / known[middle])) < 0.6  # three relative errors of the sampling
     assert np.median(np.abs(np.log(found / known))) < 0.6
     write_campaign(folder / "campaign.json", other)
@@ -90,17 +89,16 @@ def test_a_campaign_under_one_law_is_read_under_all(campaign, law, encounters, f
 
 def test_a_law_with_draws_read_under_itself_is_unchanged(campaign):
     few = law_of(campaign)
-    itself = read_under(campaign, few, few).refined().probabilities
-    np.testing.assert_allclose(
-        itself, Course(few, campaign.sampler, draws_of(few)).refined().probabilities, rtol=1e-6
-    )
+    itself = laws_under(few, few).refined(campaign.sampler).probabilities
+    known = laws_of(few, few.from_normal_scores).refined(campaign.sampler).probabilities
+    np.testing.assert_allclose(itself, known, rtol=1e-6)
 
 
-def test_runs_at_the_cap_count_for_all_speeds_from_the_cap_on(campaign, law):
+def test_runs_at_the_cap_count_for_all_speeds_from_the_cap_on(law):
     """The ratios average to one under each draw, although the draws have another cap."""
     few, own = law.thinned(6), one_draw(law, 30, cap=6.0)
-    x = own.draw(20_000, np.random.default_rng(7))
-    ratios = np.exp(read_under(campaign, own, few).reweighting._ratios(x))
+    z = np.random.default_rng(7).standard_normal((20_000, 3))
+    x, ratios = own.from_normal_scores(z), laws_under(own, few).ratios(z)
     apart = np.abs(ratios.mean(axis=1) - 1) / ratios.std(axis=1) * np.sqrt(len(x))
     assert apart.max() < 4.5
     wrong = np.exp(few.log_densities(x) - own.log_density(x))  # densities at the cap, but not under its law

@@ -8,8 +8,10 @@ from types import SimpleNamespace
 import numpy as np
 import pandas as pd
 import pytest
-from accelerated_evaluation.answer.averaged import answer_row
-from accelerated_evaluation.commands.estimate import _answers
+from accelerated_evaluation.answer.answer import Answer
+from accelerated_evaluation.answer.estimation import Estimated, Request
+from accelerated_evaluation.answer.posterior import SampledPosterior
+from accelerated_evaluation.laws.draws import as_draws
 from accelerated_evaluation.methods import METHODS, Stopping
 from accelerated_evaluation.methods.cross_entropy.method import CrossEntropyMethod
 from accelerated_evaluation.methods.surrogate import Surrogate
@@ -17,6 +19,7 @@ from accelerated_evaluation.problem import Problem
 from accelerated_evaluation.scenarios.cut_in import CUT_IN
 from accelerated_evaluation.track.weighted_set import draw_weighted_set
 from accelerated_evaluation.vehicles import load_vehicle
+from accelerated_evaluation.vehicles.events import CRASH
 from fewruns import SystemProblem
 from law_folder import LAW as CUT_INS
 from scipy.special import ndtr
@@ -99,19 +102,20 @@ def test_a_vehicle_that_crashes_in_thin_stripes_gets_no_number_that_claims_to_be
 
 
 def test_a_replicate_without_an_estimate_is_described_next_to_one_with_an_estimate():
-    none = answer_row(None)
-    known = none | dict.fromkeys(none, 1e-6)
-    answer = pd.DataFrame([known | {"replicate": 0}, none | {"replicate": 1}]).assign(
-        event="crash", per_km=0.0
-    )
-    sources = ["data", "choice of law", "sampling"]
-    budget = pd.DataFrame({"replicate": 0, "source": sources, "variance_share": [0.5, 0.4, 0.1]})
-    estimate = pd.DataFrame({"replicate": [0, 1], "converged": [True, False]})
-    beyond = pd.DataFrame(columns=["replicate", "part"])
-    lines = _answers(SimpleNamespace(tables={"answer": answer, "budget": budget, "estimate": estimate, "extrapolation": beyond}))
+    problem = Problem(CUT_IN, LAW, Corner())
+    few = Stopping(minimum_events=1, maximum_simulations=10)
+    notes = {"estimate": Surrogate().estimate(problem, few, np.random.default_rng(1)), "not_ended": 0}
+    own = SampledPosterior(np.geomspace(1e-7, 1e-6, 20), np.arange(20) % 2, np.full(20, 0.1), 10)
+    answers = [
+        Answer(problem, as_draws(LAW), {CRASH: posterior}, converged=posterior is not None, notes=notes)
+        for posterior in (own, None)
+    ]
+    silent = SimpleNamespace(lines=list, doubts=[], in_words="", per_km=None)
+    lines = Estimated(answers, silent, silent, None, {}, Request(replicates=2), silent).lines()
     assert sum(line.startswith("variance of the logarithm") for line in lines) == 1
-    assert lines[-2].startswith("NOT CONVERGED")
-    assert lines[-1] == "crash: not known from these runs"
+    second = lines[lines.index("replicate 1:") :]
+    assert second[1].startswith("NOT CONVERGED")
+    assert second[2] == "crash: not known from these runs"
 
 
 def test_the_cars_of_the_benchmark_lapse_as_often_as_they_say():

@@ -1,6 +1,7 @@
 """The law that the command ``estimate`` is given: fitted at once, named, or of a finished study."""
 
 import json
+from dataclasses import replace
 from functools import cache
 from pathlib import Path
 
@@ -9,10 +10,14 @@ import pandas as pd
 import pytest
 from accelerated_evaluation import cli
 from accelerated_evaluation.answer import estimation
-from accelerated_evaluation.answer.chosen_law import choose_law
-from accelerated_evaluation.answer.estimation import estimate_alone, read_records
+from accelerated_evaluation.answer.choice import choose_draws
+from accelerated_evaluation.answer.estimate_tables import estimate_tables
+from accelerated_evaluation.answer.estimation import Request, estimate
+from accelerated_evaluation.answer.fitted_records import FittedRecords, read_records
 from accelerated_evaluation.base.errors import InputError
 from accelerated_evaluation.laws.files import read_law, write_law
+from accelerated_evaluation.laws.smooth.support import Support
+from accelerated_evaluation.scenarios.cut_in import CUT_IN
 from accelerated_evaluation.study.configuration import load, resolved
 from motorway import CONFIGURATION, motorway_table
 
@@ -52,7 +57,7 @@ def chosen():
     @cache
     def fitted(choice):
         config = few_draws()
-        return choose_law(choice, read_records(config)[0], config)[1]
+        return choose_draws(choice, read_records(config), config).proposal
 
     return fitted
 
@@ -85,29 +90,27 @@ def crash_probability(law):
 
 @pytest.mark.parametrize("choice", ["answer", "paper"])
 def test_the_estimate_is_of_the_law_that_was_chosen(config, chosen, choice):
-    found = estimate_alone(config, law=choice)
-    row = found.tables["estimate"].iloc[0]
-    exact = crash_probability(found.law)
+    found = estimate(config, Request(law=choice))
+    tables = estimate_tables(found.answers, found.records)
+    row = tables["estimate"].iloc[0]
+    exact = crash_probability(found.answers[0].draws.proposal)
     error = (row["ci_high"] - row["ci_low"]) / 2 / 1.28
     assert row["converged"]
     assert row["probability"] == pytest.approx(exact, abs=4 * error)
-    if choice == "answer":
-        answer = found.tables["answer"].iloc[0]
-        assert answer["probability"] == pytest.approx(exact, abs=4 * error)
+    assert tables["answer"].iloc[0]["probability"] == pytest.approx(exact, abs=4 * error)
     others = [name for name in ("paper", "hazard", "exponential 0.9") if name != choice]
     wrong = [crash_probability(chosen(other)) for other in others]
     assert max(abs(row["probability"] - other) for other in wrong) > 4 * error
 
 
 def test_a_law_file_of_a_study_is_taken_and_of_other_records_refused(config, chosen, tmp_path):
-    encounters, _ = read_records(config)
-    law = chosen("hazard")
-    write_law(tmp_path / "law.json", law, encounters)
-    name, read = choose_law(str(tmp_path / "law.json"), encounters, config)
-    assert name == str(tmp_path / "law.json")
-    assert read.content() == law.content()
+    records, law = read_records(config), chosen("hazard")
+    write_law(tmp_path / "law.json", law, records.table)
+    read = choose_draws(str(tmp_path / "law.json"), records, config)
+    assert read.proposal.content() == law.content()
+    others = replace(records, table=records.table.iloc[:-1])
     with pytest.raises(InputError, match="expected the table to which the law was fitted"):
-        choose_law(str(tmp_path / "law.json"), encounters.iloc[:-1], config)
+        choose_draws(str(tmp_path / "law.json"), others, config)
 
 
 def test_the_command_says_the_law_and_what_the_interval_is(config, capsys):
@@ -122,14 +125,16 @@ def test_the_command_says_the_law_and_what_the_interval_is(config, capsys):
     assert found["law"].tolist() == ["mean of 20 draws of exponential 0.9"]
     bounds = f"{found['unseen_mode'][0]:.1g} if a half-space, {found['unseen_any'][0]:.1g} if of any shape"
     assert f"no run has met: at most {bounds} (95% confidence)" in printed
-    encounters, _ = read_records(config)
-    assert read_law(folder / "law.json", encounters).draws.size == 20
+    assert read_law(folder / "law.json", read_records(config).table).draws.size == 20
+    beyond = pd.read_csv(folder / "extrapolation.csv")
+    assert beyond["part"].tolist()[:4] == ["all", "recorded", "near", "far"]
+    assert beyond["share"][1:4].sum() == pytest.approx(1)
 
 
 @pytest.mark.parametrize(
     ("choice", "message"),
     [
-        ("two kinds", "a law of the family (hazard, exponential 0.9"),
+        ("two kinds", "expected answer, paper, single, three_pieces, two_pieces, hazard, exponential 0.9"),
         ("nowhere.json", "seen no file nowhere.json"),
         ("broken.json", "broken.json: seen JSONDecodeError"),
     ],
@@ -141,16 +146,17 @@ def test_laws_that_cannot_be_used(config, capsys, choice, message):
 
 
 def test_a_threshold_that_too_few_records_exceed_is_told(config):
-    encounters, _ = read_records(config)
+    records = read_records(config)
+    few = records.table.iloc[:: len(records.table) // 300]
     with pytest.raises(InputError, match="fewer than ten of the"):
-        choose_law("two kinds 0.995", encounters.iloc[:: len(encounters) // 300], config)
+        choose_draws("two kinds 0.995", FittedRecords.of(CUT_IN, few, Support.configured(config)), config)
 
 
 @pytest.mark.parametrize(
     ("option", "message"),
     [
-        (["--reference", "nope"], "--reference: seen 'nope'; expected one of acc_only, cc_human"),
-        (["--reference", ""], "--reference: seen ''; expected one of acc_only, cc_human"),
+        (["--reference", "nope"], "--reference: seen 'nope'; expected one of acc_aeb, acc_only, cc_human"),
+        (["--reference", ""], "--reference: seen ''; expected one of acc_aeb, acc_only, cc_human"),
         (
             ["--reference", "command"],
             "--reference: seen command; expected a vehicle that is fast to simulate",
@@ -163,19 +169,9 @@ def test_vehicles_that_cannot_be_compared_are_refused_before_anything_is_simulat
     folder, monkeypatch, capsys, option, message
 ):
     monkeypatch.chdir(folder)
-    monkeypatch.setattr(estimation, "estimate_alone", lambda *_: pytest.fail("it simulates"))
+    monkeypatch.setattr(estimation, "loaded_for", lambda *_: pytest.fail("it simulates"))
     assert cli.main(["estimate", "--config", "motorway.yaml", *option]) == 2
     assert message in capsys.readouterr().err
-
-
-@pytest.mark.parametrize("option", [["--sampling-share", "0"], ["--reference", "cc_human"]])
-def test_an_option_that_needs_draws_is_refused_before_anything_is_simulated(
-    folder, monkeypatch, capsys, option
-):
-    monkeypatch.chdir(folder)
-    monkeypatch.setattr(estimation, "simulate_answer", lambda *_: pytest.fail("it simulates"))
-    assert cli.main(["estimate", "--config", "motorway.yaml", "--law", "paper", *option]) == 2
-    assert f"{option[0]}: seen the law two_pieces, which has no draws" in capsys.readouterr().err
 
 
 @pytest.mark.parametrize("deterministic", [True, False])

@@ -7,20 +7,28 @@ from types import SimpleNamespace
 import numpy as np
 import pandas as pd
 import pytest
-from accelerated_evaluation.answer.compared import compare, compare_estimates, require_estimate
-from accelerated_evaluation.answer.references import vehicles_with
-from accelerated_evaluation.answer.reweighting import SampledPosterior
-from accelerated_evaluation.answer.study import UNDER_TEST
+from accelerated_evaluation.answer.comparison import (
+    compare,
+    compare_estimates,
+    draws_table,
+    posterior_of,
+    require_estimate,
+    vehicle_row,
+    vehicle_table,
+)
+from accelerated_evaluation.answer.posterior import Posterior, SampledPosterior, answer_row
+from accelerated_evaluation.answer.study_tables import UNDER_TEST
 from accelerated_evaluation.base.errors import InputError
 from scipy.stats import norm
 
 SIZE = 3000
 LAW = np.random.default_rng(1).normal(0, 0.6, SIZE)  # the same for both vehicles
+MEMBER = np.random.default_rng(3).integers(0, 2, SIZE)
 OWN = np.random.default_rng(2).normal(0, 0.1, SIZE)
 
 
 def posterior(logs, error):
-    return SampledPosterior(np.exp(logs), np.full(SIZE, error), np.zeros(SIZE, int), 1000)
+    return SampledPosterior(np.exp(logs), np.zeros(SIZE, int), np.full(SIZE, error), 1000)
 
 
 def test_the_ratio_has_the_error_of_both_samplings_and_not_that_of_the_law():
@@ -104,11 +112,8 @@ def test_a_file_of_draws_that_is_cut_is_one_message(tmp_path, text):
 
 def test_lapses_that_no_run_has_shown_are_in_the_table_of_a_slow_vehicle():
     own = posterior(LAW - 5, 0.1)
-    human = SimpleNamespace(probabilities=np.exp(LAW - 3), recorded=None)
-    without, found = (
-        vehicles_with(each, {"cc_human": human}, 100).set_index("vehicle")
-        for each in (own, replace(own, unseen_lapses=0.5))
-    )
+    human = Posterior(np.exp(LAW - 3), np.zeros(SIZE, int))
+    without, found = (tabulated(each, human) for each in (own, replace(own, unseen_lapses=0.5)))
     pd.testing.assert_frame_equal(found.drop(index=UNDER_TEST), without.drop(index=UNDER_TEST))
     row, before = found.loc[UNDER_TEST], without.loc[UNDER_TEST]
     for name in ("high50", "high80", "high95"):
@@ -117,3 +122,30 @@ def test_lapses_that_no_run_has_shown_are_in_the_table_of_a_slow_vehicle():
         assert row[name] == before[name]
     assert before["safer"] > 0.999 > 0.1 > row["safer"]
     assert row["ratio_high80"] > 5 > before["ratio_high80"]
+
+
+def tabulated(own, human):
+    """Return the table of two vehicles, indexed by their names."""
+    posteriors = {UNDER_TEST: own, "cc_human": human}
+    answers = {k: SimpleNamespace(posterior=v, replayed=None, notes={}) for k, v in posteriors.items()}
+    rows = pd.DataFrame([vehicle_row(name, answer) for name, answer in answers.items()])
+    return vehicle_table(rows, posteriors, {"": "cc_human"}).set_index("vehicle")
+
+
+@pytest.mark.parametrize("own", [None, np.full(SIZE, 0.02)])
+def test_a_posterior_is_read_back_from_the_table_of_its_draws(own):
+    """Studies compare vehicles by this table, and must get the ratios of the answer itself."""
+    shared = np.nan if own is None else 0.08
+    sampled = SampledPosterior(np.exp(LAW), MEMBER, np.full(SIZE, 0.1), 12, shared, own, 0.003)
+    for known in (sampled, Posterior(np.exp(LAW), MEMBER)):
+        names = tuple(np.array(["a", "b"])[MEMBER])
+        table = draws_table(SimpleNamespace(posterior=known, draws=SimpleNamespace(size=SIZE, names=names)))
+        again = posterior_of(table)
+        assert type(again) is type(known)
+        assert again.member.tolist() == MEMBER.tolist()
+        assert answer_row(again) == answer_row(known)
+        assert compare(again, sampled) == compare(known, sampled)
+    assert (
+        posterior_of(draws_table(SimpleNamespace(posterior=None, draws=SimpleNamespace(size=0, names=()))))
+        is None
+    )

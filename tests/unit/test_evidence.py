@@ -1,13 +1,25 @@
 """Replays of records: how often the event happened there, and what that says about an estimate."""
 
 from itertools import pairwise
+from types import SimpleNamespace
 
 import numpy as np
 import pandas as pd
 import pytest
 from accelerated_evaluation.answer import evidence as evidence_module
-from accelerated_evaluation.answer.evidence import Evidence, evidence_on, known_runs, largest, replays_of
+from accelerated_evaluation.answer.answer import Answer
+from accelerated_evaluation.answer.by_few_runs import FewRuns
+from accelerated_evaluation.answer.evidence import (
+    Evidence,
+    checked_answers,
+    evidence_on,
+    known_runs,
+    replays_of,
+)
+from accelerated_evaluation.answer.posterior import Posterior
 from accelerated_evaluation.answer.replays import FOLLOWED, LEVEL, SIZES, replay
+from accelerated_evaluation.laws.draws import as_draws
+from accelerated_evaluation.problem import Problem
 from accelerated_evaluation.problem.inverse import normal_scores
 from accelerated_evaluation.scenarios.cut_in import CUT_IN
 from accelerated_evaluation.scenarios.left_turn import LEFT_TURN
@@ -15,8 +27,8 @@ from accelerated_evaluation.vehicles import Outcomes, load_vehicle
 from accelerated_evaluation.vehicles.events import CRASH
 from accelerated_evaluation.vehicles.external.watched import WatchedVehicle
 from law_folder import LAW
+from normal_law import left_turn_law
 from scipy.stats import binom, poisson
-from test_scenario_commands import law as law_of_left_turns
 
 SIZE = 20_000
 
@@ -105,8 +117,8 @@ class Blind:
 
 
 def cut_ins(size=20_000):
-    """Return records of a made-up law, shape (3, size), in which about 1 % close slowly and soon."""
-    return LAW.from_normal_scores(np.random.default_rng(2).standard_normal((size, 3))).encounters.T
+    """Return records of a made-up law, shape (size, 3), in which about 1 % close slowly and soon."""
+    return LAW.from_normal_scores(np.random.default_rng(2).standard_normal((size, 3)))
 
 
 @pytest.mark.parametrize("limit", [4.0, 3.25])
@@ -117,9 +129,9 @@ def test_a_fault_that_the_records_show_contradicts_an_estimate_that_missed_it(mo
         monkeypatch.setattr(evidence_module, "SlowVehicle", Blind)
     vehicle = WatchedVehicle(car, CUT_IN)
     replays = replays_of(vehicle, x, CRASH, np.random.default_rng(1))
-    share = car.simulate(*x).crash.mean()
+    share = car.simulate(*x.T).crash.mean()
     assert 1e-3 < share < 0.1
-    assert (replays.replayed == x.shape[1]) is not is_slow
+    assert (replays.replayed == len(x)) is not is_slow
     missed = evidence_on(vehicle, replays, CRASH, upper=share / 400)
     (doubt,) = missed.doubts
     assert "the records contradict the estimate" in doubt
@@ -145,10 +157,7 @@ def test_a_difference_in_another_process_is_a_doubt():
 @pytest.mark.parametrize("name", ["cut-ins", "left turns"])
 def test_normal_scores_are_the_inverse_of_the_map_of_a_law(name):
     z = np.random.default_rng(3).standard_normal((200, 3))
-    points = {
-        "cut-ins": lambda z: LAW.from_normal_scores(z).encounters,
-        "left turns": law_of_left_turns().from_normal_scores,
-    }[name]
+    points = {"cut-ins": LAW, "left turns": left_turn_law()}[name].from_normal_scores
     x = points(z)
     found, is_found = normal_scores(points, x)
     assert is_found.all()
@@ -159,10 +168,10 @@ def test_normal_scores_are_the_inverse_of_the_map_of_a_law(name):
 
 
 def test_replays_with_events_guide_the_sampler_and_others_do_not():
-    points = law_of_left_turns().from_normal_scores
+    points = left_turn_law().from_normal_scores
     x = points(np.random.default_rng(4).standard_normal((2_000, 3)))
     vehicle = WatchedVehicle(load_vehicle("acc_aeb", LEFT_TURN), LEFT_TURN)
-    replays = replays_of(vehicle, x.T, LEFT_TURN.events[0], np.random.default_rng(1))
+    replays = replays_of(vehicle, x, LEFT_TURN.events[0], np.random.default_rng(1))
     known = known_runs(replays, points)
     assert replays.flags.any()
     np.testing.assert_allclose(points(known.z), replays.encounters.T, rtol=1e-6)
@@ -170,6 +179,20 @@ def test_replays_with_events_guide_the_sampler_and_others_do_not():
     assert known_runs(replayed(lambda x: np.zeros(x.shape[1], bool)), points) is None
 
 
-def test_the_largest_end_of_intervals_is_a_probability():
-    assert largest(pd.Series([0.1, np.nan, 0.2])) == 0.2
-    assert largest(pd.Series([np.nan])) == largest(pd.Series([np.inf])) == 1.0
+@pytest.mark.parametrize(("ends", "upper"), [((0.1, None, 0.2), 0.2), ((None,), 1.0)])
+def test_the_replays_are_compared_with_the_largest_known_end_of_the_replicates(monkeypatch, ends, upper):
+    """A replicate that has met no event says nothing, and must not hide what contradicts the others."""
+    problem, known = Problem(CUT_IN, LAW, Blind(4.0)), iter(ends)
+
+    def answered(problem, draws, *_, **__):
+        end = next(known)
+        posterior = None if end is None else Posterior(np.array([end]), np.zeros(1, int))
+        return Answer(problem, draws, {problem.event: posterior})
+
+    monkeypatch.setattr(evidence_module, "answer", answered)
+    replicates = len(ends)
+    streams = lambda name: np.random.default_rng(1)  # noqa: E731
+    records = SimpleNamespace(x=cut_ins(2000))
+    answers, found = checked_answers(problem, as_draws(LAW), records, FewRuns(), (), streams, replicates)
+    assert len(answers) == replicates
+    assert found.upper == upper

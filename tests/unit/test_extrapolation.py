@@ -1,7 +1,11 @@
 """What the answer rests on: parts by distance from the records, against exact shares of simple laws."""
 
+from dataclasses import replace
+from types import SimpleNamespace
+
 import numpy as np
 import pytest
+from accelerated_evaluation.answer.answer import Answer, Crashes
 from accelerated_evaluation.answer.extrapolation import (
     ALL,
     CAP,
@@ -11,22 +15,20 @@ from accelerated_evaluation.answer.extrapolation import (
     HOST_UNSEEN,
     NEAR,
     RECORDED,
-    divided,
     exact_interval,
     extrapolation_table,
     in_words,
     largest_near,
     parts_by_distance,
     parts_by_speed,
-    places,
     rank_scores,
-    reweighted,
     speed_limits,
 )
 from accelerated_evaluation.answer.near_misses import dispersion, level_factors, near_miss_table
 from accelerated_evaluation.answer.posterior import Posterior
-from accelerated_evaluation.crash_map.lines import CrashLines
+from accelerated_evaluation.crash_map.lines import CrashLines, divided
 from accelerated_evaluation.laws.smooth.conditional import Places
+from accelerated_evaluation.scenarios.cut_in import CUT_IN
 
 # Lead speed, range and closing speed of four records.
 RECORDS = np.array([[10.0, 20.0, 5.0], [10.5, 22.0, 8.0], [20.0, 50.0, 12.0], [30.0, 52.0, 3.0]])
@@ -69,7 +71,8 @@ def test_intervals_are_cut_at_the_limits_and_keep_their_probability():
         np.array([4.0, np.inf, 30.0]),
     )
     limits = speed_limits(RECORDS, lines.places.lead_speed, lines.places.range_)
-    cut = divided(lines, limits)
+    cut, index = divided(lines, limits.values())
+    np.testing.assert_array_equal(lines.row[index], cut.row)
     assert np.all(cut.start < cut.end)
     for row in (0, 1):
         for at in (0.0, 1.0, 12.0, 25.0):  # the same probability of a unit exponential speed above any point
@@ -84,7 +87,7 @@ def test_intervals_are_cut_at_the_limits_and_keep_their_probability():
     limit = np.column_stack(list(limits.values()))[cut.row]
     below = (cut.start[:, None] >= limit) | (cut.end[:, None] <= limit)
     assert below.all()
-    assert np.all(places(cut)[:, 2] > cut.start)
+    assert np.all(cut.inside[:, 2] > cut.start)
     uncut = np.column_stack(list(limits.values()))[lines.row]
     assert not ((lines.start[:, None] >= uncut) | (lines.end[:, None] <= uncut)).all()
 
@@ -102,7 +105,7 @@ def test_the_table_divides_the_answer():
     assert table["recorded"].to_dict() == {ALL: 1, RECORDED: 1, NEAR: 0, FAR: 0}
     assert table.loc[ALL, "replay_low95"] == pytest.approx(1.7e-7, rel=0.03)  # 0.0253 / 146,054
     assert table.loc[ALL, "replay_high95"] == pytest.approx(5.572 / 146_054, rel=1e-3)
-    assert "88% of the predicted events" in in_words(table.reset_index())
+    assert "88% of the predicted events" in in_words(table.reset_index(), CUT_IN)
     assert extrapolation_table(parts, weights, 10)["recorded"].isna().all()
 
 
@@ -111,17 +114,20 @@ def test_exact_intervals_at_the_ends():
     assert exact_interval(10, 10) == pytest.approx((0.025**0.1, 1))
 
 
-def test_reweighted_events_have_the_share_of_another_law():
-    """Exponential variables of mean 1, reweighted to mean 2: the share beyond 3 among those beyond 1."""
+def test_sampled_events_have_the_shares_of_another_law_and_the_probabilities_of_the_answer():
+    """Exponential variables of mean 1 above 1, weighted for the means 2 and 1: the share beyond 3."""
     x = 1 + np.random.default_rng(1).standard_exponential(200_000)
-    log_ratios = np.array([x / 2, np.zeros(x.size)])
-    weights = reweighted(log_ratios, np.ones(x.size), np.array([0.5, 0.25]))
-    np.testing.assert_allclose(weights.sum(axis=1), [0.5, 0.25])
-    share = weights[:, x > 3].sum(axis=1) / weights.sum(axis=1)
+    weights = np.exp([x / 2, np.zeros(x.size)])
+    crashes = Crashes(x[:, None], np.full((x.size, 1), np.nan), weights)
+    known = Posterior(np.array([0.5, 0.25]), np.zeros(2, int))
+    crash = CUT_IN.events[0]
+    own = Answer(SimpleNamespace(event=crash), None, {crash: known}, crashes)
+    np.testing.assert_allclose(own.crash_weights.sum(axis=1), [0.5, 0.25])
+    share = own.crash_weights[:, x > 3].sum(axis=1) / [0.5, 0.25]
     assert share[0] == pytest.approx(np.exp(-1), rel=0.05)
     assert share[1] == pytest.approx(np.exp(-2), rel=0.05)
-    skipped = reweighted(np.zeros((1, 2)), np.array([0.0, 1.0]), np.array([0.3]))
-    assert skipped.tolist() == [[0.0, 0.3]]
+    none = replace(own, crashes=replace(crashes, weights=np.zeros((2, x.size))))
+    assert not none.crash_weights.any()
 
 
 def test_parts_by_distance():

@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 from accelerated_evaluation.answer import family_file
 from accelerated_evaluation.answer.family_file import fit_or_read, read_family, write_family
-from accelerated_evaluation.answer.scored_family import score_family
-from accelerated_evaluation.answer.weighted_family import WeightedLaws
+from accelerated_evaluation.answer.law_study import LawStudy
+from accelerated_evaluation.answer.smooth_family import SmoothFamily
 from accelerated_evaluation.base.errors import InputError
 from accelerated_evaluation.laws.smooth.family import MEMBERS, DistinctRecords
 from accelerated_evaluation.laws.smooth.support import SUPPORT
@@ -24,7 +24,7 @@ def records():
 
 @pytest.fixture(scope="module")
 def scored(records):
-    return score_family(records)
+    return SmoothFamily.of(records)
 
 
 @pytest.fixture
@@ -37,11 +37,11 @@ def test_a_family_comes_back_equal(path, records, scored, tmp_path):
     """What is drawn from it is equal too, and written again it gives the same bytes."""
     read = read_family(path, records)
     assert read.members == scored.members
-    assert np.array_equal(read.log_scores, scored.log_scores)
+    assert np.array_equal(read.scores, scored.scores)
     assert len(read.members) < len(MEMBERS)
     for level, above in scored.family.exceedances.items():
         assert np.array_equal(read.family.exceedances[level].excess, above.excess)
-    one, two = (WeightedLaws.drawn(each, np.random.default_rng(2), 20) for each in (read, scored))
+    one, two = (LawStudy.of_family(each, 20, np.random.default_rng(2)) for each in (read, scored))
     assert np.array_equal(one.weights, two.weights)
     places = records.only(np.arange(50)).places
     for member in scored.members:
@@ -84,12 +84,12 @@ def test_what_is_no_family_is_refused(path, records, damage):
 
 def test_a_family_is_fitted_again_only_if_the_file_is_of_no_use(path, records, scored, monkeypatch):
     fitted = []
-    monkeypatch.setattr(family_file, "score_family", lambda records: fitted.append(records) or scored)
+    monkeypatch.setattr(SmoothFamily, "of", lambda records: fitted.append(records) or scored)
     before = path.read_bytes()
     fit_or_read(path, records)
     assert not fitted
     path.write_text("damaged")
-    assert np.array_equal(fit_or_read(path, records).log_scores, read_family(path, records).log_scores)
+    assert np.array_equal(fit_or_read(path, records).scores, read_family(path, records).scores)
     assert fitted == [records]
     assert path.read_bytes() == before
     monkeypatch.setattr(family_file, "VERSION", family_file.VERSION + 1)

@@ -6,9 +6,14 @@ import mpmath
 import numpy as np
 import pytest
 from accelerated_evaluation.answer.exposure import Rate
-from accelerated_evaluation.answer.injuries import impacts as module
 from accelerated_evaluation.answer.injuries.curves import FRONTAL, LEVELS, MILES_PER_HOUR, REAR, Logistic
-from accelerated_evaluation.answer.injuries.impacts import SPEEDS, ImpactSpeeds, MassRatio, tabulated_risks
+from accelerated_evaluation.answer.injuries.impacts import (
+    SPEEDS,
+    MassRatio,
+    gentle,
+    mean_risks,
+    tabulated_risks,
+)
 from accelerated_evaluation.answer.injuries.sources import SOURCES, published_curves
 from accelerated_evaluation.answer.injuries.tables import (
     Injured,
@@ -19,6 +24,8 @@ from accelerated_evaluation.answer.injuries.tables import (
     injury_tables,
 )
 from accelerated_evaluation.answer.posterior import Posterior
+from accelerated_evaluation.crash_map import impacts as module
+from accelerated_evaluation.crash_map.impacts import with_impacts
 from accelerated_evaluation.crash_map.lines import CrashLines
 from accelerated_evaluation.laws.smooth.conditional import Places
 from accelerated_evaluation.scenarios.cut_in import SPEED_LIMIT
@@ -158,6 +165,11 @@ def lines_above(first, count=3):
     return CrashLines(places, ones / count, 0 * ones, never, np.arange(count), first * ones, never)
 
 
+def mean_risk(speed, risk):
+    """Return the mean of a risk at `SPEEDS` over the crashes of each part."""
+    return mean_risks(speed, {KEYS[0]: risk})[0]
+
+
 def expected_exactly(rate, first):
     """Integrate the risk `HALF` over the closing speeds of a law with a constant hazard."""
 
@@ -172,10 +184,10 @@ def expected_exactly(rate, first):
 def test_injuries_of_a_law_are_an_integral(rate, error):
     """The law that places the parts has the rate 0.7; laws with another tail have a larger error."""
     guide, first = Exponential(0.7), 4.0
-    found = ImpactSpeeds.of(lines_above(first), Late(first), guide)
-    masses = found.lines.masses(Anywhere(), Exponential(rate))
+    lines, speed = with_impacts(lines_above(first), Late(first), guide)
+    masses = lines.masses(Anywhere(), Exponential(rate))
     assert masses.sum() == pytest.approx(np.exp(-rate * first), rel=1e-12)
-    risk = found.mean_of(HALF(SPEEDS))
+    risk = mean_risk(speed, HALF(SPEEDS))
     exact = expected_exactly(rate, first)
     assert risk @ masses == pytest.approx(exact, rel=error)
     # The risk at the mean impact speed, which leaves out that the risk is convex, is too small.
@@ -186,9 +198,9 @@ def test_injuries_of_a_law_are_an_integral(rate, error):
 def test_one_point_in_an_interval_would_not_do(monkeypatch):
     for name, value in (("PARTS", 1), ("POINTS", 1), ("INSIDE", np.array([0.5]))):
         monkeypatch.setattr(module, name, value)
-    found = ImpactSpeeds.of(lines_above(4.0), Late(4.0), Exponential(0.7))
-    risk = found.mean_of(HALF(SPEEDS))
-    masses = found.lines.masses(Anywhere(), Exponential(0.5))
+    lines, speed = with_impacts(lines_above(4.0), Late(4.0), Exponential(0.7))
+    risk = mean_risk(speed, HALF(SPEEDS))
+    masses = lines.masses(Anywhere(), Exponential(0.5))
     assert risk @ masses < 0.9 * expected_exactly(0.5, 4.0)
 
 
@@ -201,7 +213,7 @@ def test_no_speed_above_the_limit_of_the_inputs_is_simulated():
             simulated.append(closing_speed)
             return super().simulate(lead_speed, range_, closing_speed)
 
-    ImpactSpeeds.of(lines_above(4.0), Watched(4.0), Exponential(1e-9))
+    with_impacts(lines_above(4.0), Watched(4.0), Exponential(1e-9))
     assert np.max(simulated) == SPEED_LIMIT
 
 
@@ -209,16 +221,17 @@ def test_points_without_a_crash_do_not_count():
     """A map in steps, of which only stripes crash: the mean is that of the crashes in a step."""
     lines = lines_above(4.0, count=2)
     steps = replace(lines, start=np.array([4.0, 9.9]), end=np.array([4.4, 10.3]))
-    found = ImpactSpeeds.of(steps, Late(4.0, stripe=0.1), Exponential(0.7))
-    assert found.lines.row.size == 2  # narrow intervals are not divided
-    crashed = ~np.isnan(found.speed)
+    undivided, speed = with_impacts(steps, Late(4.0, stripe=0.1), Exponential(0.7))
+    assert undivided.row.size == 2  # narrow intervals are not divided
+    crashed = ~np.isnan(speed)
     assert crashed.any(axis=1).all()
     assert not crashed.all()
-    assert found.mean_of(SPEEDS) == pytest.approx(
-        [found.speed[0][crashed[0]].mean(), found.speed[1][crashed[1]].mean()]
+    assert mean_risk(speed, SPEEDS) == pytest.approx(
+        [speed[0][crashed[0]].mean(), speed[1][crashed[1]].mean()]
     )
     # A car that never crashes in them counts as touching.
-    assert ImpactSpeeds.of(steps, Late(99.0), Exponential(0.7)).mean_of(SPEEDS + 1.0) == pytest.approx([1, 1])
+    _, never = with_impacts(steps, Late(99.0), Exponential(0.7))
+    assert mean_risk(never, SPEEDS + 1.0) == pytest.approx([1, 1])
 
 
 class Individual(Late):
@@ -239,31 +252,32 @@ class Individual(Late):
 def test_a_driver_on_a_line_has_the_inner_variables_of_the_line():
     first = np.array([3.0, 5.0, 9.0])
     lines = replace(lines_above(0.0), start=first, inner=first[:, None])
-    found = ImpactSpeeds.of(lines, Individual(0.0), Exponential(0.7))
-    assert not np.isnan(found.speed).any()
-    alike = ImpactSpeeds.of(replace(lines_above(0.0), start=first), Late(3.0), Exponential(0.7))
-    excess = first[found.lines.row][:, None] - 3.0
-    np.testing.assert_allclose(found.speed, alike.speed - excess, atol=1e-9)
+    divided, speed = with_impacts(lines, Individual(0.0), Exponential(0.7))
+    assert not np.isnan(speed).any()
+    _, alike = with_impacts(replace(lines_above(0.0), start=first), Late(3.0), Exponential(0.7))
+    excess = first[divided.row][:, None] - 3.0
+    np.testing.assert_allclose(speed, alike - excess, atol=1e-9)
 
 
 def test_a_vehicle_that_never_crashes_has_no_parts():
     lines = lines_above(4.0, count=1)
     empty = replace(lines, row=lines.row[:0], start=lines.start[:0], end=lines.end[:0])
-    found = ImpactSpeeds.of(empty, Late(1.0), Exponential(1.0))
-    assert found.risks(tabulated_risks()).shape == (len(KEYS), 0)
+    divided, speed = with_impacts(empty, Late(1.0), Exponential(1.0))
+    assert divided.row.size == 0
+    assert mean_risks(speed, tabulated_risks()).shape == (len(KEYS), 0)
 
 
 def drawn(generator, scale=1.0, draws=400, laws=(1.0, 3.0)):
-    """A posterior whose risks are a common factor, times that of a law, times that of a curve."""
+    """A posterior, and risks that are a common factor, times that of a law, times that of a curve."""
     member = generator.integers(len(laws), size=draws)
     crash = 1e-6 * generator.lognormal(0, 0.5, draws) * np.array(laws)[member]
     curves = 0.01 * (1 + np.arange(len(KEYS)))
-    return Posterior(scale * crash, member, scale * crash[:, None] * curves)
+    return Posterior(scale * crash, member), scale * crash[:, None] * curves
 
 
 def test_the_budget_finds_the_variance_of_each_source():
-    posterior = drawn(np.random.default_rng(1), draws=20_000)
-    found = Injured.of(posterior, KEYS, "MAIS3+")
+    posterior, expected = drawn(np.random.default_rng(1), draws=20_000)
+    found = Injured.of(posterior, expected, KEYS, "MAIS3+")
     assert found.numbers.shape == (20_000, 6)
     assert found.combinations == [(a, b) for a in found.sources[0] for b in found.sources[1]]
     variances = found.variances()
@@ -280,8 +294,8 @@ def test_the_budget_finds_the_variance_of_each_source():
 def test_rates_and_ratios():
     first, second = (drawn(np.random.default_rng(1), scale) for scale in (1.0, 4.0))
     injured = {
-        name: {level: Injured.of(posterior, KEYS, level) for level in LEVELS}
-        for name, posterior in (("ours", first), ("other", second))
+        name: {level: Injured.of(*own, KEYS, level) for level in LEVELS}
+        for name, own in (("ours", first), ("other", second))
     }
     table = injuries_table(injured, 1000, {"kilometres": 5000.0, "hours": None})
     assert set(table["per"]) == {"cut-in", "million kilometres"}
@@ -291,7 +305,7 @@ def test_rates_and_ratios():
         assert of_rate["mean"] == pytest.approx(1e6 * Rate(1000, 5000.0).law.mean() * own["mean"])
         assert own["low95"] < own["low80"] < own["median"] < own["high80"] < own["high95"]
         assert own["per_crash"] == pytest.approx(
-            injured["ours"][level].numbers.mean() / first.probabilities.mean()
+            injured["ours"][level].numbers.mean() / first[0].probabilities.mean()
         )
     balance = balance_table(injured, "ours")
     assert balance["reference"].unique().tolist() == ["other"]
@@ -304,7 +318,7 @@ def test_rates_and_ratios():
 
 
 def test_a_study_without_exposure_has_no_rates():
-    found = {"ours": {"fatal": Injured.of(drawn(np.random.default_rng(1)), KEYS, "fatal")}}
+    found = {"ours": {"fatal": Injured.of(*drawn(np.random.default_rng(1)), KEYS, "fatal")}}
     assert injuries_table(found, 1000, {"kilometres": None, "hours": None})["per"].tolist() == ["cut-in"]
     both = injuries_table(found, 1000, {"kilometres": 5000.0, "hours": 100.0})
     assert both["per"].tolist() == ["cut-in", "million kilometres", "million hours"]
@@ -333,6 +347,6 @@ def test_gentle_impacts_are_a_part_of_all():
     risks = tabulated_risks()
     for (level, impact, source), risk in risks.items():
         if level in LEVELS:
-            slow = risks[module.gentle(level), impact, source]
+            slow = risks[gentle(level), impact, source]
             assert (slow[SPEEDS < 3] == risk[SPEEDS < 3]).all()
             assert not slow[SPEEDS >= 3].any()

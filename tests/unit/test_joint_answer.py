@@ -1,25 +1,57 @@
 """The answer under joint laws: blocks, scores and weights, and posteriors from many runs and from few."""
 
+from dataclasses import dataclass, replace
+
 import numpy as np
 import pytest
-from accelerated_evaluation.answer.joint.posterior import (
-    DrawnLaws,
-    answer_tables,
-    simulated_posterior,
-    surrogate_posterior,
-)
-from accelerated_evaluation.answer.joint.scores import NEAR, Candidate, ClusteredRecords, score_laws
+from accelerated_evaluation.answer.answer import evaluate
+from accelerated_evaluation.answer.by_few_runs import GOAL, FewRuns
+from accelerated_evaluation.answer.by_simulations import Simulations
+from accelerated_evaluation.answer.comparison import draws_table
+from accelerated_evaluation.answer.joint_family import NEAR, Candidate, ClusteredRecords, JointFamily
+from accelerated_evaluation.answer.law_study import LawStudy
+from accelerated_evaluation.base.arrays import Array
 from accelerated_evaluation.base.errors import InputError
-from accelerated_evaluation.laws import Box
+from accelerated_evaluation.laws import LAWS, Box
+from accelerated_evaluation.laws.draws import DrawnLaws
+from accelerated_evaluation.problem import Problem
+from accelerated_evaluation.scenarios.protocol import Event, Scenario, Variable
 from normal_law import normal_law
 from scipy.stats import truncnorm
 
 BOX = Box(("a_mps", "b_m"), (0.0, 0.0), (10.0, 10.0))
 CANDIDATES = (
-    Candidate("one normal", "truncated_normals", {"components": 1}),
-    Candidate("independent", "independent_variables", {}),
+    Candidate("one normal", LAWS["truncated_normals"], {"components": 1}),
+    Candidate("independent", LAWS["independent_variables"], {}),
 )
 LIMIT = 7.5  # of a, above which the toy crashes
+
+
+@dataclass(frozen=True)
+class Outcomes:
+    crash: Array
+    distance: Array  # the score: the distance to the crash
+
+
+TOY = Scenario(
+    "toy",
+    "Two variables, and a crash that is a function of them.",
+    [Variable(name, "", 0, 10, "modelled", "") for name in BOX.names],
+    Outcomes,
+    [Event("crash", scored_by="distance")],
+    {},
+    "none",
+    read_records=None,
+)
+
+
+@dataclass
+class Car:
+    respond: object
+    deterministic: bool | None = True
+
+    def simulate(self, a, b):
+        return Outcomes(*self.respond(np.column_stack([a, b])))
 
 
 def toy_law(mean=(4.0, 5.0), correlation=0.0, box=BOX):
@@ -38,6 +70,21 @@ def exact(law):
     return truncnorm((0 - mean) / 2, (10 - mean) / 2, mean, 2).sf(LIMIT)
 
 
+def answered(drawn, way, generator, respond=respond, deterministic=True):
+    """Return the answer for a car that responds by a function of points."""
+    problem = Problem(TOY, drawn.proposal, Car(respond, deterministic))
+    return evaluate(problem, drawn, way, generator=generator)
+
+
+def drawn_laws(*laws):
+    return DrawnLaws.of(laws, ["toy"] * len(laws), np.random.default_rng(25))
+
+
+def drawn_from(family, generator, size):
+    """Return draws of the only candidate, or of all with the weights of the bootstrap."""
+    return LawStudy.of_family(family, size, generator).draws(generator)
+
+
 def records(generator, clusters=60, each=5, law=None):
     law = toy_law(correlation=0.8) if law is None else law
     x = law.draw(clusters * each, generator)
@@ -52,7 +99,6 @@ def test_blocks_hold_whole_clusters_of_about_equal_size():
     assert all(len(np.unique(block[own.cluster == k])) == 1 for k in range(own.clusters))
     sizes = np.bincount(own.cluster)
     assert np.ptp(np.bincount(block)) < sizes.max() / 3
-    assert own.effective_clusters < own.clusters
 
 
 def test_weights_of_a_bootstrap_are_equal_within_a_cluster():
@@ -63,45 +109,49 @@ def test_weights_of_a_bootstrap_are_equal_within_a_cluster():
 
 
 @pytest.fixture(scope="module")
-def scored():
-    return score_laws(records(np.random.default_rng(4)), respond, np.random.default_rng(5), CANDIDATES)
+def family():
+    return JointFamily.of(records(np.random.default_rng(4)), respond, np.random.default_rng(5), CANDIDATES)
 
 
-def test_the_law_that_is_true_has_the_better_held_out_scores(scored):
-    weights = scored.weights(200, np.random.default_rng(6))
-    table = scored.table(weights).set_index("law")
+def test_the_law_that_is_true_has_the_better_held_out_scores(family):
+    weights = LawStudy.of_family(family, 200, np.random.default_rng(6)).weights
+    table = family.table(weights).set_index("law")
     assert weights.sum(axis=1) == pytest.approx(1)
     assert table.loc["one normal", "gain"] > 4 * table.loc["one normal", "gain_error"]
     assert table.loc["one normal", "weight"] > 0.95
     assert table.loc["one normal", "parameters"] == 5
 
 
-def test_scores_near_the_event_are_censored(scored):
-    own = scored.records
-    assert np.mean(scored.near) == pytest.approx(NEAR, abs=2 / len(own.x))
-    assert np.array_equal(scored.near, own.x[:, 0] >= np.sort(own.x[:, 0])[-scored.near.sum()])
-    assert np.array_equal(scored.near_scores[:, scored.near], scored.log_scores[:, scored.near])
+def test_scores_near_the_event_are_censored(family):
+    own = family.records
+    near = own.x[:, 0] >= np.quantile(own.x[:, 0], 1 - NEAR)
+    assert near.mean() == pytest.approx(NEAR, abs=2 / len(own.x))
+    assert np.array_equal(family.near_scores[:, near], family.log_scores[:, near])
     # Elsewhere, the score is the log probability outside of the region, here by many draws of each law.
     block, limit = own.blocks(), np.quantile(own.x[:, 0], 1 - NEAR)
-    out = (block == 0) & ~scored.near
-    held = CANDIDATES[0].fit(own.only(block != 0), np.random.default_rng(7), start=scored.laws[0])
+    out = (block == 0) & ~near
+    held = CANDIDATES[0].fit(own.only(block != 0), np.random.default_rng(7), start=family.laws[0])
     share = np.mean(held.draw(400_000, np.random.default_rng(8))[:, 0] < limit)
-    assert scored.near_scores[0, out] == pytest.approx(np.log(share), abs=0.01)
+    assert family.near_scores[0, out] == pytest.approx(np.log(share), abs=0.01)
+    # The unit of the bootstrap is the cluster, with the sum of the scores of its records.
+    assert family.scores[:, 3] == pytest.approx(family.near_scores[:, own.cluster == 3].sum(axis=1))
+    assert family.scores.shape == (2, own.clusters) == (2, family.resampled.sum())
 
 
 def test_both_ways_find_the_probability_under_each_draw():
-    means = [(3.5, 5.0), (4.0, 4.0), (4.5, 6.0)]
-    drawn = DrawnLaws([toy_law(mean) for mean in means], np.zeros(3, int), ["toy"])
+    drawn = drawn_laws(*(toy_law(mean) for mean in [(3.5, 5.0), (4.0, 4.0), (4.5, 6.0)]))
     truth = np.array([exact(law) for law in drawn.laws])
-    many = simulated_posterior(drawn, respond, np.random.default_rng(9), 60_000)
-    few, sampler, _ = surrogate_posterior(drawn, respond, np.random.default_rng(10), 150, share=0.1)
-    assert sampler.simulations <= 150
-    for posterior in (many, few):
+    many = answered(drawn, Simulations(60_000), np.random.default_rng(9))
+    few = answered(
+        drawn, FewRuns(replace(GOAL, maximum_simulations=150), share=0.1), np.random.default_rng(10)
+    )
+    assert few.simulations <= 150
+    for posterior in (many.posterior, few.posterior):
         deviation = np.abs(posterior.probabilities / truth - 1) / posterior.errors
         assert np.all(deviation < 4)
         # Without the ratios of densities, all draws would have the probability of their mean.
         assert np.any(np.abs(truth.mean() / truth - 1) > 4 * posterior.errors)
-    assert many.deviation < 0.05
+    assert many.posterior.deviation < 0.05
 
 
 def test_the_interval_is_that_of_the_clusters():
@@ -113,39 +163,39 @@ def test_the_interval_is_that_of_the_clusters():
     ignored = ClusteredRecords.of(repeated.x, np.arange(480), BOX)
     widths = []
     for own in (once, repeated, ignored):
-        scored = score_laws(own, respond, np.random.default_rng(12), CANDIDATES[:1])
-        drawn = DrawnLaws.of(scored, np.random.default_rng(13), 60)
-        posterior = simulated_posterior(drawn, respond, np.random.default_rng(14), 20_000)
-        widths.append(np.log(posterior.probabilities).std())
+        family = JointFamily.of(own, respond, np.random.default_rng(12), CANDIDATES[:1])
+        drawn = drawn_from(family, np.random.default_rng(13), 60)
+        found = answered(drawn, Simulations(20_000), np.random.default_rng(14))
+        widths.append(np.log(found.posterior.probabilities).std())
     assert widths[1] == pytest.approx(widths[0], rel=0.35)
     assert widths[2] < 0.55 * widths[0]  # the clusters ignored: narrower by about the root of 8
 
 
-def test_the_answer_has_intervals_and_a_budget(scored):
-    drawn = DrawnLaws.of(scored, np.random.default_rng(15), 40)
-    posterior = simulated_posterior(drawn, respond, np.random.default_rng(16), 20_000)
-    tables = answer_tables(posterior, drawn)
-    row = tables["answer"].iloc[0]
+def test_the_answer_has_intervals_and_a_budget(family):
+    drawn = drawn_from(family, np.random.default_rng(15), 40)
+    found = answered(drawn, Simulations(20_000), np.random.default_rng(16))
+    row = found.table().iloc[0]
     ends = ["low95", "low80", "low50", "median", "high50", "high80", "high95"]
     assert row[ends].is_monotonic_increasing
     truth = np.mean(toy_law(correlation=0.8).draw(400_000, np.random.default_rng(17))[:, 0] > LIMIT)
     assert row["low95"] < truth < row["high95"]
-    assert tables["budget"].set_index("source")["variance_share"]["together"] == 1
-    assert len(tables["draws"]) == 40
+    assert found.budget().set_index("source")["variance_share"]["together"] == 1
+    assert len(draws_table(found)) == 40
 
 
 def test_a_law_without_mass_at_the_event_ends_with_one_message():
     box = Box(BOX.names, (0.0, 0.0), (7.0, 10.0))
-    drawn = DrawnLaws([toy_law(box=box)], np.zeros(1, int), ["bounded too low"])
-    with pytest.raises(InputError, match=r"bounded too low.*no event in 125,000 encounters.*limits"):
-        simulated_posterior(drawn, respond, np.random.default_rng(18), 5_000)
+    drawn = DrawnLaws.of([toy_law(box=box)], ["bounded too low"], np.random.default_rng(25))
+    with pytest.raises(InputError, match=r"bounded too low.*no crash in 125,000 encounters.*limits"):
+        answered(drawn, Simulations(5_000), np.random.default_rng(18))
 
 
 def test_a_rare_event_is_simulated_in_rounds():
-    drawn = DrawnLaws([toy_law()], np.zeros(1, int), ["toy"])
+    drawn = drawn_laws(toy_law())
 
     def probability(limit):
-        return simulated_posterior(drawn, lambda x: (x[:, 0] > limit, None), np.random.default_rng(19), 2_000)
+        beyond = lambda x: (x[:, 0] > limit, limit - x[:, 0])  # noqa: E731
+        return answered(drawn, Simulations(2_000), np.random.default_rng(19), beyond).posterior
 
     def limit(share):
         return truncnorm((BOX.lower[0] - 4) / 2, (BOX.upper[0] - 4) / 2, 4, 2).isf(share)
@@ -164,19 +214,18 @@ def test_records_of_one_cluster_are_refused():
 
 @pytest.mark.parametrize(("deterministic", "rate"), [(False, 0.03), (None, 0.03), (None, 0.0)])
 def test_lapses_are_found_and_the_interval_contains_their_bound(deterministic, rate):
-    drawn = DrawnLaws([toy_law((mean, 5.0)) for mean in (3.0, 4.0, 5.0)], np.zeros(3, int), ["toy"])
+    drawn = drawn_laws(*(toy_law((mean, 5.0)) for mean in (3.0, 4.0, 5.0)))
     truth, chance = np.mean([exact(law) for law in drawn.laws]), np.random.default_rng(23)
 
     def lapsing(x):
         happened, score = respond(x)
         return happened | (chance.random(len(x)) < rate), score
 
-    options = {"share": 10.0, "deterministic": deterministic}  # so that the runs end early
-    found, sampler, converged = surrogate_posterior(drawn, lapsing, np.random.default_rng(24), **options)
-    row = answer_tables(found, drawn)["answer"].iloc[0]
-    assert converged == (rate == 0)
-    assert sampler.may_lapse == (rate > 0)
-    assert (found.unseen_lapses > rate) == (rate > 0)
+    way = FewRuns(share=10.0)  # so that the runs end early
+    found = answered(drawn, way, np.random.default_rng(24), lapsing, deterministic)
+    row = found.table().iloc[0]
+    assert found.converged == (rate == 0)
+    assert (found.posterior.unseen_lapses > rate) == (rate > 0)
     assert row["high80"] > truth + rate
 
 
@@ -187,12 +236,13 @@ def test_few_runs_that_miss_a_part_are_not_called_converged():
         happened = (np.abs(x[:, 1] - 6.2) < 0.02) | (x[:, 0] > 9.9)
         return happened, 9.9 - x[:, 0]
 
-    drawn = DrawnLaws([toy_law()], np.zeros(1, int), ["toy"])
-    truth = simulated_posterior(drawn, misleading, np.random.default_rng(22), 60_000).probabilities[0]
-    missed = 0
+    drawn = drawn_laws(toy_law())
+    many = answered(drawn, Simulations(60_000), np.random.default_rng(22), misleading)
+    truth, missed = many.posterior.probabilities[0], 0
+    few = FewRuns(replace(GOAL, maximum_simulations=150))
     for seed in range(2):
-        few, _, converged = surrogate_posterior(drawn, misleading, np.random.default_rng(seed), 150)
-        wrong = few is None or few.probabilities[0] < truth / 3
+        found = answered(drawn, few, np.random.default_rng(seed), misleading)
+        wrong = found.posterior is None or found.posterior.probabilities[0] < truth / 3
         missed += wrong
-        assert not (wrong and converged)
+        assert not (wrong and found.converged)
     assert missed

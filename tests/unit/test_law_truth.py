@@ -1,10 +1,13 @@
 """Scores, weights, calibration and exact probabilities of laws with dependence, against closed forms."""
 
 from dataclasses import replace
+from types import SimpleNamespace
 
 import numpy as np
 import pandas as pd
 import pytest
+from accelerated_evaluation.answer.answer import Answer, Replayed
+from accelerated_evaluation.answer.by_map import masses_under
 from accelerated_evaluation.answer.calibration import (
     expected_counts,
     mid_p,
@@ -13,7 +16,9 @@ from accelerated_evaluation.answer.calibration import (
     strips,
     with_limits,
 )
-from accelerated_evaluation.answer.posterior import Posterior, budget, draw_posterior
+from accelerated_evaluation.answer.comparison import is_resolved, vehicle_row, vehicle_table
+from accelerated_evaluation.answer.law_study import LawStudy
+from accelerated_evaluation.answer.posterior import Posterior, budget
 from accelerated_evaluation.answer.scores import (
     HeldOut,
     censored_log_score,
@@ -21,7 +26,7 @@ from accelerated_evaluation.answer.scores import (
     threshold_weighted_crps,
     time_to_collision_boundary,
 )
-from accelerated_evaluation.answer.summary import vehicle_table
+from accelerated_evaluation.answer.smooth_family import SmoothFamily
 from accelerated_evaluation.answer.weights import bootstrapped_weights, mixture_scores, stacking_weights
 from accelerated_evaluation.crash_map.exact import ALL, exact_probabilities
 from accelerated_evaluation.crash_map.lines import CrashLines, crash_places
@@ -38,6 +43,7 @@ from accelerated_evaluation.laws.smooth.support import SUPPORT
 from accelerated_evaluation.laws.strata import VARIABLES
 from accelerated_evaluation.records.encounter_table import complete
 from accelerated_evaluation.vehicles import AccAeb
+from accelerated_evaluation.vehicles.events import CRASH
 from rate_car import RATE, RateCar
 from scipy.stats import poisson
 
@@ -255,10 +261,12 @@ def test_thinned_lines_are_unbiased(crash_map, records, family):
     assert abs(np.mean(drawn) - whole) < 4 * np.std(drawn) / np.sqrt(60) + 1e-4 * whole
 
 
-def test_the_posterior_holds_the_truth_and_its_budget_adds_up(crash_map, records, family):
-    lines, generator = CrashLines.of(crash_map, records.lead_speed), np.random.default_rng(8)
-    weights = np.full((80, len(MEMBERS)), 1 / len(MEMBERS))
-    posterior = draw_posterior({"crash": lines}, family, MEMBERS, weights, generator)["crash"]
+def test_the_posterior_holds_the_truth_and_its_budget_adds_up(crash_map, records, fitter, family):
+    lines, none = CrashLines.of(crash_map, records.lead_speed), np.zeros((len(MEMBERS), 0))
+    smooth = SmoothFamily(fitter, family, none, none)
+    study = LawStudy(smooth, np.full((80, len(MEMBERS)), 1 / len(MEMBERS)))
+    draws = study.draws(np.random.default_rng(8))
+    posterior = Posterior(masses_under(lines, draws).sum(axis=1), draws.member)
     low, high = posterior.interval(0.95)
     assert low < crash_probability() < high
     parts = budget(posterior, 0.1).set_index("source")
@@ -337,10 +345,13 @@ def test_the_study_car_has_crashes_at_short_range_first(records, family):
 def test_a_map_that_misses_crashes_of_the_records_is_refused():
     draws = Posterior(np.array([1e-5, 2e-5]), np.zeros(2, dtype=int))
     rare = Posterior(np.array([1e-6, 4e-6]), np.zeros(2, dtype=int))
-    posteriors = {"tested": rare, "stripes": draws, "human": draws}
-    table = vehicle_table(
-        posteriors, {"tested": 0, "stripes": 40, "human": 2}, 100_000, {"": "human", "other_": "none"}
-    )
+    posteriors, rows = {"tested": rare, "stripes": draws, "human": draws}, []
+    for name, recorded in {"tested": 0, "stripes": 40, "human": 2}.items():
+        replayed = Replayed(np.arange(100_000) < recorded)
+        own = Answer(SimpleNamespace(event=CRASH), None, {CRASH: posteriors[name]}, replayed=replayed)
+        rows.append(vehicle_row(name, own))
+        posteriors[name] = own.posterior if is_resolved(own) else None
+    table = vehicle_table(pd.DataFrame(rows), posteriors, {"": "human", "other_": "none"})
     table = table.set_index("vehicle")
     assert table["resolved"].to_dict() == {"tested": True, "stripes": False, "human": True}
     assert np.isnan(table.loc["stripes", "probability"])

@@ -5,9 +5,9 @@ from dataclasses import replace
 import numpy as np
 import pandas as pd
 import pytest
-from accelerated_evaluation.answer.averaged import AveragedSurrogate
-from accelerated_evaluation.answer.by_few_runs import laws_of
-from accelerated_evaluation.answer.references import Reference
+from accelerated_evaluation.answer.answer import evaluate
+from accelerated_evaluation.answer.by_few_runs import FewRuns, laws_of
+from accelerated_evaluation.answer.by_map import Map
 from accelerated_evaluation.crash_map.mapping import map_crashes
 from accelerated_evaluation.crash_map.maps import Grid
 from accelerated_evaluation.laws.files import read_law, write_law
@@ -229,10 +229,12 @@ def test_the_map_of_a_reference_gives_the_mean_of_the_draws_and_each_of_them(law
     grid, generator = Grid(5, 25, 60, 8, 30, 4, 120, 40), np.random.default_rng(4)
     crash_map = map_crashes(QuickCloser(), grid, [], generator)
     records = DistinctRecords.of(encounters, SUPPORT)
-    found = Reference.of(QuickCloser(), crash_map, records, law.draws, generator)
+    problem = Problem(CUT_IN, law, QuickCloser())
+    answered = evaluate(problem, law, Map(crash_map, records), generator=generator)
+    found = answered.posterior
     x = law.draw(20_000, np.random.default_rng(6))
     crash = x[:, 2] > 0.25 * x[:, 1]
-    assert found.recorded == (records.closing_speed > 0.25 * records.range_).sum()
+    assert answered.replayed.events == (records.closing_speed > 0.25 * records.range_).sum()
     error = np.sqrt(crash.mean() / crash.size)
     assert found.probabilities.mean() == pytest.approx(crash.mean(), abs=4 * error)
     weighted = np.exp(law.log_ratios(x[crash]))
@@ -263,16 +265,16 @@ def test_runs_that_are_chosen_for_a_near_miss_find_its_probability(law):
     near = CUT_IN.event("min_ttc", 6.0)
     problem = Problem(CUT_IN, law, QuickCloser(), near)
     stopping = Stopping(minimum_events=1, maximum_simulations=400)
-    method = AveragedSurrogate(events=(CRASH, CUT_IN.event("min_range", 1.0)))
-    found = method.estimate(problem, stopping, np.random.default_rng(10))
-    answer = found.tables["answer"].set_index("event")
+    events = CRASH, CUT_IN.event("min_range", 1.0)
+    found = evaluate(problem, law, FewRuns(stopping), events, generator=np.random.default_rng(10))
+    table = found.table().set_index("event")
     x = law.draw(20_000, np.random.default_rng(6))
     rates = {name: np.mean(x[:, 2] * time > x[:, 1]) for name, time in EVENTS.items()}
-    assert answer.index[0] == "TTC at most 6 s"
+    assert table.index[0] == "TTC at most 6 s"
     # A quarter of the near misses are crashes, and few of the runs.
     for (name, rate), margin in zip(rates.items(), (0.3, 1.2), strict=True):
-        assert np.log(answer.loc[name, "probability"] / rate) == pytest.approx(0, abs=margin)
-    assert np.isnan(answer.loc["range at most 1 m", "median"])  # no part of the event: not known
+        assert np.log(table.loc[name, "probability"] / rate) == pytest.approx(0, abs=margin)
+    assert np.isnan(table.loc["range at most 1 m", "median"])  # no part of the event: not known
 
 
 EVENTS = {"TTC at most 6 s": 6.0, "crash": 4.0}

@@ -12,12 +12,13 @@ from accelerated_evaluation.base.files import write_csv
 from accelerated_evaluation.methods.study import with_encounters
 from accelerated_evaluation.methods.surrogate import read_predecessor
 from accelerated_evaluation.problem import Problem
+from accelerated_evaluation.scenarios.cut_in import CUT_IN
 from accelerated_evaluation.track.campaign_file import read_campaign
 from accelerated_evaluation.track.status import status_of
 from accelerated_evaluation.vehicles import load_vehicle
 from law_folder import LAW, begin_campaign
 
-PROBLEM = Problem(LAW, load_vehicle("acc_aeb"))
+PROBLEM = Problem(CUT_IN, LAW, load_vehicle("acc_aeb"))
 
 
 def driven(step, name, batches):
@@ -70,7 +71,7 @@ def test_a_campaign_begins_where_its_predecessor_met_the_event(first):
 
 def test_another_law_or_event_is_no_predecessor(first, capsys):
     assert begin_next("--event", "min_range=1") == 2
-    assert "--predecessor, its event: seen crash; expected min range at most 1 m" in capsys.readouterr().err
+    assert "--predecessor, its event: seen crash; expected range at most 1 m" in capsys.readouterr().err
     law = json.loads(Path("law.json").read_text())
     Path("law.json").write_text(json.dumps(law | {"description": "another"}))
     assert begin_next() == 2
@@ -99,7 +100,7 @@ def table():
 def test_a_table_of_simulations_is_read(table, tmp_path):
     write_csv(tmp_path / "runs.csv", table)
     known = read_predecessor(tmp_path / "runs.csv", PROBLEM)
-    np.testing.assert_allclose(known.z[:, 2], table["z_inverse_ttc"])
+    np.testing.assert_allclose(known.z[:, 2], table["z_closing_speed"])
     assert known.happened.sum() == 4
 
 
@@ -109,8 +110,8 @@ def test_a_table_of_simulations_is_read(table, tmp_path):
         (lambda t: t.drop(columns="z_lead_speed"), "z_lead_speed"),
         (lambda t: t.assign(event=False), "no event in 30 simulations"),
         (lambda t: t.assign(event="maybe"), "'maybe'"),
-        (lambda t: t.assign(z_inverse_ttc="far"), "far"),
-        (lambda t: t.assign(inverse_ttc=t["inverse_ttc"] * 1.01), "another law"),
+        (lambda t: t.assign(z_closing_speed="far"), "far"),
+        (lambda t: t.assign(closing_speed=t["closing_speed"] * 1.01), "another law"),
     ],
 )
 def test_a_table_that_does_not_fit_is_refused(table, tmp_path, spoil, message):

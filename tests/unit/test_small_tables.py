@@ -7,8 +7,8 @@ import numpy as np
 import pandas as pd
 import pytest
 from accelerated_evaluation.answer import law_table as law_scores
-from accelerated_evaluation.answer.scored_family import score_family
-from accelerated_evaluation.answer.weighted_family import WeightedLaws
+from accelerated_evaluation.answer.law_study import LawStudy
+from accelerated_evaluation.answer.smooth_family import NAMED, SmoothFamily
 from accelerated_evaluation.base.errors import ConvergenceError, InputError
 from accelerated_evaluation.crash_map.sensitivity import Levels
 from accelerated_evaluation.distributions import BoundedExponential
@@ -151,13 +151,13 @@ def test_a_variable_that_hardly_varies_is_refused(recorded, column, what):
 
 def test_laws_of_few_records_have_tails_above_thresholds_that_some_exceed(recorded):
     rows = recorded.iloc[:: len(recorded) // 200].assign(range=lambda table: 1 / table["inverse_range"])
-    scored = score_family(DistinctRecords.of(rows))
-    weighted = WeightedLaws.drawn(scored, np.random.default_rng(1), 20)
-    levels = {member.level for member in weighted.members} - {None}
+    smooth = SmoothFamily.of(DistinctRecords.of(rows))
+    study = LawStudy.of_family(smooth, 20, np.random.default_rng(1))
+    levels = {NAMED[name].level for name in study.names} - {None}
     assert levels < set(LEVELS)
-    assert all(weighted.family.exceedances[level].index.size >= FEWEST for level in levels)
-    assert np.isfinite(weighted.log_scores).all()
-    assert weighted.weights.sum(axis=1) == pytest.approx(1)
+    assert all(smooth.family.exceedances[level].index.size >= FEWEST for level in levels)
+    assert np.isfinite(smooth.scores).all()
+    assert study.weights.sum(axis=1) == pytest.approx(1)
 
 
 def test_another_law_whose_fit_overflows_has_no_scores(recorded, monkeypatch):
@@ -171,14 +171,14 @@ def test_another_law_whose_fit_overflows_has_no_scores(recorded, monkeypatch):
         log_density = cumulative
 
     rows = recorded.iloc[:: len(recorded) // 200].assign(range=lambda table: 1 / table["inverse_range"])
-    scored = score_family(DistinctRecords.of(rows), (Member(),))
-    weighted = WeightedLaws.drawn(scored, np.random.default_rng(1), 20)
+    smooth = SmoothFamily.of(DistinctRecords.of(rows), (Member(),))
+    study = LawStudy.of_family(smooth, 20, np.random.default_rng(1))
     monkeypatch.setattr(law_scores, "regions", lambda records, _: {"all": np.zeros(records.size)})
     with pytest.warns(
         UserWarning, match="a regression cannot be fitted, and has no scores: .* parameters that overflow"
     ):
-        scores, crps = law_scores.score_laws(weighted, AccAeb(), {"a regression": lambda _: Overflown()})
-    assert set(scores) == set(crps) == {member.name for member in weighted.members}
+        scores, crps = law_scores.score_laws(study, AccAeb(), {"a regression": lambda _: Overflown()})
+    assert set(scores) == set(crps) == set(study.names)
 
 
 def test_records_of_one_lead_speed_on_the_edge_of_a_cell_are_drawn():

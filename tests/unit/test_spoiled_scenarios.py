@@ -8,9 +8,9 @@ import numpy as np
 import pandas as pd
 import pytest
 from accelerated_evaluation import cli
-from accelerated_evaluation.answer import scenario_estimate
+from accelerated_evaluation.answer import estimation
 from accelerated_evaluation.base.errors import InputError
-from accelerated_evaluation.laws.joint.files import write_joint_law
+from accelerated_evaluation.laws.files import write_law
 from accelerated_evaluation.records.checks import CHECKS, Records, inspect_records
 from accelerated_evaluation.records.encounter_table import complete
 from accelerated_evaluation.records.verdict import Verdict, verdict_on, verdict_on_encounters
@@ -19,7 +19,7 @@ from accelerated_evaluation.scenarios.record_table import read_scenario_records,
 from accelerated_evaluation.study.configuration import load
 from accelerated_evaluation.vehicles.loading import load_vehicle
 from test_record_checks import real
-from test_scenario_commands import law
+from test_scenario_commands import LAW
 
 ROOT = Path(__file__).resolve().parents[2]
 FARTHEST = {"left_turn": 150.0, "pedestrian": 60.0}
@@ -185,14 +185,14 @@ DOORS = {
 def test_every_door_states_the_verdict(door, tmp_path, monkeypatch, capsys):
     """Records in km/h are refused at every door; the file of the law keeps the verdict."""
     monkeypatch.chdir(tmp_path)
-    monkeypatch.setattr(scenario_estimate, "loaded_for", lambda *_: pytest.fail("it simulates"))
+    monkeypatch.setattr(estimation, "checked_answers", lambda *_: pytest.fail("it simulates"))
     rows = scaled(KMH, 0)(shipped("left_turn"), SCENARIOS["left_turn"].names, "left_turn")
     rows.to_csv("x.csv", index=False)
     Path("x.yaml").write_text("study: x\nscenario: {name: left_turn, records: x.csv}\n")
     found = Verdict(
         {"known records": "distance 0.89"}, ("cut edges",), frozenset(), {"known records": "Look."}
     )
-    write_joint_law("law.json", law(), "records in km/h", found)
+    write_law("law.json", LAW, verdict=found)
     command, status = DOORS[door]
     before = sorted(tmp_path.iterdir())
     assert status_of(command) == status
@@ -207,7 +207,7 @@ def test_an_accepted_verdict_and_warnings_are_kept_by_campaigns_and_exports(tmp_
     found = Verdict(
         {"known records": "distance 0.89"}, ("cut edges",), frozenset(), {"known records": "Look."}
     )
-    write_joint_law("law.json", law(), "records in km/h", found)
+    write_law("law.json", LAW, verdict=found)
     accept = ["--scenario", "left_turn", "--law", "law.json", "--accept", "known records"]
     assert cli.main(["campaign", "new", "c.json", *accept]) == 0
     assert cli.main(["campaign", "status", "c.json"]) == 0
@@ -221,7 +221,7 @@ def test_an_accepted_verdict_and_warnings_are_kept_by_campaigns_and_exports(tmp_
 )
 def test_a_damaged_verdict_in_a_law_is_one_message(tmp_path, monkeypatch, capsys, content):
     monkeypatch.chdir(tmp_path)
-    write_joint_law("law.json", law(), "an example")
+    write_law("law.json", LAW)
     changed = json.loads(Path("law.json").read_text()) | {"verdict": content}
     Path("law.json").write_text(json.dumps(changed))
     assert cli.main(["campaign", "new", "c.json", "--scenario", "left_turn", "--law", "law.json"]) == 2
@@ -230,7 +230,7 @@ def test_a_damaged_verdict_in_a_law_is_one_message(tmp_path, monkeypatch, capsys
 
 def test_a_law_without_a_verdict_is_used_with_a_warning(tmp_path, monkeypatch, capsys):
     monkeypatch.chdir(tmp_path)
-    write_joint_law("law.json", law(), "of an earlier version")
+    write_law("law.json", LAW)
     assert cli.main(["campaign", "new", "c.json", "--scenario", "left_turn", "--law", "law.json"]) == 0
     assert "warning: no verdict on the records in the file of the law" in capsys.readouterr().out
 

@@ -6,11 +6,15 @@ import numpy as np
 import pytest
 from accelerated_evaluation.base.errors import InputError
 from accelerated_evaluation.methods import METHODS
-from accelerated_evaluation.methods.surrogate import Surrogate, rules_of_joint_laws
+from accelerated_evaluation.methods.surrogate import Surrogate, rules_for, sampler_of
 from accelerated_evaluation.methods.surrogate_words import chance_in_words, unseen_in_words
 from accelerated_evaluation.problem import Problem
+from accelerated_evaluation.scenarios.cut_in import CUT_IN
+from accelerated_evaluation.scenarios.left_turn import LEFT_TURN
+from accelerated_evaluation.vehicles import load_vehicle
 from fewruns import Predecessor, Sampler, Stopping, SystemProblem, run_batches
 from fewruns.constants import ENOUGH_DRAWS
+from normal_law import left_turn_law
 from test_methods import LAW, Corner
 
 GOAL = Stopping(minimum_events=1, maximum_simulations=1000)
@@ -27,11 +31,16 @@ def test_the_method_is_registered_and_gives_the_numbers_of_the_sampler():
     assert found[0].row() == sampler.estimate(GOAL).row() != found[1].row()
 
 
-def test_the_rules_of_joint_laws_are_those_of_the_method_and_of_the_sampler():
-    rules = rules_of_joint_laws(0.25)
-    method, sampler = Surrogate(**rules), Sampler(2, np.random.default_rng(0), **rules)
-    assert method.certificate == sampler.certificate
-    assert method.sampler(HALF_PLANE, np.random.default_rng(0)).frequent is sampler.frequent is True
+def test_an_event_that_may_have_several_parts_has_a_strict_certificate():
+    crash = LEFT_TURN.events[0]
+    problem = Problem(LEFT_TURN, left_turn_law(), load_vehicle("acc_aeb", LEFT_TURN), crash)
+    strict, usual = (
+        sampler_of(each, np.random.default_rng(0)) for each in (problem, Problem(CUT_IN, LAW, Corner()))
+    )
+    assert strict.certificate == rules_for(LEFT_TURN, crash)["certificate"]
+    assert (strict.certificate.share, strict.certificate.filled) == (3.0, crash.filled)
+    assert (strict.frequent, usual.frequent) == (True, False)
+    assert usual.certificate == Sampler(2, np.random.default_rng(0)).certificate != strict.certificate
 
 
 def test_errors_of_the_sampler_become_errors_of_the_study(tmp_path):
@@ -49,7 +58,7 @@ def test_a_vehicle_that_says_nothing_is_drawn_from_the_law_and_one_that_says_so_
     silent, said = Corner(), Corner()
     silent.deterministic, said.deterministic = None, True
     for vehicle, draws in ((silent, ENOUGH_DRAWS), (said, 0)):
-        found = Surrogate().estimate(Problem(LAW, vehicle), GOAL, np.random.default_rng(1))
+        found = Surrogate().estimate(Problem(CUT_IN, LAW, vehicle), GOAL, np.random.default_rng(1))
         assert found.converged
         assert found.diagnostics["law_draws"] == draws
 

@@ -2,18 +2,17 @@
 
 import json
 import re
+from functools import partial
 
 import numpy as np
 import pytest
 from accelerated_evaluation.answer.explored import DrawnLaws
-from accelerated_evaluation.answer.family_file import read_family
-from accelerated_evaluation.answer.study import ANSWER_STREAM
-from accelerated_evaluation.answer.weighted_family import WeightedLaws
+from accelerated_evaluation.answer.fitted_records import FittedRecords
+from accelerated_evaluation.answer.law_study import LawStudy
 from accelerated_evaluation.base.randomness import child_generator
 from accelerated_evaluation.crash_map.lines import CrashLines
 from accelerated_evaluation.crash_map.mapping import map_crashes
 from accelerated_evaluation.crash_map.maps import Grid
-from accelerated_evaluation.laws.smooth.family import DistinctRecords
 from accelerated_evaluation.laws.smooth.support import Support
 from accelerated_evaluation.records.encounter_table import read_encounters
 from accelerated_evaluation.scenarios.cut_in import CUT_IN
@@ -46,14 +45,11 @@ def laws(finished):
     folder = finished.folder / "results/smoke"
     config = json.loads((folder / "config.json").read_text())
     support = Support.configured(config)
-    records = DistinctRecords.of(read_encounters(folder / "encounters.parquet"), support)
-    weigh, answered = (
-        child_generator(config["seed"], "laws", *names) for names in (["weigh"], ANSWER_STREAM)
-    )
-    weighted = WeightedLaws.drawn(
-        read_family(folder / "laws/family.npz", records), weigh, config["answer"]["draws"]
-    )
-    return DrawnLaws.of(weighted, answered, np.random.default_rng(0)), records.lead_speed, support
+    records = FittedRecords.of(CUT_IN, read_encounters(folder / "encounters.parquet"), support)
+    stream = partial(child_generator, config["seed"], "laws")
+    study = LawStudy.of(records, config["answer"]["draws"], stream, folder / "laws/family.npz").smooth_only()
+    drawn = DrawnLaws.of(study, study.draws(stream("draws")), np.random.default_rng(0))
+    return drawn, records.data.lead_speed, support
 
 
 SETTINGS = [

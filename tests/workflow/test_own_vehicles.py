@@ -54,7 +54,7 @@ def test_own_vehicles_are_compared(finished, tmp_path):
     assert not rules_to_run(clone, TABLE)
     program = clone.folder / "my_vehicle.awk"
     program.write_text(program.read_text().replace("reaction = 0.75", "reaction = 0.5"))
-    assert rules_to_run(clone, TABLE) == {"map_crashes_uncapped", "study_laws"}
+    assert rules_to_run(clone, TABLE) == {"map_crashes_uncapped", "compare_vehicles"}
 
 
 def test_the_vehicles_of_a_comparison_are_looked_up_before_any_job(project):

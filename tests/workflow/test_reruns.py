@@ -15,8 +15,8 @@ EDIT = "\n# edited\n"
 
 # By hand: the rules that run again after an edit, besides those of the notebooks and those that always do.
 ALWAYS = {"explorer", "book", "all", "accept_records"}
-ANSWER = {"fit_family", "study_laws", "compare_laws", "compare_record_variants", "replay_encounters"}
-ANSWER |= {"count_crashes", "predict_humans", "study_lead_motion"}
+ANSWER = {"fit_family", "study_answer", "compare_vehicles", "compare_laws", "compare_record_variants"}
+ANSWER |= {"replay_encounters", "count_crashes", "predict_humans", "study_lead_motion"}
 SEARCHING = ("single", "piecewise", "heuristic", "shifted")
 METHODS = {"search_proposals", "collect_traces", "compute_exact", "run_crude_monte_carlo", "study_coverage"}
 METHODS |= {f"estimate_{name}" for name in (*SEARCHING, "surrogate", "toy_method")}

@@ -32,11 +32,12 @@ def test_a_study_of_a_scenario_completes_and_a_second_run_does_nothing(project, 
         pd.read_parquet(ROOT / records)[::4].to_parquet(project.folder / "few.parquet")
         records = "few.parquet"
     (project.folder / "mini.yaml").write_text(MINIATURE.format(name, records))
-    only = [f"results/{name}/scenario/{table}.csv" for table in ("answer", "agreement", "estimates")]
+    tables = "laws/answer", "scenario/agreement", "scenario/estimates"
+    only = [f"results/{name}/{table}.csv" for table in tables]
     done = project.run(*([] if name == "left_turn" else only), config="mini.yaml")
     assert done.returncode == 0, done.stdout + done.stderr
     results, figures = (project.folder / folder / name for folder in ("results", "figures"))
-    answer = pd.read_csv(results / "scenario/answer.csv")
+    answer = pd.read_csv(results / "laws/answer.csv")
     assert (answer["low80"] <= answer["median"]).all()
     assert (answer["median"] <= answer["high80"]).all()
     agreement = pd.read_csv(results / "scenario/agreement.csv").set_index("kind")
@@ -83,17 +84,7 @@ def test_three_files_add_a_scenario_that_is_simulated_and_estimated(tmp_path, wi
         "scenario": {"name": "backing_out", "records": "records.csv"},
     }
     (tmp_path / "toy.yaml").write_text(json.dumps(settings))
-    run(
-        tmp_path,
-        with_toy,
-        "estimate",
-        "--config",
-        "toy.yaml",
-        "--law",
-        "gaussian_copula",
-        "--method",
-        "crude",
-    )
+    run(tmp_path, with_toy, "estimate", "--config", "toy.yaml", "--law", "gaussian_copula")
     found = pd.read_csv(tmp_path / "results/toy/estimate/estimate.csv").iloc[0]
     law = ["--scenario", "backing_out", "--law", "results/toy/estimate/law.json"]
     assert "FINE  equal values" in run(tmp_path, with_toy, "inspect", "toy.yaml")

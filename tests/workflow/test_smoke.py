@@ -6,8 +6,10 @@ import signal
 import subprocess
 import sys
 import time
+from pathlib import Path
 
 import pytest
+from accelerated_evaluation.publishing.archive.provenance import UNKNOWN
 from accelerated_evaluation.publishing.book.catalogue import read_contents
 
 DATA = "Safety Pilot Model Deployment (real events), a sample of 6,000"
@@ -33,13 +35,13 @@ RESUMED = (
 
 ANSWER = """
 import sys
-from accelerated_evaluation.answer.chosen_law import choose_law
-from accelerated_evaluation.answer.estimation import read_records
+from accelerated_evaluation.answer.choice import choose_draws
+from accelerated_evaluation.answer.fitted_records import read_records
 from accelerated_evaluation.laws.files import write_law
 from accelerated_evaluation.study.configuration import load, resolved
 config = resolved(load(sys.argv[2:]))
-encounters, _ = read_records(config)
-write_law(sys.argv[1], choose_law("answer", encounters, config)[1], encounters)
+records = read_records(config)
+write_law(sys.argv[1], choose_draws("answer", records, config).law, records.table)
 """
 
 
@@ -106,7 +108,7 @@ def test_published_tables_say_what_the_data_are(finished):
         assert DATA in "".join(rows) or not rows, path
 
 
-def test_the_estimate_alone_is_under_the_law_of_the_answer(finished, tmp_path):
+def test_the_estimate_alone_is_under_the_draws_of_the_answer(finished, tmp_path):
     """In a process of its own, which imports the library of the finished study, with its toys."""
     law = tmp_path / "law.json"
     done = subprocess.run(
@@ -117,13 +119,42 @@ def test_the_estimate_alone_is_under_the_law_of_the_answer(finished, tmp_path):
         text=True,
     )
     assert done.returncode == 0, done.stderr
-    assert law.read_bytes() == (finished.folder / "results/smoke/laws/answer.json").read_bytes()
+    known = json.loads((finished.folder / "results/smoke/laws/draws.json").read_text())
+    assert known.pop("verdict") is not None
+    assert json.loads(law.read_text()) == known
 
 
 def test_a_second_run_does_nothing(finished):
     run = finished.run()
     assert run.returncode == 0, run.stderr
     assert "Nothing to be done" in run.stdout + run.stderr
+
+
+def test_published_files_stay_the_same_at_another_commit(finished, tmp_path):
+    """The finished study ran outside of a repository; in the copy, a chapter is published at a commit."""
+    project = finished.copied(tmp_path)
+    git("init", "--quiet", folder=project.folder)
+    git("add", "figures", "workflow", folder=project.folder)
+    git("commit", "--quiet", "--message", "another", folder=project.folder)
+    run = project.run("book", "--forcerun", "run_12_the_records")
+    assert run.returncode == 0, run.stderr[-3000:]
+    assert "Running the notebook 12_the_records" in run.stderr
+    assert git("status", "--porcelain", "--", "figures", folder=project.folder) == ""
+    first, second = (
+        json.loads((folder / "results/smoke/provenance.json").read_text())
+        for folder in (finished.folder, project.folder)
+    )
+    assert first["commit"] == UNKNOWN
+    assert second["commit"] == git("rev-parse", "HEAD", folder=project.folder)
+    assert second["published"] == first["published"]
+    assert len(first["published"]) == len(list(project.folder.glob("figures/smoke/**/*.*")))
+
+
+def git(*arguments: str, folder: Path) -> str:
+    """Return the output of a git command in a folder."""
+    who = ["-c", "user.name=A", "-c", "user.email=a@example.org"]
+    command = ["git", "-C", str(folder), *who, *arguments]
+    return subprocess.run(command, check=True, capture_output=True, text=True).stdout.strip()
 
 
 def test_the_report_holds_figures_and_tables(finished):

@@ -88,6 +88,11 @@ def tables_of(notebook):
     ]
 
 
+def rendered_of(notebook):
+    """File of an executed notebook for reading."""
+    return str(FIGURES / "notebooks" / f"{notebook}.ipynb")
+
+
 def shown_in_article(_):
     """Figures that the article shows; an error if the study does not publish all of them."""
     published = {name for made in NOTEBOOKS.values() for name in made.figures}

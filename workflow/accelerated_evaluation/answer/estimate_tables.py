@@ -9,6 +9,7 @@ from accelerated_evaluation.answer.answer import Answer
 from accelerated_evaluation.answer.by_few_runs import crashes_table
 from accelerated_evaluation.answer.comparison import draws_table
 from accelerated_evaluation.answer.exposure import exposure_table
+from accelerated_evaluation.answer.extrapolation import extrapolation
 from accelerated_evaluation.answer.fitted_records import FittedRecords
 from accelerated_evaluation.answer.posterior import Posterior
 
@@ -18,8 +19,8 @@ RATE_DRAWS = 1000  # number of equally likely values of a probability from which
 def estimate_tables(answers: Sequence[Answer], records: FittedRecords) -> dict[str, pd.DataFrame]:
     """Return the tables of replicates of an answer from few runs, each with a column ``replicate``.
 
-    They are ``answer``, ``budget``, ``draws``, ``exposure``, ``crashes``, ``runs``, and ``estimate``, the
-    estimate of the sampling alone, with its diagnostics.
+    They are ``answer``, ``budget``, ``draws``, ``exposure``, ``crashes``, ``extrapolation``, ``runs``, and
+    ``estimate``, the estimate of the sampling alone, with its diagnostics.
     """
     parts = [_tables_of(answer, records) for answer in answers]
     return {
@@ -40,6 +41,7 @@ def _tables_of(answer: Answer, records: FittedRecords) -> dict[str, pd.DataFrame
         "draws": draws_table(answer),
         "exposure": exposure_of({answer.problem.scenario.event_in_words(event): answer.posterior}, records),
         "crashes": crashes_table(answer),
+        "extrapolation": extrapolation(answer, records),
         "runs": answer.tables["runs"],
         "estimate": pd.DataFrame([row]),
     }

@@ -148,8 +148,8 @@ def checked_answers(
         answer(problem, draws, way, events, generator=streams(f"replicate {number}"))
         for number in range(replicates)
     ]
-    ends = [answer_row(each.posterior)["high95"] for each in answers]
-    upper = 1.0 if np.isnan(ends).any() else min(max(ends), 1.0)
+    ends = [answer_row(each.posterior)["high95"] for each in answers if each.posterior is not None]
+    upper = min(max(ends, default=1.0), 1.0)
     evidence = evidence_on(watched, replays, problem.event, upper)
     if evidence.doubts:
         answers = [replace(each, converged=False) for each in answers]

@@ -77,9 +77,9 @@ def with_encounters(runs: pd.DataFrame, problem: Problem) -> pd.DataFrame:
     Returns
     -------
     pandas.DataFrame
-        For a cut-in, the scores are called ``z_lead_speed``, ``z_inverse_range`` and ``z_inverse_ttc``, and
-        the new columns are ``lead_speed`` [m/s], ``inverse_range`` [1/m], ``inverse_ttc`` [1/s] and
-        ``segment``. For other scenarios, the names are those of their variables.
+        For a cut-in, the scores are called ``z_lead_speed``, ``z_range`` and ``z_closing_speed``, and the new
+        columns are ``lead_speed`` [m/s], ``range`` [m], ``closing_speed`` [m/s] and, under a law with
+        strata, ``segment``. For other scenarios, the names are those of their variables.
     """
     scores = [f"z_{k + 1}" for k in range(problem.dimension)]
     z = runs[scores].to_numpy()
