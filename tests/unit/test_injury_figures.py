@@ -34,7 +34,7 @@ def made(exposure, scale=1.0):
     for name, factor in (("under test", scale), ("other", 5.0)):
         crash = factor * 1e-6 * generator.lognormal(0, 0.4, 200)
         expected = crash[:, None] * np.linspace(0.01, 0.05, len(KEYS))
-        posteriors[name] = Posterior(crash, generator.integers(2, size=200), expected)
+        posteriors[name] = Posterior(crash, generator.integers(2, size=200)), expected
     return injury_tables(posteriors, "under test", KEYS, 100, exposure, 0.2)
 
 
