@@ -5,6 +5,7 @@ import pandas as pd
 import pytest
 from accelerated_evaluation.publishing.figures.sampled import fig35_sampled_answer, fig36_crashes_among_runs
 from accelerated_evaluation.publishing.figures.style import paper_style
+from accelerated_evaluation.scenarios.cut_in import CUT_IN
 from figure_checks import defects
 from matplotlib import pyplot as plt
 
@@ -66,7 +67,7 @@ def test_each_defect_is_found_alone(spoil, words):
 
 
 def test_the_answer_for_a_slow_vehicle_has_a_row_for_its_simulations_alone():
-    drawn, data = fig35_sampled_answer(ANSWER, ESTIMATE, "made up")
+    drawn, data = fig35_sampled_answer(ANSWER, ESTIMATE, CUT_IN, "made up")
     assert defects(drawn) == []
     assert data["event"].tolist()[:2] == EVENTS
     assert data["low80"].tolist() == [2e-7, 2e-7, 4e-6]
