@@ -79,9 +79,7 @@ def test_the_simulations_of_a_slow_vehicle_are_drawn_with_the_critical_records()
         {"range": generator.uniform(5, 75, 50), "closing_speed": generator.uniform(1, 20, 50)}
     )
     records["inverse_ttc"] = records["closing_speed"] / records["range"]
-    runs = pd.DataFrame(
-        {"event": [False, True], "lead_speed": 10.0, "inverse_range": 0.05, "inverse_ttc": 0.5}
-    )
+    runs = pd.DataFrame({"event": [False, True], "lead_speed": 10.0, "range": 20.0, "closing_speed": 10.0})
     crashes = pd.DataFrame({"lead_speed": [10.0], "range": [20.0], "closing_speed": [10.0], "share": [1.0]})
     drawn, data = fig36_crashes_among_runs(runs, crashes, records, "made up")
     assert defects(drawn) == []
