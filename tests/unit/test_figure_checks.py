@@ -5,6 +5,7 @@ import pandas as pd
 import pytest
 from accelerated_evaluation.publishing.figures.sampled import fig35_sampled_answer, fig36_crashes_among_runs
 from accelerated_evaluation.publishing.figures.style import paper_style
+from accelerated_evaluation.scenarios.cut_in import CUT_IN
 from figure_checks import defects
 from matplotlib import pyplot as plt
 
@@ -66,7 +67,7 @@ def test_each_defect_is_found_alone(spoil, words):
 
 
 def test_the_answer_for_a_slow_vehicle_has_a_row_for_its_simulations_alone():
-    drawn, data = fig35_sampled_answer(ANSWER, ESTIMATE, "made up")
+    drawn, data = fig35_sampled_answer(ANSWER, ESTIMATE, CUT_IN, "made up")
     assert defects(drawn) == []
     assert data["event"].tolist()[:2] == EVENTS
     assert data["low80"].tolist() == [2e-7, 2e-7, 4e-6]
@@ -78,9 +79,7 @@ def test_the_simulations_of_a_slow_vehicle_are_drawn_with_the_critical_records()
         {"range": generator.uniform(5, 75, 50), "closing_speed": generator.uniform(1, 20, 50)}
     )
     records["inverse_ttc"] = records["closing_speed"] / records["range"]
-    runs = pd.DataFrame(
-        {"event": [False, True], "lead_speed": 10.0, "inverse_range": 0.05, "inverse_ttc": 0.5}
-    )
+    runs = pd.DataFrame({"event": [False, True], "lead_speed": 10.0, "range": 20.0, "closing_speed": 10.0})
     crashes = pd.DataFrame({"lead_speed": [10.0], "range": [20.0], "closing_speed": [10.0], "share": [1.0]})
     drawn, data = fig36_crashes_among_runs(runs, crashes, records, "made up")
     assert defects(drawn) == []

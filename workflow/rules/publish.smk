@@ -4,8 +4,10 @@
 # In: everything under results/<study>/. Out: figures/<study>/*.{pdf,svg,png,csv}, figures/<study>/tables/*, the
 # executed notebooks, also for reading in figures/<study>/notebooks, and the book. The metadata of each notebook declare its inputs and outputs.
 
-# Templates of the first and the last page; a study of a slow vehicle has another first page.
-PAGES = [PROJECT / "workflow/book", *([PROJECT / "workflow/book_slow"] if SLOW else [])]
+# Templates of the first and the last page; a study of a slow vehicle in cut-ins has another first page.
+PAGES = [PROJECT / "workflow/book"]
+if SLOW and IS_CUT_IN:
+    PAGES += [PROJECT / "workflow/book_slow"]
 
 
 rule record_configuration:

@@ -140,8 +140,8 @@ There are no OpenSCENARIO files, because they are written for cut-ins only.""",
 About {pool:,} encounters were drawn from the law, simulated with the built-in vehicle `{vehicle}`, and
 sorted by its score, the outcome `{score}` ({score_meaning}). They were cut into shells, and the scenarios of
 a shell were selected from its encounters at random. The crashes of a shell, divided by its scenarios,
-estimate without bias how often your vehicle crashes in it. A weight is the shell's share of the draws divided by its
-number of scenarios, so the sum of the weights of all crashes estimates the crash probability of an
+estimate without bias how often your vehicle crashes in it. A weight is the shell's share of the draws divided
+by its number of scenarios, so the sum of the weights of all crashes estimates the crash probability of an
 encounter (two-phase sampling for stratification; Cochran, Sampling Techniques, 1977, chapter 12). This holds
 for any vehicle. The estimate is more accurate if your vehicle resembles the built-in one.
 

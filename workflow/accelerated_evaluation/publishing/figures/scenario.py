@@ -115,7 +115,8 @@ def fig02_scenario_answer(answer: pd.DataFrame, source: str) -> tuple[Figure, pd
             low, high = table[f"low{level}"], table[f"high{level}"]
             axes.hlines(y, low, high, color=PIECES[0], linewidth=width, label=f"{level} % interval")
         axes.plot(table["median"], y, "o", color="white", markeredgecolor=PIECES[0], label="median")
-        axes.set_yticks(y, [f"{row.event}\n{row.encounters}" for row in table.itertuples()], fontsize=6)
+        parts = "\n" + table["encounters"] if "encounters" in table else ""  # few runs have no parts
+        axes.set_yticks(y, table["event"] + parts, fontsize=6)
         axes.set_ylim(len(table) - 0.4, -0.6)
         _scale(axes, table[["low95", "high95"]], "probability in an encounter")
         drawn.legend(*axes.get_legend_handles_labels(), loc="outside upper center", ncols=2)
