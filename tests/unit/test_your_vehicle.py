@@ -104,7 +104,7 @@ def test_an_example_gives_a_crash_probability(clone, capsys, family, kind):
         simulated = int(re.search(r"simulated: (\d+); taken from the store: 0;", reported[0])[1])
         assert kept <= simulated <= kept + 40  # with repetitions
         assert f"kept: {kept} in results/vehicles/" in reported[0]
-        assert f"simulated: 0; taken from the store: {kept}; kept: {kept}" in reported[1]
+        assert re.search(rf"simulated: 0; taken from the store: \d+; kept: {kept} ", reported[1])
 
 
 def test_the_command_can_be_tried_by_hand(clone):
