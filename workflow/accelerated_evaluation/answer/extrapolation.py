@@ -187,7 +187,7 @@ def in_words(table: pd.DataFrame, scenario: Scenario) -> str:
     if scenario.has_sources:
         near, farthest = "close faster than any record at a similar range", "faster than any record at all"
     return (
-        f"beyond the records: {beyond:.0%} of the predicted events {near}, {far:.0%} {farthest}; without them "
-        f"the mean would be {rows.loc[RECORDED, 'probability']:.2g} instead of "
+        f"beyond the records: {beyond:.0%} of the predicted events {near}, {far:.0%} {farthest}; without "
+        f"them the mean would be {rows.loc[RECORDED, 'probability']:.2g} instead of "
         f"{rows.loc[ALL, 'probability']:.2g}"
     )
