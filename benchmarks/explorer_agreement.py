@@ -18,8 +18,7 @@ import numpy as np
 import pandas as pd
 from accelerated_evaluation.answer.explored import DrawnLaws
 from accelerated_evaluation.answer.family_file import read_family
-from accelerated_evaluation.answer.study import ANSWER_STREAM
-from accelerated_evaluation.answer.weighted_family import WeightedLaws
+from accelerated_evaluation.answer.law_study import LawStudy
 from accelerated_evaluation.base.randomness import child_generator
 from accelerated_evaluation.crash_map.checked import require_right_map
 from accelerated_evaluation.crash_map.lines import CrashLines
@@ -68,10 +67,11 @@ def main() -> None:
     records = DistinctRecords.of(read_encounters(arguments.results / "encounters.parquet"), support)
     family = arguments.family or arguments.results / "laws/family.npz"
     seed = config["seed"]
-    weighted = WeightedLaws.drawn(
-        read_family(family, records), child_generator(seed, "laws", "weigh"), config["answer"]["draws"]
+    study = LawStudy.of_family(
+        read_family(family, records), config["answer"]["draws"], child_generator(seed, "laws", "weigh")
     )
-    drawn = DrawnLaws.of(weighted, child_generator(seed, "laws", *ANSWER_STREAM), child_generator(0, "none"))
+    draws = study.draws(child_generator(seed, "laws", "draws"))
+    drawn = DrawnLaws.of(study, draws, child_generator(0, "none"))
     limits = config["filters"]
     grid = Grid(limits["lead_speed_min"], limits["lead_speed_max"], limits["range_max"], 30, 50, 8, 45.0, 240)
     rows = []

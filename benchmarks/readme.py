@@ -1,4 +1,4 @@
-"""The tables in the README, in benchmarks/README.md and in guides, made from benchmarks/results and figures.
+"""The tables in the README, in the pages of the benchmarks and in guides, from their results and figures.
 
 ``python benchmarks/readme.py`` updates them. Each table is a dictionary from a heading to the format of its
 cells, which names columns of the published file.
@@ -11,7 +11,7 @@ from pathlib import Path
 import numpy as np
 import pandas as pd
 from accelerated_evaluation.methods import METHODS
-from accelerated_evaluation.publishing.tables.paper_claims import CLAIMS
+from accelerated_evaluation.publishing.tables.extrapolation import rests_in_words
 from accelerated_evaluation.publishing.tables.paper_numbers import PAPER_PROBABILITY
 
 sys.path += [str(Path(__file__).parent), str(Path(__file__).parent / "motorway")]
@@ -20,17 +20,17 @@ from blocks import NOTHING, RESULTS, ROOT, Block, formatted, markdown, update
 from tables import MOTORWAY_TABLES
 
 README = ROOT / "README.md"
-BENCHMARKS = ROOT / "benchmarks" / "README.md"
+BENCHMARKS = ROOT / "benchmarks"
+SAMPLERS, WORLDS, ANSWERS, MOTORWAY = (
+    BENCHMARKS / folder / "README.md" for folder in ("samplers", "worlds", "answers", "motorway")
+)
 JOINT_LAWS = ROOT / "docs" / "joint_laws.md"
 YOUR_RECORDS = ROOT / "docs" / "your_records.md"
 OURS = "surrogate"
 LEARNERS = ("ak_mcs", "ak_is", "two_stage", "kde_ais")  # as in benchmarks/samplers/methods.py
+FAMILY = ("paper", "exponential", "heavy", "light", "two kinds")  # kinds of worlds that resemble the laws
 RELIABLE = 0.05  # share of failed seeds up to which another sampler is called the best
 YES = {True: "yes", False: "no"}
-SHOWN_CLAIMS = (  # keys of the claims
-    *("probability", "piecewise", "single", "ratio_single", "crude", "ratio_crude"),
-    *("faster_search", "half", "independent"),
-)
 PAPER_INTERVAL = "7e-07 to 7.8e-07, of the simulations alone"  # section VI.C, 80 %
 
 
@@ -188,13 +188,12 @@ def worlds_table(worlds: pd.DataFrame) -> str:
 
 
 def beyond_table(beyond: pd.DataFrame) -> str:
-    """Return how often the intervals cover in worlds beyond the family, and what reveals these worlds."""
-    shares = ("coverage50", "coverage80", "coverage95", "near_found", "host_found")
+    """Return how often the intervals cover in worlds beyond the family, and how wide they are."""
+    shares = ("coverage50", "coverage80", "coverage95")
     return formatted(
-        counts(beyond, *shares, of="worlds"),
+        counts(beyond[beyond["procedure"] == "map"], *shares, of="worlds"),
         {
             "kind": "{kind}",
-            "by": "{procedure}",
             "worlds": "{worlds:.0f}",
             "50 % covers": "{coverage50:.0f}",
             "80 % covers": "{coverage80:.0f}",
@@ -202,9 +201,25 @@ def beyond_table(beyond: pd.DataFrame) -> str:
             "80 %: upper / lower": "{width80:.1f}",
             "median / truth": "{median_ratio:.2f}",
             "its 10 and 90 %": "{ratio_10:.2f}, {ratio_90:.2f}",
-            "counts differ near crashes": "{near_found:.0f}",
-            "by host speed": "{host_found:.0f}",
         },
+    )
+
+
+def covers_in_words(worlds: pd.DataFrame) -> str:
+    """Return a paragraph that says in which kinds of worlds the 80 % intervals cover the truth."""
+    worlds = worlds[worlds["procedure"] == "map"].sort_values("coverage80")
+    is_family = worlds["kind"].isin(FAMILY)
+    like, others = worlds.loc[is_family, "coverage80"], worlds[~is_family]
+    first, second = others.iloc[0], others.iloc[1]
+    low, high = others["coverage80"].min(), others["coverage80"].max()
+    return (
+        "**How far it can be trusted.** On synthetic records whose true crash probability is known, the "
+        f"80 % intervals cover the truth in {like.min():.0%} to {like.max():.0%} of the worlds of "
+        f"{like.size} kinds that resemble the models, and in {low:.0%} to {high:.0%} of those of "
+        f"{len(others)} kinds that break an assumption. The worst kinds are *{first['kind']}* and "
+        f"*{second['kind']}*, where the tail changes beyond the records and the answer is "
+        f"{first['median_ratio']:.1f} and {second['median_ratio']:.1f} times the truth "
+        "([worlds](benchmarks/worlds/README.md)).\n"
     )
 
 
@@ -283,6 +298,7 @@ def successors_table(successors: pd.DataFrame) -> str:
 
 def chance_table(chance: pd.DataFrame) -> str:
     """Return what the sampler finds for systems that do not repeat themselves."""
+    chance = chance[chance["version"] == "present"]
     some = chance["converged"] > 0
     return formatted(
         chance.assign(
@@ -293,7 +309,6 @@ def chance_table(chance: pd.DataFrame) -> str:
         {
             "system": "{problem}",
             "probability": "{exact:.1e}",
-            "version": "{version}",
             "seeds": "{seeds}",
             "simulations": "{simulations:.0f}",
             "converged": "{converged}",
@@ -396,25 +411,25 @@ def experiments_table(experiments: pd.DataFrame) -> str:
     )
 
 
+def answer_in_words(answer: pd.DataFrame) -> str:
+    """Return the number of cut-ins for one crash, with its interval, in a sentence."""
+    crash = answer.set_index("event").loc["crash"]
+    middle, low, high, paper = map(_one_in, (*crash[["median", "high80", "low80"]], PAPER_PROBABILITY))
+    return (
+        f"**The authors' car crashes in about one of {middle} cut-ins** (80 % interval: one of {low} to one "
+        f"of {high}). The paper's estimate is one of {paper}.\n"
+    )
+
+
 def answer_table(answer: pd.DataFrame) -> str:
     """Return the crash probability of the default study with its intervals, next to the paper's numbers."""
     crash = answer.set_index("event").loc["crash"]
-    rows = [("crash of a cut-in, median", _number(PAPER_PROBABILITY), f"**{crash['median']:.1e}**")]
+    rows = [("crash of a cut-in, median", f"{PAPER_PROBABILITY:.1e}", f"**{crash['median']:.1e}**")]
     for level in (50, 80, 95):
         ends = f"{crash[f'low{level}']:.1e} to {crash[f'high{level}']:.1e}"
         rows.append((f"{level} % interval", PAPER_INTERVAL if level == 80 else NOTHING, ends))
     rows.append(("mean", NOTHING, f"{crash['probability']:.1e}"))
     return markdown(("", "paper", "this project"), rows)
-
-
-def claims_table(claims: pd.DataFrame) -> str:
-    """Return some claims of the paper: its number, ours with the spread, and the verdict."""
-    rows = []
-    for claim, row in claims.set_index("claim").loc[[CLAIMS[key].claim for key in SHOWN_CLAIMS]].iterrows():
-        ends = f"{_number(row.ours_low)} to {_number(row.ours_high)} ({row.spread})"
-        spread = row.spread if pd.isna(row.ours_low) else ends
-        rows.append((claim, _number(row.paper), _number(row.ours), spread, row.verdict))
-    return markdown(("", "paper", "ours", "our spread", "verdict"), rows)
 
 
 def europe_table(europe: pd.DataFrame) -> str:
@@ -430,8 +445,9 @@ def europe_table(europe: pd.DataFrame) -> str:
     return formatted(europe, cells)
 
 
-def _number(value: float) -> str:
-    return f"{value:,.0f}" if 10 <= value < 1e6 else f"{value:.3g}"
+def _one_in(probability: float) -> str:
+    """Return the number of cut-ins for one crash, with two digits."""
+    return f"{float(f'{1 / probability:.2g}'):,.0f}"
 
 
 def result(text: Path, name: str, make: Callable[[pd.DataFrame], str]) -> Block:
@@ -445,28 +461,29 @@ def published(text: Path, study: str, table: str, make: Callable[[pd.DataFrame],
 
 
 BLOCKS = {
+    "answer_in_words": published(README, "spmd", "answer", answer_in_words),
     "answer": published(README, "spmd", "answer", answer_table),
-    "results": published(README, "spmd", "claims", claims_table),
+    "rests": published(README, "spmd", "extrapolation", lambda table: rests_in_words(table) + "\n"),
+    "covers": result(README, "worlds_beyond", covers_in_words),
     "left_turn": published(JOINT_LAWS, "left_turn", "scenario_answer", scenario_answers),
     "pedestrian": published(JOINT_LAWS, "pedestrian", "scenario_answer", scenario_answers),
     "experiments": result(JOINT_LAWS, "stored_experiments", experiments_table),
     "scenarios": result(JOINT_LAWS, "scenarios", scenarios_table),
-    "answers": result(BENCHMARKS, "answers", answers_table),
-    "samplers": result(BENCHMARKS, "samplers", samplers_table),
-    "learners": result(BENCHMARKS, "samplers", learners_table),
-    "public": result(BENCHMARKS, "public", public_table),
-    "vehicles": result(BENCHMARKS, "vehicles", vehicles_table),
-    "worlds": result(BENCHMARKS, "worlds", worlds_table),
-    "beyond": result(BENCHMARKS, "worlds_beyond", beyond_table),
-    "causes": result(BENCHMARKS, "worlds_causes", causes_table),
-    "recordings": result(BENCHMARKS, "recordings", recordings_table),
+    "answers": result(ANSWERS, "answers", answers_table),
+    "samplers": result(SAMPLERS, "samplers", samplers_table),
+    "learners": result(SAMPLERS, "samplers", learners_table),
+    "public": result(SAMPLERS, "public", public_table),
+    "vehicles": result(SAMPLERS, "vehicles", vehicles_table),
+    "worlds": result(WORLDS, "worlds", worlds_table),
+    "beyond": result(WORLDS, "worlds_beyond", beyond_table),
+    "causes": result(WORLDS, "worlds_causes", causes_table),
     "size": result(YOUR_RECORDS, "recordings", recordings_table),
     "europe": result(YOUR_RECORDS, "europe", europe_table),
-    "certificates": result(BENCHMARKS, "certificates", certificates_table),
-    "chance": result(BENCHMARKS, "chance", chance_table),
-    "checks": result(BENCHMARKS, "checks", checks_table),
-    "successors": result(BENCHMARKS, "successors", successors_table),
-} | {name: result(BENCHMARKS, name, make) for name, make in MOTORWAY_TABLES.items()}
+    "certificates": result(SAMPLERS, "certificates", certificates_table),
+    "chance": result(SAMPLERS, "chance", chance_table),
+    "checks": result(SAMPLERS, "checks", checks_table),
+    "successors": result(SAMPLERS, "successors", successors_table),
+} | {name: result(MOTORWAY, name, make) for name, make in MOTORWAY_TABLES.items()}
 
 if __name__ == "__main__":
     update(BLOCKS)

@@ -4,7 +4,7 @@
 under a joint law with 40 seeds, in at most 1,000 runs each, and compares it with CRUDE draws of the law. With
 ``--event impact_speed=1``, it is the probability of an impact at more than 1 m/s. The results are in
 ``benchmarks/results/scenarios.csv``, from which ``python benchmarks/readme.py`` makes the table of the guide.
-``results/<study>/scenario/law.json`` of a study is such a law.
+``results/<study>/laws/answer.json`` of a study is such a law.
 """
 
 import argparse
@@ -17,7 +17,7 @@ from accelerated_evaluation.base.files import write_csv
 from accelerated_evaluation.base.randomness import child_generator
 from accelerated_evaluation.methods import Stopping
 from accelerated_evaluation.methods.estimate import Estimate
-from accelerated_evaluation.methods.surrogate import Surrogate, rules_of_joint_laws
+from accelerated_evaluation.methods.surrogate import Surrogate
 from accelerated_evaluation.problem import Problem, read_law_of
 from accelerated_evaluation.scenarios import SCENARIOS
 from accelerated_evaluation.scenarios.protocol import Scenario
@@ -47,7 +47,7 @@ def crude_probability(problem: Problem, draws: int) -> float:
 def estimates(problem: Problem, seed: int) -> tuple[Estimate, Estimate]:
     """Return the estimate after at most `FEW` runs, and that after at most `MOST`."""
     stages: list[Estimate] = []
-    method = Surrogate(**rules_of_joint_laws(problem.event.filled), on_batch=stages.append)
+    method = Surrogate(on_batch=stages.append)
     stopping = Stopping(minimum_events=1, maximum_simulations=MOST)
     last = method.estimate(problem, stopping, child_generator(seed, "scenario seeds"))
     return [each for each in stages if each.simulations <= FEW][-1], last

@@ -5,28 +5,30 @@ tables: a row per vehicle.
 """
 
 import argparse
+from collections.abc import Sequence
 from pathlib import Path
 
 import numpy as np
 import pandas as pd
-from accelerated_evaluation.answer.averaged import AveragedSurrogate, posterior_of
-from accelerated_evaluation.answer.chosen_law import ANSWER, choose_sampled_law
-from accelerated_evaluation.answer.estimation import read_records
-from accelerated_evaluation.answer.family_file import fit_or_read
-from accelerated_evaluation.answer.references import under_draws
-from accelerated_evaluation.answer.weighted_family import WeightedLaws
+from accelerated_evaluation.answer.answer import answer
+from accelerated_evaluation.answer.by_few_runs import FewRuns
+from accelerated_evaluation.answer.by_map import masses_under, thinned
+from accelerated_evaluation.answer.choice import law_study
+from accelerated_evaluation.answer.fitted_records import FittedRecords, read_records
+from accelerated_evaluation.answer.posterior import SampledPosterior
+from accelerated_evaluation.base.arrays import Array
 from accelerated_evaluation.base.files import write_csv
 from accelerated_evaluation.base.randomness import child_generator
 from accelerated_evaluation.crash_map.lines import CrashLines
 from accelerated_evaluation.crash_map.mapping import map_crashes
 from accelerated_evaluation.crash_map.maps import Grid
-from accelerated_evaluation.laws.smooth.family import DistinctRecords
-from accelerated_evaluation.laws.smooth.support import Support
+from accelerated_evaluation.laws.draws import Draws
+from accelerated_evaluation.methods.surrogate import Surrogate
 from accelerated_evaluation.problem import Problem
 from accelerated_evaluation.scenarios.cut_in import CUT_IN
 from accelerated_evaluation.study.configuration import load
 from accelerated_evaluation.study.preflight import compared_sections
-from accelerated_evaluation.vehicles import load_vehicle
+from accelerated_evaluation.vehicles import Vehicle, load_vehicle
 from tqdm import tqdm
 
 ROOT = 2026  # root of all randomness
@@ -36,62 +38,56 @@ ENDS = {"low50": 0.25, "high50": 0.75} | LEVELS
 REFERENCE = "cc_human"
 
 
-def mapped(name: str, config: dict, records: DistinctRecords, family: Path) -> tuple[CrashLines, pd.Series]:
-    """Return the crashes of a vehicle on thinned lines, and quantiles of an independent posterior."""
-    parameters = {
-        section["name"]: section["parameters"]
-        for section in (config["vehicle"], *compared_sections(config["compared_vehicles"]).values())
-    }
+def vehicle_named(name: str, config: dict) -> Vehicle:
+    """Return a vehicle of a study, by its name."""
+    sections = [config["vehicle"], *compared_sections(config["compared_vehicles"]).values()]
+    parameters = next(section["parameters"] for section in sections if section["name"] == name)
+    return load_vehicle(name, **parameters)
+
+
+def by_map(name: str, config: dict, records: FittedRecords, each: Sequence[Draws]) -> list[Array]:
+    """Return the crash probability of a vehicle under each draw of some laws, from its crash map."""
     grid = Grid(**{key: config["filters"][key] for key in LIMITS}, **config["answer"]["grid"])
-    crashes = map_crashes(
-        load_vehicle(name, **parameters[name]), grid, [], child_generator(ROOT, "answers", "map", name)
-    )
-    generator = child_generator(ROOT, "answers", "posterior", name)
-    weighted = WeightedLaws.drawn(fit_or_read(family, records), generator, config["answer"]["draws"])
-    whole = CrashLines.of(crashes, records.lead_speed, support=records.support)
-    lines = weighted.thinned(whole, generator)
-    independent = weighted.draw({"crash": lines}, generator)["crash"].probabilities
-    return lines, pd.Series(np.quantile(independent, list(LEVELS.values())), LEVELS)
+    vehicle, data = vehicle_named(name, config), records.data
+    crashes = map_crashes(vehicle, grid, [], child_generator(ROOT, "answers", "map", name))
+    lines = CrashLines.of(crashes, data.lead_speed, support=data.support)
+    lines = thinned(lines, vehicle, each[0], child_generator(ROOT, "answers", "lines", name))
+    return [masses_under(lines, draws).sum(axis=1) for draws in each]
 
 
 def run(name: str, seeds: int, output: Path) -> None:
     """Append the rows of the seeds that a table does not have yet."""
     config = load()
-    encounters, _ = read_records(config)
-    records = DistinctRecords.of(encounters, Support.configured(config))
-    family = Path("results", config["study"], "laws", "family.npz")
-    _, law = choose_sampled_law(ANSWER, encounters, config)
-    lines, independent = mapped(name, config, records, family)
-    known = under_draws(lines, law.draws)
-    careful = lines if name == REFERENCE else mapped(REFERENCE, config, records, family)[0]
-    reference = under_draws(careful, law.draws)
-    sections = [config["vehicle"], *compared_sections(config["compared_vehicles"]).values()]
-    parameters = next(section["parameters"] for section in sections if section["name"] == name)
-    problem = Problem(CUT_IN, law, load_vehicle(name, **parameters))
-    method = AveragedSurrogate.configured(config)
+    records = read_records(config)
+    study = law_study(records, config)
+    draws = study.draws(child_generator(config["seed"], "laws", "draws"))
+    others = study.draws(child_generator(ROOT, "answers", "posterior", name))
+    known, independent = by_map(name, config, records, [draws, others])
+    reference = known if name == REFERENCE else by_map(REFERENCE, config, records, [draws])[0]
+    problem = Problem(CUT_IN, draws.proposal, vehicle_named(name, config))
+    way = FewRuns(Surrogate.stopping(config), config["surrogate"]["batch_size"])
     rows = pd.read_csv(output).to_dict("records") if output.exists() else []
     for seed in tqdm(range(len(rows), seeds), desc=name, unit=" seeds"):
         generator = child_generator(ROOT, "answers", name, seed)
-        found = method.estimate(problem, method.stopping(config), generator)
+        found = answer(problem, draws, way, generator=generator)
         row = {"vehicle": name, "seed": seed, "runs": found.simulations, "converged": found.converged}
-        rows.append(row | compared(found.tables["draws"], known, independent, reference))
+        rows.append(row | compared(found.posterior, known, independent, reference))
         write_csv(output, pd.DataFrame(rows))
 
 
 def compared(
-    draws: pd.DataFrame, known: np.ndarray, independent: pd.Series, reference: np.ndarray
+    posterior: SampledPosterior | None, known: Array, independent: Array, reference: Array
 ) -> dict[str, float]:
-    """Return the logarithms of found over exact quantiles, and what the draws differ by; NaN without any."""
-    if not len(draws):
+    """Return the logarithms of found over exact quantiles, and by how much the draws differ; {} for None."""
+    if posterior is None:
         return {}
-    posterior = posterior_of(draws)
     values = posterior.whole.probabilities
     row = {f"few_{name}": np.quantile(values, level) for name, level in ENDS.items()}
     row |= {f"map_{name}": np.quantile(known, level) for name, level in ENDS.items()}
     for name, level in LEVELS.items():
         found = np.quantile(values, level)
         row[name] = np.log(found / np.quantile(known, level))
-        row[f"{name}_independent"] = np.log(found / independent[name])
+        row[f"{name}_independent"] = np.log(found / np.quantile(independent, level))
     differences = np.log(posterior.probabilities / known)
     row |= {"shared": differences.mean(), "between_draws": differences.std(), "error": posterior.deviation}
     ratio = np.log(np.median(values / np.repeat(reference, values.size // reference.size)))

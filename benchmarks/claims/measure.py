@@ -9,13 +9,14 @@ import sys
 from collections.abc import Iterable
 from pathlib import Path
 
-import numpy as np
 import pandas as pd
-from accelerated_evaluation.answer.averaged import AveragedSurrogate, posterior_of
-from accelerated_evaluation.answer.chosen_law import ANSWER, choose_sampled_law
-from accelerated_evaluation.answer.estimation import read_records
+from accelerated_evaluation.answer.answer import answer
+from accelerated_evaluation.answer.by_few_runs import FewRuns
+from accelerated_evaluation.answer.choice import ANSWER, choose_draws
+from accelerated_evaluation.answer.fitted_records import read_records
 from accelerated_evaluation.base.files import write_csv
 from accelerated_evaluation.base.randomness import child_generator
+from accelerated_evaluation.methods.surrogate import Surrogate
 from accelerated_evaluation.problem import Problem
 from accelerated_evaluation.scenarios.cut_in import CUT_IN
 from accelerated_evaluation.study.configuration import load
@@ -57,14 +58,14 @@ def successor(seeds: Iterable[int]) -> pd.DataFrame:
 def estimate(seeds: Iterable[int]) -> pd.DataFrame:
     """Return the simulations of the whole answer for the car under test, and its median."""
     config = load()
-    encounters, _ = read_records(config)
-    _, law = choose_sampled_law(ANSWER, encounters, config)
-    problem, method = Problem(CUT_IN, law, load_vehicle(VEHICLE)), AveragedSurrogate.configured(config)
+    draws = choose_draws(ANSWER, read_records(config), config)
+    problem = Problem(CUT_IN, draws.proposal, load_vehicle(VEHICLE))
+    way = FewRuns(Surrogate.stopping(config), config["surrogate"]["batch_size"])
     rows = []
     for seed in tqdm(seeds, desc="whole answers", unit=" seeds"):
         generator = child_generator(ROOT, "estimate", seed)
-        found = method.estimate(problem, method.stopping(config), generator)
-        median = np.median(posterior_of(found.tables["draws"]).whole.probabilities)
+        found = answer(problem, draws, way, generator=generator)
+        median = found.posterior.whole.probability
         rows.append({"seed": seed, "simulations": found.simulations, "median": median})
     return pd.DataFrame(rows)
 

@@ -38,12 +38,9 @@ PARTS: dict[str, Callable[[Files], Iterator[Claim]]] = {
 NOT_REPEATED = {
     "running times of the study, the tests and the installation": "they depend on the machine",
     "statements of the paper in words": "`make study` judges them (notebook 07)",
-    "the probability under a given law is exact": "`make test` compares crash maps with simulations",
-    "the explorer agrees with the library": "`benchmarks/explorer_agreement.py` opens a browser",
-    "variants of the driver `human`, such as no swerving": "`make study` computes them (notebook 14)",
+    "coverage in worlds that break an assumption of the models": "`make worlds` repeats it, in two hours",
+    "shares of the answer beyond the records, and the replayed records": "`make study` computes them",
     "crashes counted on a simulated motorway": "`make world` repeats them, in an hour",
-    "near-crashes of the 100-Car study on a wet road": "a count in published data",
-    "left turn and pedestrian": "`make study CONFIG=config/left_turn.yaml` or `config/pedestrian.yaml`",
 }
 
 

@@ -10,10 +10,10 @@ from pathlib import Path
 import numpy as np
 import pandas as pd
 from accelerated_evaluation.answer.counted_crashes import HUNDRED_CAR_MILES, KILOMETRES_PER_MILE, cut_in_rate
-from accelerated_evaluation.answer.estimation import read_records
 from accelerated_evaluation.answer.family_file import fit_or_read
+from accelerated_evaluation.answer.fitted_records import read_records
+from accelerated_evaluation.answer.law_study import LawStudy
 from accelerated_evaluation.answer.lead_motion import MovingProblem
-from accelerated_evaluation.answer.weighted_family import WeightedLaws
 from accelerated_evaluation.base.files import write_csv
 from accelerated_evaluation.base.randomness import child_generator
 from accelerated_evaluation.crash_map.lines import CrashLines
@@ -92,11 +92,9 @@ def of_closing_speeds(closing: pd.DataFrame, law: SpeedLaw, support: Support) ->
     yield share_row(f"share above the quantile {1 - FAST:g} of the law", "closing", hazard > -np.log(FAST))
 
 
-def of_reaction(
-    records: DistinctRecords, weighted: WeightedLaws, grid: Grid, per_kilometre: float
-) -> Iterator[Row]:
+def of_reaction(records: DistinctRecords, study: LawStudy, grid: Grid, per_kilometre: float) -> Iterator[Row]:
     """Yield the crashes of the careful human that reacts at the crossing, and of one that has reacted."""
-    family, law = weighted.family, weighted.family.law(weighted.heaviest)
+    family, law = study.smooth.family, study.smooth.speeds(study.heaviest)
     kilometres = 1e6 * HUNDRED_CAR_MILES * KILOMETRES_PER_MILE
     for response in (RESPONSE, 0.0):
         human = load_vehicle("cc_human", reaction_time=response)
@@ -107,14 +105,14 @@ def of_reaction(
 
 
 def of_lead_motion(
-    name: str, followed: pd.DataFrame, records: DistinctRecords, weighted: WeightedLaws, grid: Grid
+    name: str, followed: pd.DataFrame, records: DistinctRecords, study: LawStudy, grid: Grid
 ) -> Row:
     """Return by which factor the European lead motion multiplies the crash probability of a vehicle.
 
     The limits are those of a log-normal distribution. Its deviation is that of the factors of resampled
     cut-ins, and contains the error of the simulation.
     """
-    family, law, vehicle = weighted.family, weighted.family.law(weighted.heaviest), load_vehicle(name)
+    family, law, vehicle = study.smooth.family, study.smooth.speeds(study.heaviest), load_vehicle(name)
     crash_map, generator = mapped(vehicle, grid), child_generator(load()["seed"], "europe", name)
 
     def factor(cut_ins: pd.DataFrame) -> float:
@@ -156,10 +154,10 @@ def main() -> None:
     answer = pd.read_csv(given.europe / "laws" / "answer.csv")
     rate = cut_in_rate(pd.read_csv(given.study / "laws" / "exposure.csv"))
     config = load()
-    records = DistinctRecords.of(read_records(config)[0], support := Support.configured(config))
+    records = read_records(config).data
     generator = child_generator(config["seed"], "europe")
     family = fit_or_read(given.study / "laws" / "family.npz", records)
-    weighted = WeightedLaws.drawn(family, generator, config["answer"]["draws"])
+    study = LawStudy.of_family(family, config["answer"]["draws"], generator)
     grid = Grid(**{key: config["filters"][key] for key in LIMITS}, **config["answer"]["grid"])
     cut_ins, followed = pd.read_csv(DATA / "cut_ins.csv"), pd.read_parquet(DATA / "lead_motion.parquet")
     low, high, farthest = (config["filters"][key] for key in LIMITS)
@@ -167,9 +165,9 @@ def main() -> None:
     closing = cut_ins[inside & (cut_ins["closing_speed"] > 0)]
     rows = [
         *of_cut_ins(cut_ins, followed),
-        *of_closing_speeds(closing, weighted.family.law(weighted.heaviest), support),
-        *of_reaction(records, weighted, grid, rate),
-        *(of_lead_motion(name, followed, records, weighted, grid) for name in MOVING),
+        *of_closing_speeds(closing, study.smooth.speeds(study.heaviest), records.support),
+        *of_reaction(records, study, grid, rate),
+        *(of_lead_motion(name, followed, records, study, grid) for name in MOVING),
         *of_answer(answer, len(closing)),
     ]
     write_csv(given.table, pd.DataFrame(rows))

@@ -14,9 +14,9 @@ from pathlib import Path
 
 import pandas as pd
 from accelerated_evaluation.answer.family_file import read_family
+from accelerated_evaluation.answer.law_study import LawStudy
 from accelerated_evaluation.answer.law_table import KNOT, PAPER, law_table, papers_law, score_laws
 from accelerated_evaluation.answer.scores import FittedLaw
-from accelerated_evaluation.answer.weighted_family import WeightedLaws
 from accelerated_evaluation.base.files import write_csv
 from accelerated_evaluation.base.randomness import child_generator
 from accelerated_evaluation.laws.smooth.family import DistinctRecords, Fitter, LawFamily
@@ -56,12 +56,12 @@ def scored(results: Path) -> pd.DataFrame:
     config = json.loads((results / "config.json").read_text())
     records = DistinctRecords.of(read_encounters(results / "encounters.parquet"), Support.configured(config))
     family = read_family(results / "laws/family.npz", records)
-    weighted = WeightedLaws.drawn(
-        family, child_generator(config["seed"], "laws", "weigh"), config["answer"]["draws"]
+    study = LawStudy.of_family(
+        family, config["answer"]["draws"], child_generator(config["seed"], "laws", "weigh")
     )
     vehicle = load_vehicle(config["vehicle"]["name"], **config["vehicle"]["parameters"])
-    others = rivals(weighted.fitter, weighted.family)
-    table = law_table(weighted, *score_laws(weighted, vehicle, {PAPER: papers_law} | others), {})
+    others = rivals(family.fitter, family.family)
+    table = law_table(study, *score_laws(study, vehicle, {PAPER: papers_law} | others), {})
     return table[table["law"].isin(others)].drop(columns=["weight", "stacking", "probability"])
 
 

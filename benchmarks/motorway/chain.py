@@ -10,9 +10,8 @@ from collections.abc import Iterator
 
 import numpy as np
 import pandas as pd
-from accelerated_evaluation.answer.posterior import drawn_laws
-from accelerated_evaluation.answer.scored_family import score_family
-from accelerated_evaluation.answer.weighted_family import WeightedLaws
+from accelerated_evaluation.answer.law_study import LawStudy
+from accelerated_evaluation.answer.smooth_family import SmoothFamily
 from accelerated_evaluation.base.arrays import Array
 from accelerated_evaluation.base.files import write_csv
 from accelerated_evaluation.base.randomness import child_generator
@@ -35,18 +34,17 @@ FEWEST_RECORDS = 100  # from which laws are fitted: ten of them exceed the lowes
 LEVELS = {"low95": 0.025, "low80": 0.1, "median": 0.5, "high80": 0.9, "high95": 0.975}
 
 
-def drawn_cut_ins(weighted: WeightedLaws, generator: np.random.Generator) -> Iterator[Array]:
+def drawn_cut_ins(study: LawStudy, generator: np.random.Generator) -> Iterator[Array]:
     """Yield cut-ins of laws drawn with their weights and parameters, shape (3, CUT_INS).
 
     Tails that are fitted to few records also give closing speeds above `SPEED_LIMIT`, which no vehicle
     accepts. They are replaced by it.
     """
-    records = weighted.records
+    records, draws = study.smooth.records, study.draws(generator).draws
     recorded = Empirical(records.lead_speed)
-    laws = drawn_laws(weighted.family, weighted.members, weighted.weights, generator)
-    for _, ranges, speeds in laws:
+    for shared, speeds in zip(draws.shared, draws.laws, strict=True):
         lead_speed = generator.choice(records.lead_speed, CUT_INS)
-        stratum = DependentStratum(recorded, ranges, speeds, records.support)
+        stratum = DependentStratum(recorded, draws.ranges[shared], speeds, records.support)
         drawn = stratum.points(lead_speed, *generator.standard_exponential((2, CUT_INS)))
         yield np.minimum(drawn, [np.inf, np.inf, SPEED_LIMIT]).T
 
@@ -86,9 +84,10 @@ def probabilities(records: pd.DataFrame, generator: np.random.Generator) -> pd.D
         A row for each host and draw: ``host``, ``snapshot``, with a constant lead speed, and ``recorded``,
         with lead motion.
     """
-    weighted = WeightedLaws.drawn(score_family(DistinctRecords.of(records), MEMBERS), generator, DRAWS)
+    family = SmoothFamily.of(DistinctRecords.of(records), MEMBERS)
+    study = LawStudy.of_family(family, DRAWS, generator)
     constant, cars, rows = MOTIONS["constant"](), hosts(generator), []
-    for cut_ins in drawn_cut_ins(weighted, generator):
+    for cut_ins in drawn_cut_ins(study, generator):
         moving = Recorded.of(resampled(records, generator))
         motions: dict[str, LeadMotion] = {"snapshot": constant, "recorded": moving}
         speeds = {name: draw_lead_speeds(motion, cut_ins, generator) for name, motion in motions.items()}

@@ -8,8 +8,8 @@ from collections.abc import Mapping
 from pathlib import Path
 
 import pandas as pd
-from accelerated_evaluation.answer.chosen_law import choose_law
-from accelerated_evaluation.answer.estimation import read_records
+from accelerated_evaluation.answer.choice import ANSWER, PAPER, choose_draws, law_study
+from accelerated_evaluation.answer.fitted_records import FittedRecords, read_records
 from accelerated_evaluation.base.files import write_csv
 from accelerated_evaluation.base.randomness import child_generator
 from accelerated_evaluation.crash_map.exact import exact_probabilities
@@ -30,8 +30,8 @@ from summarise import summary
 METHOD = "surrogate"
 # The paper's law; of those with dependence the heaviest, the one of most crashes, and the one of fewest.
 LAWS = {
-    "paper": "paper",
-    "answer": "answer",
+    "paper": PAPER,
+    "answer": ANSWER,
     "two_kinds": "two kinds 0.98",
     "hazard": "hazard",
 }
@@ -69,6 +69,14 @@ def mapped(name: str) -> CrashMap:
     # Half as fine, because a law takes minutes for all the steps that crash in a finer one.
     lines = map_crashes(vehicle, grid.refined(0.5), [], child_generator(ROOT, "vehicles", "map", name))
     return sample_crashes(vehicle, lines, child_generator(ROOT, "vehicles", "sample", name))
+
+
+def single_law(choice: str, records: FittedRecords, config: Mapping) -> Law:
+    """Return the paper's law, or a fitted smooth law: for ``answer``, the one with the largest weight."""
+    if choice == PAPER:
+        return choose_draws(choice, records, config).proposal
+    study = law_study(records, config).smooth_only()
+    return study.family.law(study.heaviest if choice == ANSWER else choice)
 
 
 def estimated(key: str, law: Law, maps: Mapping[str, CrashMap], seeds: int) -> pd.DataFrame:
@@ -130,9 +138,8 @@ def main() -> None:
         write_crash_map(arguments.output, mapped(arguments.vehicle))
     elif arguments.step == "run":
         config = load()
-        encounters, _ = read_records(config)
         maps = {name: read_crash_map(arguments.maps / f"{name}.npz") for name in vehicles()}
-        _, law = choose_law(LAWS[arguments.law], encounters, config)
+        law = single_law(LAWS[arguments.law], read_records(config), config)
         write_csv(arguments.output, estimated(arguments.law, law, maps, arguments.seeds))
     else:
         write_csv(arguments.output, table(pd.concat(map(pd.read_csv, arguments.runs), ignore_index=True)))

@@ -7,11 +7,10 @@ among laws adds to the width.
 
 import argparse
 
-import numpy as np
 import pandas as pd
-from accelerated_evaluation.answer.scored_family import score_family
-from accelerated_evaluation.answer.summary import threshold_table
-from accelerated_evaluation.answer.weighted_family import WeightedLaws
+from accelerated_evaluation.answer.law_study import LawStudy
+from accelerated_evaluation.answer.smooth_family import SmoothFamily
+from accelerated_evaluation.answer.variants import summary_under, threshold_table
 from accelerated_evaluation.base.files import write_csv
 from accelerated_evaluation.base.randomness import child_generator
 from accelerated_evaluation.laws.smooth.family import Member
@@ -37,15 +36,14 @@ def examine(kind: str, number: int, world: World, setting: WorldSettings) -> dic
     """
     records = simulate_records(world, setting, child_generator(ROOT, "worlds", kind, number))
     generator = child_generator(ROOT, "worlds", kind, number, "causes")
-    weighted = WeightedLaws.drawn(score_family(distinct_records(records)[0]), generator, DRAWS)
-    true_law = [member == Member(LEVEL, TRUE_LAW[kind]) for member in weighted.members]
-    only = np.tile(np.array(true_law, dtype=float), (DRAWS, 1))
-    levels = threshold_table(weighted, setting.lines, generator)["probability"]
+    study = LawStudy.of_family(SmoothFamily.of(distinct_records(records)[0]), DRAWS, generator)
+    levels = threshold_table(study, setting.lines, generator)["probability"]
     reported = {"kind": kind, "world": number, "threshold_ratio": levels.max() / levels.min()}
     truth = float(world.masses(setting.lines).sum())
-    for prefix, weights in (("", None), ("true_law_", only)):
-        posterior = weighted.draw({"crash": setting.lines}, generator, weights)["crash"]
-        low, high = posterior.interval(0.8)
+    true_law = study.only([Member(LEVEL, TRUE_LAW[kind]).name])
+    for prefix, laws in (("", study), ("true_law_", true_law)):
+        summary = summary_under(laws, setting.lines, generator)
+        low, high = summary["low80"], summary["high80"]
         reported |= {f"{prefix}held": low <= truth <= high, f"{prefix}width": high / low}
     return reported
 

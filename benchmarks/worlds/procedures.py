@@ -6,7 +6,9 @@ from typing import Self
 
 import numpy as np
 import pandas as pd
-from accelerated_evaluation.answer.averaged import AveragedSurrogate, posterior_of
+from accelerated_evaluation.answer.answer import answer
+from accelerated_evaluation.answer.by_few_runs import FewRuns
+from accelerated_evaluation.answer.by_map import masses_under
 from accelerated_evaluation.answer.calibration import (
     CLOSING,
     HOST,
@@ -14,16 +16,13 @@ from accelerated_evaluation.answer.calibration import (
     recorded_counts,
     with_limits,
 )
-from accelerated_evaluation.answer.posterior import Posterior, draw_posterior
+from accelerated_evaluation.answer.law_study import LawStudy
+from accelerated_evaluation.answer.posterior import Posterior
 from accelerated_evaluation.answer.scores import GivenLaw, HeldOut
-from accelerated_evaluation.answer.weights import bootstrapped_weights
-from accelerated_evaluation.base.arrays import Array
+from accelerated_evaluation.answer.smooth_family import SmoothFamily, region
 from accelerated_evaluation.crash_map.sensitivity import fit_for_crashes
 from accelerated_evaluation.laws.smooth.conditional import Places
-from accelerated_evaluation.laws.smooth.draws import LawDraws
-from accelerated_evaluation.laws.smooth.family import DistinctRecords, Fitter, LawFamily
-from accelerated_evaluation.laws.smooth.mean import MeanLaw
-from accelerated_evaluation.laws.smooth.support import SUPPORT
+from accelerated_evaluation.laws.smooth.family import Fitter
 from accelerated_evaluation.methods.estimate import Stopping
 from accelerated_evaluation.problem import Problem
 from accelerated_evaluation.records.segments import assign_segments
@@ -37,7 +36,6 @@ COVERAGES = (0.5, 0.8, 0.95)
 DRAWS = 100  # of the posterior, fewer than in the study
 BLOCKS = 5  # held out, fewer than in the study
 THIN = 10  # of the distinct outside the region of the score
-REGION = 0.25  # [1/s], TTC^-1 above which laws are scored
 CAP = 23.49 / 22.13  # the authors' cap on closing speeds, as a multiple of the largest that is recorded
 EDGES = [5, 15, 25, 35]  # [m/s], the paper's segments
 ERROR = 0.2  # relative half-width of the paper's 80 % interval
@@ -50,47 +48,44 @@ Intervals = dict[str, float]
 
 @dataclass(frozen=True)
 class Fitted:
-    """The laws of the family, fitted to distinct records, with draws of their weights, (DRAWS, members)."""
+    """The laws of the family, fitted to distinct records, with draws of their weights."""
 
-    records: DistinctRecords
-    family: LawFamily
-    weights: Array
+    study: LawStudy
 
     @classmethod
     def to(cls, records: pd.DataFrame, setting: WorldSettings, generator: np.random.Generator) -> Self:
         """Fit the family to distinct records, and weight its laws by held-out scores."""
         distinct, _ = distinct_records(records)
         fitter = Fitter(distinct, MEMBERS)
-        family = fitter.fit(setting.family)
-        boundary = REGION * distinct.range_
+        family, boundary = fitter.fit(setting.family), region(distinct) * distinct.range_
         scores = HeldOut.of_family(fitter, family, BLOCKS).scores({"region": boundary}, THIN)["region"]
-        weights = bootstrapped_weights(scores, distinct.closing_speed > boundary, DRAWS, generator)
-        return cls(distinct, family, weights)
+        not_counted = np.empty((len(MEMBERS), 0))
+        fitted = fitter, family, scores, not_counted, assign_segments(records, EDGES), TOP
+        return cls(LawStudy.of_family(SmoothFamily(*fitted), DRAWS, generator))
 
     def by_map(self, setting: WorldSettings, generator: np.random.Generator) -> Intervals:
         """Draw from the posterior, and evaluate every draw on the map."""
-        drawn = draw_posterior({"crash": setting.lines}, self.family, MEMBERS, self.weights, generator)
-        return intervals(drawn["crash"])
+        draws = self.study.draws(generator)
+        return intervals(Posterior(masses_under(setting.lines, draws).sum(axis=1), draws.member))
 
-    def by_few_runs(self, records: pd.DataFrame, generator: np.random.Generator) -> Intervals:
+    def by_few_runs(self, generator: np.random.Generator) -> Intervals:
         """Simulate the car under the mean of draws, some 150 times, and reweight the runs for each draw."""
-        draws = LawDraws.of(self.family, MEMBERS, self.weights, SUPPORT, generator)
-        law = MeanLaw.fitted(draws, assign_segments(records, EDGES), "world", TOP)
-        found = AveragedSurrogate().estimate(Problem(CUT_IN, law, AccAeb()), STOPPING, generator)
+        draws = self.study.draws(generator)
+        problem = Problem(CUT_IN, draws.proposal, AccAeb())
+        found = answer(problem, draws, FewRuns(STOPPING), generator=generator)
         own = {"simulations": found.simulations, "converged": found.converged}
-        if not len(found.tables["draws"]):
-            return own
-        return intervals(posterior_of(found.tables["draws"]).whole) | own
+        return own if found.posterior is None else intervals(found.posterior.whole) | own
 
     def checks(self) -> Intervals:
         """Return the smallest p-value of counts of records, near the crashes and by host speed."""
 
         def given(places: Places) -> Iterator[GivenLaw]:
-            below = places.body(self.family.body)
-            return (self.family.law(member).given(places, below) for member in MEMBERS)
+            below = places.body(family.body)
+            return (family.law(member).given(places, below) for member in MEMBERS)
 
-        expected = self.weights.mean(axis=0) @ expected_counts(self.records, given)
-        judged = with_limits(recorded_counts(self.records).assign(expected=expected))
+        family, records = self.study.smooth.family, self.study.smooth.records
+        expected = self.study.mean_weights @ expected_counts(records, given)
+        judged = with_limits(recorded_counts(records).assign(expected=expected))
         smallest = judged.groupby("counted")["p_value"].min()
         return {"near_p": smallest[CLOSING], "host_p": smallest[HOST]}
 
@@ -106,10 +101,8 @@ def intervals(posterior: Posterior) -> Intervals:
 def ours(records: pd.DataFrame, setting: WorldSettings, generator: np.random.Generator) -> Intervals:
     """Fit and weight the laws, and draw from the posterior."""
     fitted = Fitted.to(records, setting, generator)
-    weights = dict(zip(MEMBERS, fitted.weights.mean(axis=0), strict=True))
-    return fitted.by_map(setting, generator) | {
-        f"weight {member.name}": weight for member, weight in weights.items()
-    }
+    weights = zip(fitted.study.names, fitted.study.mean_weights, strict=True)
+    return fitted.by_map(setting, generator) | {f"weight {name}": weight for name, weight in weights}
 
 
 def paper(records: pd.DataFrame, setting: WorldSettings, generator: np.random.Generator) -> Intervals:

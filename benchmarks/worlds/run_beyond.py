@@ -20,7 +20,7 @@ def examine(kind: str, number: int, world: World, setting: WorldSettings) -> lis
     own = {"kind": kind, "world": number, "truth": truth} | fitted.checks()
     return [
         own | {"procedure": "map"} | fitted.by_map(setting, generator),
-        own | {"procedure": "few runs"} | fitted.by_few_runs(records, generator),
+        own | {"procedure": "few runs"} | fitted.by_few_runs(generator),
     ]
 
 

@@ -4,7 +4,7 @@ import argparse
 
 import numpy as np
 import pandas as pd
-from accelerated_evaluation.publishing.figures.laws import fig24_worlds
+from accelerated_evaluation.publishing.figures.coverage import fig24_worlds
 from accelerated_evaluation.publishing.figures.style import save_figure
 from scipy.stats import beta
 
@@ -57,7 +57,7 @@ def main() -> None:
     runs = pd.concat([pd.read_csv(path) for path in arguments.runs], ignore_index=True)
     groups = runs.groupby(["kind", "procedure"], sort=False)
     table = pd.DataFrame([{"kind": kind, "procedure": name} | judge(rows) for (kind, name), rows in groups])
-    drawn, data = fig24_worlds(table)
+    drawn, data = fig24_worlds(table, table.head(0))
     save_figure(drawn, data, arguments.folder, "worlds")
 
 

@@ -1,16 +1,160 @@
-"""What every published figure is held to."""
+"""What every figure is held to: legible, no text over another, distinguishable in grey, repeatable.
 
-from accelerated_evaluation.publishing.figures.style import FORMATS, save_figure
+As a script, it draws every figure of a finished study, and prints the defects of each as JSON. With the
+folder of its figures as second argument, it also compares the bytes of their files::
+
+    python tests/unit/figure_checks.py results/spmd figures/spmd
+"""
+
+import importlib
+import inspect
+import json
+import pkgutil
+import sys
+from itertools import combinations
+from pathlib import Path
+from tempfile import TemporaryDirectory
+from unittest import mock
+
+import matplotlib as mpl
+import numpy as np
+import pandas as pd
+from accelerated_evaluation.publishing import figures
+from accelerated_evaluation.publishing.archive.provenance import described, origin_of
+from accelerated_evaluation.publishing.figures.style import COLUMN_WIDTH, FORMATS, paper_style, save_figure
+from accelerated_evaluation.publishing.study import Study
+from accelerated_evaluation.scenarios.cut_in import CUT_IN
+from matplotlib import pyplot as plt
+from matplotlib.colors import to_rgba
+from matplotlib.lines import Line2D
+from matplotlib.text import Text
+
+SMALLEST_FONT = 6  # [pt]
+LEAST_DIFFERENCE = 0.12  # of the luminances of two marks that differ in nothing else
+LEAST_RATIO = 1.5  # of the widths of two lines that differ in nothing else
+TOUCHING = 1.0  # [px], overlap that nobody sees
+ROOT = Path(__file__).resolve().parents[2]
 
 
-def check_bytes_and_legend(draw, name, folder):
-    """The same tables give the same bytes, and the legend covers no data."""
-    for one in ("one", "two"):
-        figure, data = draw(name)
-        assert figure.get_supxlabel() == "Data: made up"
-        save_figure(figure, data, folder / one, name)
-    (legend,) = figure.legends
-    assert not any(legend.get_window_extent().overlaps(axes.get_window_extent()) for axes in figure.axes)
-    for ending in (*FORMATS, "csv"):
-        one, two = ((folder / part / f"{name}.{ending}").read_bytes() for part in ("one", "two"))
-        assert one == two, ending
+def defects(drawn):
+    """Return what is wrong with a figure, in words; it is drawn once."""
+    found = []
+    texts = _drawn_texts(drawn)
+    if drawn.get_size_inches()[0] > 2 * COLUMN_WIDTH + 0.01:
+        found.append("wider than two columns, so that it is printed smaller")
+    found += [f"{text!r} has {size:g} pt" for text, _, size in texts if size < SMALLEST_FONT]
+    page = drawn.bbox.padded(TOUCHING)
+    for text, box, _ in texts:
+        if not (page.contains(box.x0, box.y0) and page.contains(box.x1, box.y1)):
+            found.append(f"{text!r} leaves the figure")
+    for (one, box, _), (two, other, _) in combinations(texts, 2):
+        if box.padded(-TOUCHING).overlaps(other.padded(-TOUCHING)):
+            found.append(f"{one!r} overlaps {two!r}")
+    found += [pair for axes in drawn.axes for pair in _alike_in_grey(axes)]
+    for legend in drawn.legends:
+        if any(legend.get_window_extent().overlaps(axes.get_window_extent()) for axes in drawn.axes):
+            found.append("the legend covers a panel")
+    return found
+
+
+def _drawn_texts(drawn):
+    """Return each text that is drawn, with its box [px] and its size [pt]."""
+    seen = {}
+    draw = Text.draw
+
+    def watched(text, renderer, *args, **options):
+        if text.get_visible() and text.get_text().strip():
+            box = Text.get_window_extent(text, renderer)
+            seen[id(text)] = text.get_text(), box, text.get_fontsize()
+        return draw(text, renderer, *args, **options)
+
+    with paper_style(), mock.patch.object(Text, "draw", watched):
+        drawn.canvas.draw()
+    return list(seen.values())
+
+
+def _alike_in_grey(axes):
+    """Yield the pairs of entries of a legend that only their colours tell apart, and these too little."""
+    handles, labels = axes.get_legend_handles_labels()
+    for (one, first), (two, second) in combinations(zip(labels, map(_look, handles), strict=True), 2):
+        width, other = sorted((first["width"], second["width"]))
+        same = all(first[name] == second.get(name) for name in first.keys() - {"width", "grey"})
+        shades = abs(first["grey"] - second["grey"])
+        if one != two and same and shades < LEAST_DIFFERENCE and other <= LEAST_RATIO * width:
+            yield f"{one!r} looks like {two!r} in grey"
+
+
+def _look(handle):
+    """Return the properties of an entry of a legend, with its luminance in place of its colour."""
+    artist = handle[0] if isinstance(handle, tuple) else handle
+    look = {"type": type(artist).__name__, "width": float(np.max(artist.get_linewidth()))}
+    if isinstance(artist, Line2D):
+        color = artist.get_color()
+        hollow = to_rgba(artist.get_markerfacecolor())[:3] == (1, 1, 1) or artist.get_fillstyle() == "none"
+        look["marker"] = artist.get_marker(), hollow
+        look["dashes"] = artist.get_linestyle() == "None" or artist._unscaled_dash_pattern
+    else:
+        faces = artist.get_facecolor()
+        color = np.atleast_2d(faces if len(faces) else artist.get_color())[0]
+        paths = artist.get_paths() if hasattr(artist, "get_paths") else []
+        look["marker"] = [path.vertices.shape for path in paths[:1]]
+    red, green, blue, alpha = to_rgba(color)
+    return look | {"grey": 1 - alpha * (1 - (0.3 * red + 0.59 * green + 0.11 * blue))}
+
+
+def registered():
+    """Return every registered figure by its name."""
+    modules = [
+        importlib.import_module(f"{figures.__name__}.{each.name}")
+        for each in pkgutil.iter_modules(figures.__path__)
+    ]
+    return {
+        name: make for module in modules for name, make in vars(module).items() if hasattr(make, "publish")
+    }
+
+
+def _given(study, name):
+    """Return the arguments that the notebooks do not read from the study."""
+    second = name.startswith(("fig05", "fig07"))
+    worlds = ROOT / "benchmarks" / "results"
+    return {
+        "segment": lambda: study.segments[1] if second else study.first_segment,
+        "settings": lambda: study.config["cross_entropy"],
+        "lead_speed_edges": lambda: study.config["segments"]["lead_speed_edges"],
+        "worlds": lambda: pd.read_csv(worlds / "worlds.csv"),
+        "beyond": lambda: pd.read_csv(worlds / "worlds_beyond.csv"),
+    }
+
+
+def main(results, published=None):
+    """Print the defects of all figures of a study as JSON; they are also compared with those published."""
+    mpl.use("agg")
+    study = Study(results, Path("figures") / Path(results).name)
+    of_scenario = study.scenario is not CUT_IN
+    found = {}
+    for name, make in sorted(registered().items()):
+        if name.startswith(("fig35", "fig36")) or ("scenario" in name) != of_scenario:
+            continue  # a figure of another kind of study
+        given = _given(study, name)
+        parts = inspect.signature(make).parameters
+        arguments = {part: given[part]() if part in given else getattr(study, part) for part in parts}
+        found[name] = _differences(study, name, make(**arguments), published) if published else []
+        found[name] += defects(make(**arguments)[0])
+        plt.close("all")
+    print(json.dumps(found, indent=2, ensure_ascii=False))
+
+
+def _differences(study, name, made, published):
+    """Return the files of a figure whose bytes differ from those that a notebook published."""
+    with TemporaryDirectory() as folder:
+        save_figure(*made, folder, name, described(name, origin_of(study)))
+        files = [f"{name}.{ending}" for ending in (*FORMATS, "csv")]
+        return [
+            f"{file} has other bytes the second time"
+            for file in files
+            if Path(folder, file).read_bytes() != Path(published, file).read_bytes()
+        ]
+
+
+if __name__ == "__main__":
+    main(*sys.argv[1:])

@@ -6,10 +6,10 @@ from pathlib import Path
 import numpy as np
 import pandas as pd
 import pytest
-from accelerated_evaluation.answer.estimation import read_records
+from accelerated_evaluation.answer.fitted_records import read_records
 from accelerated_evaluation.laws.motion.recorded import Recorded
 from accelerated_evaluation.laws.smooth.support import Support
-from accelerated_evaluation.study.configuration import load
+from accelerated_evaluation.study.configuration import load, resolved
 
 pytestmark = pytest.mark.studies
 ROOT = Path(__file__).resolve().parents[2]
@@ -98,8 +98,8 @@ def test_the_shipped_tables_are_records_and_a_law_of_lead_motion():
     assert (table["closing_speed"] > 0).sum() == 72
     assert table["recording"].nunique() == 43
     assert not table["scenario"].isin([279]).any()
-    encounters, _ = read_records(load([ROOT / "config" / "europe.yaml"]))
-    assert len(encounters) == 71
+    records = read_records(resolved(load([ROOT / "config" / "europe.yaml"])))
+    assert len(records.table) == 71
     motion = Recorded.read(ROOT / "data" / "europe" / "lead_motion.parquet")
     assert len(motion.courses) == 165
     assert np.median(motion.encounters[0]) == pytest.approx(28.5, abs=0.5)

@@ -114,7 +114,7 @@ def test_the_chain_predicts_the_crashes_of_a_known_world(monkeypatch):
     monkeypatch.setattr(chain, "DRAWS", 20)
     monkeypatch.setattr(chain, "CUT_INS", 1000)
     monkeypatch.setattr(chain, "MEMBERS", chain.members_at(()))
-    monkeypatch.setattr(chain, "score_family", partial(chain.score_family, blocks=2))
+    monkeypatch.setattr(chain.SmoothFamily, "of", partial(chain.SmoothFamily.of, blocks=2))
     generator = np.random.default_rng(4)
     size = 4000
     range_ = generator.uniform(10, 70, size)
@@ -150,9 +150,9 @@ def test_closing_speeds_are_at_most_those_that_vehicles_accept(monkeypatch):
     table = pd.DataFrame(
         {"lead_speed": generator.uniform(10, 30, 100), "range": 30.0, "closing_speed": closing}
     )
-    scored = chain.score_family(chain.DistinctRecords.of(table), chain.MEMBERS, blocks=2)
-    weighted = chain.WeightedLaws.drawn(scored, generator, 5)
-    speeds = np.concatenate([cut_in[2] for cut_in in chain.drawn_cut_ins(weighted, generator)])
+    family = chain.SmoothFamily.of(chain.DistinctRecords.of(table), chain.MEMBERS, blocks=2)
+    study = chain.LawStudy.of_family(family, 5, generator)
+    speeds = np.concatenate([cut_in[2] for cut_in in chain.drawn_cut_ins(study, generator)])
     assert speeds.max() == 50
 
 

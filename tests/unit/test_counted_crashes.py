@@ -125,6 +125,9 @@ def test_the_figure_has_every_row_once_and_says_what_it_shows(tmp_path):
     drawn, data = fig31_counted_crashes(table, "made up")
     drawn.savefig(tmp_path / "31.png")
     assert len(data) == len(table)
+    (arrow,) = (line for line in drawn.axes[0].get_lines() if line.get_marker() == "<")
+    none = table[table["per_million_miles"] == 0]
+    assert sorted(arrow.get_xdata()) == pytest.approx(sorted(none["high95"]))
     labels = [label.get_text() for label in drawn.axes[0].get_yticklabels()]
     assert set(GROUPS.values()) <= set(labels)
     assert drawn.get_supxlabel().startswith("Data: made up")

@@ -10,10 +10,9 @@ from accelerated_evaluation.publishing.figures.estimates import (
     fig12_crash_probability,
     fig13_relative_half_width,
 )
-from accelerated_evaluation.publishing.figures.method_styles import style_of
-from accelerated_evaluation.publishing.figures.style import FORMATS, save_figure
 
 ALL = ("single", "piecewise", "heuristic")
+EXACT = pd.DataFrame({"segment": ["5-15", "all"], "probability": [2e-6, 9e-7]})
 STEPS = np.arange(100, 1001, 100)
 
 
@@ -52,7 +51,7 @@ def estimates(course):
 
 
 def test_estimates_come_with_their_intervals(estimates, course):
-    _, data = fig12_crash_probability(estimates, course, 0.2, "made up")
+    _, data = fig12_crash_probability(estimates, course, EXACT, 0.2, "made up")
     assert data.columns.tolist() == [
         *("kind", "method", "replicate", "simulations", "probability", "ci_low", "ci_high")
     ]
@@ -66,16 +65,17 @@ def test_estimates_come_with_their_intervals(estimates, course):
 
 def test_only_all_segments_and_two_methods_are_in_figure_12(estimates, course):
     course.loc[course["scope"] == "5-15", "probability"] = 9.0
-    _, data = fig12_crash_probability(estimates, course, 0.2, "made up")
+    _, data = fig12_crash_probability(estimates, course, EXACT, 0.2, "made up")
     assert data["probability"].max() < 1e-5
     assert data["method"].dropna().unique().tolist() == ["piecewise", "single"]
     paper = data[data["kind"] == "paper"]
     assert paper["probability"].tolist() == [7.4e-7]
+    assert data.loc[data["kind"] == "exact", "probability"].tolist() == [9e-7]
 
 
 def test_circles_are_where_replicates_converge(estimates, course):
     for figure, data in (
-        fig12_crash_probability(estimates, course, 0.2, "made up"),
+        fig12_crash_probability(estimates, course, EXACT, 0.2, "made up"),
         fig13_relative_half_width(estimates, course, "5-15", 0.2, "made up"),
     ):
         ends = data[data["kind"] == "converged"]
@@ -95,36 +95,22 @@ def test_half_widths_are_those_of_the_segment_alone(estimates, course):
     assert data.loc[data["kind"] == "beta", "relative_half_width"].tolist() == [0.15]
 
 
-def test_methods_differ_by_more_than_colour(estimates, course):
-    figure, _ = fig13_relative_half_width(estimates, course, "5-15", 0.2, "made up")
-    lines = {line.get_label(): line.get_linestyle() for line in figure.axes[0].get_lines()}
-    assert [lines[method] for method in ALL] == [style_of(method)["linestyle"] for method in ALL]
-    assert len({lines[method] for method in ALL}) == len(ALL)
-
-
-def test_the_legend_is_outside_the_panels(estimates, course):
-    for figure, _ in (
-        fig12_crash_probability(estimates, course, 0.2, "made up"),
-        fig13_relative_half_width(estimates, course, "5-15", 0.2, "made up"),
-    ):
-        figure.draw_without_rendering()
-        (legend,) = figure.legends
-        assert not any(legend.get_window_extent().overlaps(axes.get_window_extent()) for axes in figure.axes)
-
-
 def test_a_study_without_crashes_is_drawn_all_the_same(estimates, course):
     estimates = estimates.assign(probability=0.0, relative_half_width=math.inf, converged=False)
     course = course.assign(probability=0.0, relative_half_width=math.inf)
-    figure, _ = fig12_crash_probability(estimates, course, 0.2, "made up")
+    figure, _ = fig12_crash_probability(estimates, course, EXACT, 0.2, "made up")
     assert figure.axes[0].get_ylim()[1] > 7.4e-7
     fig13_relative_half_width(estimates, course, "5-15", 0.2, "made up")
 
 
-def test_the_same_tables_give_the_same_bytes(estimates, course, tmp_path):
-    for folder in ("one", "two"):
-        figure, data = fig12_crash_probability(estimates, course, 0.2, "made up")
-        assert figure.get_supxlabel() == "Data: made up"
-        save_figure(figure, data, tmp_path / folder, "fig12")
-    for ending in (*FORMATS, "csv"):
-        one, two = ((tmp_path / folder / f"fig12.{ending}").read_bytes() for folder in ("one", "two"))
-        assert one == two, ending
+def test_the_replicate_in_front_is_the_median_one(course):
+    ends = pd.DataFrame({"method": "single", "scope": "5-15", "replicate": [0, 1], "simulations": [300, 200]})
+    third = ends.iloc[:1].assign(replicate=2, simulations=900)
+    ends = pd.concat([ends, third]).assign(probability=1e-6, relative_half_width=0.2, converged=True)
+    three = pd.concat([course, course[course["replicate"] == 0].assign(replicate=2)])
+    course = three[three["method"] == "single"]
+    figure, _ = fig13_relative_half_width(ends.assign(ci_low=0, ci_high=1), course, "5-15", 0.2, "made up")
+    (large,) = (
+        line for line in figure.axes[0].get_lines() if line.get_markersize() == 6 and line.get_marker() == "o"
+    )
+    assert large.get_xdata().tolist() == [300]

@@ -67,11 +67,11 @@ def test_the_estimate_alone_has_the_limits_of_the_records(motorway, monkeypatch)
     """The command ``estimate`` is given them in place of ``auto``, as the study is."""
     seen = []
 
-    def stop(config, *settings):
+    def stop(config, request):
         seen.append(config["filters"])
         raise InputError("here", seen="enough", expected="no more", change="Nothing.")
 
-    monkeypatch.setattr(alone, "estimate_alone", stop)
+    monkeypatch.setattr(alone, "estimate", stop)
     assert cli.main(["estimate", "--config", "motorway.yaml"]) == 2
     assert seen[0] == resolved(motorway)["filters"]
     assert AUTO not in seen[0].values()

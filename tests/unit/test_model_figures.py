@@ -1,7 +1,6 @@
 """Figures 1, 2, 4 to 7 and model tables: values against their laws, no record shown, same bytes twice."""
 
 from collections.abc import Callable, Iterator
-from pathlib import Path
 
 import matplotlib.pyplot as plt
 import numpy as np
@@ -20,7 +19,6 @@ from accelerated_evaluation.laws.paper.independent import IndependentLaw
 from accelerated_evaluation.publishing.figures import concept as concept_figures
 from accelerated_evaluation.publishing.figures import data as data_figures
 from accelerated_evaluation.publishing.figures import models as model_figures
-from accelerated_evaluation.publishing.figures.style import FORMATS, paper_style, save_figure
 from accelerated_evaluation.publishing.tables.models import (
     candidates_table,
     close_call_table,
@@ -219,39 +217,6 @@ def test_no_record_is_published(name, encounters):
     records = encounters[["lead_speed", "range", "closing_speed", "inverse_range", "inverse_ttc"]].to_numpy()
     assert not np.isin(numbers, records).any()
     assert np.isin(encounters["range"], records).all()  # the check finds a record where there is one
-
-
-@pytest.mark.parametrize("name", FIGURES)
-def test_same_call_same_data(name, encounters):
-    first, second = (FIGURES[name](encounters)[1] for _ in range(2))
-    pd.testing.assert_frame_equal(first, second, check_exact=True)
-
-
-# One with a picture inside and one with lines; they all go through the same saving.
-@pytest.mark.parametrize("name", ["fig02_data", "fig05_inverse_ttc_fit"])
-def test_same_call_same_bytes(name, encounters, tmp_path: Path):
-    for folder in ("first", "second"):
-        save_figure(*FIGURES[name](encounters), tmp_path / folder, name)
-    for extension in (*FORMATS, "csv"):
-        first, second = (tmp_path / folder / f"{name}.{extension}" for folder in ("first", "second"))
-        assert first.read_bytes() == second.read_bytes()
-        assert first.stat().st_size > 1000
-
-
-@pytest.mark.parametrize("name", FIGURES)
-def test_figure_can_be_read(name, encounters):
-    figure, _ = FIGURES[name](encounters)
-    assert SOURCE in figure.get_supxlabel()
-    with paper_style():
-        figure.canvas.draw()
-    boxes = [axis.get_tightbbox() for axis in figure.axes]
-    outside = [legend.get_window_extent() for legend in figure.legends]
-    outside.append(figure._supxlabel.get_window_extent())
-    assert not any(box.overlaps(other) for box in boxes for other in outside)
-    whole = figure.bbox
-    assert all(whole.x0 <= box.x0 and box.x1 <= whole.x1 + 1 for box in boxes + outside)
-    labels = [axis.get_xlabel() or axis.get_ylabel() for axis in figure.axes]
-    assert all(labels)
 
 
 def test_leaves_weigh_the_whole():

@@ -255,7 +255,8 @@ def test_the_line_of_the_budget_is_the_variance_over_the_scale():
 def test_the_table_has_the_recorded_opening_cut_ins_or_mirrored_ones(records, asked, opening):
     """Opening cut-ins count with their recorded share; vehicles without lead motion are left out."""
     family = SimpleNamespace(ranges=asked.ranges, law=lambda member: asked.law)
-    weighted = SimpleNamespace(records=records, family=family, heaviest=None)
+    smooth = SimpleNamespace(records=records, family=family, speeds=lambda name: asked.law)
+    study = SimpleNamespace(smooth=smooth, heaviest=None)
 
     class Still:
         def simulate(self, *encounters):
@@ -268,7 +269,7 @@ def test_the_table_has_the_recorded_opening_cut_ins_or_mirrored_ones(records, as
         "few": opening.only(np.arange(29)),
         "none": opening.only(np.arange(0)),
     }.items():
-        table = motion_table(vehicles, maps, weighted, recorded, np.random.default_rng(9)).set_index("gap")
+        table = motion_table(vehicles, maps, study, recorded, np.random.default_rng(9)).set_index("gap")
         assert set(table["vehicle"]) == {"car"}
         shares[kind] = table.loc["opening", "cut_ins"]
         both = shares[kind] * table.loc["opening", "moving"]

@@ -304,7 +304,7 @@ def test_readable_numbers(value, shown):
 
 
 def test_tables_keep_numbers_in_csv_and_are_readable_elsewhere(tmp_path):
-    table = pd.DataFrame({"method": ["a_b"], "N": [12320.0], "p": [7.4e-7]})
+    table = pd.DataFrame({"label": ["a_b"], "N": [12320.0], "p": [7.4e-7]})
     for folder in ("one", "two"):
         save_table(table, tmp_path / folder, "t", digits=3)
     pd.testing.assert_frame_equal(pd.read_csv(tmp_path / "one" / "t.csv"), table)

@@ -1,25 +1,26 @@
-"""A figure alone tells what made it, and says so in the same bytes as long as that does not change."""
+"""A figure changes only if its content does; one file says which commit and configuration made a study."""
 
 import hashlib
-import re
 import subprocess
-from pathlib import Path
-from types import SimpleNamespace
 
 import matplotlib.pyplot as plt
 import pandas as pd
 import pytest
+from accelerated_evaluation.publishing.archive import provenance
 from accelerated_evaluation.publishing.archive.provenance import (
     PARTS,
     UNKNOWN,
     commit_of,
-    described,
     origin_of,
+    provenance_of,
 )
-from accelerated_evaluation.publishing.figures.style import FORMATS, save_figure
+from accelerated_evaluation.publishing.figures.style import FORMATS
+from accelerated_evaluation.publishing.published import figure, show, table
+from accelerated_evaluation.publishing.study import Study
+from matplotlib.figure import Figure
 from PIL import Image
 
-ORIGIN = {"study": "mine", "commit": "0123456789" * 4, "configuration": "ab" * 32}
+MINE = '{"study": "mine"}'
 
 
 @pytest.fixture
@@ -44,31 +45,65 @@ def repository(tmp_path):
     return tmp_path, commit
 
 
-def saved(folder: Path, origin: dict[str, str]) -> dict[str, Path]:
+@figure
+def fig01_line() -> tuple[Figure, pd.DataFrame]:
     drawn, axes = plt.subplots()
     axes.plot([0, 1])
-    save_figure(drawn, pd.DataFrame({"x": [0, 1]}), folder, "fig01", described("fig01", origin))
-    return {extension: folder / f"fig01.{extension}" for extension in FORMATS}
+    return drawn, pd.DataFrame({"x": [0, 1]})
 
 
-def test_each_format_names_study_commit_and_configuration(tmp_path):
-    paths = saved(tmp_path, ORIGIN)
-    png = Image.open(paths["png"]).info
-    assert {key: png[key.capitalize()] for key in ORIGIN} == ORIGIN
-    pdf = paths["pdf"].read_bytes()
-    svg = paths["svg"].read_text()
-    for key, value in ORIGIN.items():
-        assert value in png["Description"]
-        assert f"{key}: {value}".encode() in pdf
-        assert f"<rdf:li>{key}: {value}</rdf:li>" in re.sub(r"\s+(?=<)|(?<=>)\s+", "", svg)
+@table("numbers")
+def numbers() -> pd.DataFrame:
+    return pd.DataFrame({"x": [0, 1]})
 
 
-def test_the_same_origin_gives_the_same_bytes(tmp_path):
-    one, two = saved(tmp_path / "one", ORIGIN), saved(tmp_path / "two", ORIGIN)
-    other = saved(tmp_path / "other", ORIGIN | {"commit": "fedcba9876" * 4})
-    for extension in FORMATS:
-        assert one[extension].read_bytes() == two[extension].read_bytes()
-        assert one[extension].read_bytes() != other[extension].read_bytes()
+@pytest.fixture
+def published(tmp_path, monkeypatch):
+    """Return the function that publishes a figure and a table at a commit, with a configuration."""
+    monkeypatch.setattr(Study, "source", "a source")
+
+    def publish(commit: str, configuration: str) -> Study:
+        study = Study(tmp_path / commit / "results" / "mine", tmp_path / commit / "figures" / "mine")
+        monkeypatch.setattr(provenance, "commit_of", lambda project: commit)
+        study.results.mkdir(parents=True)
+        (study.results / "config.json").write_text(configuration)
+        show(study, fig01_line)
+        show(study, numbers)
+        return study
+
+    return publish
+
+
+def files_of(study: Study) -> dict[str, bytes]:
+    paths = [path for path in study.figures.rglob("*") if path.is_file()]
+    return {path.relative_to(study.figures).as_posix(): path.read_bytes() for path in paths}
+
+
+def test_published_files_are_the_same_at_two_commits_and_under_two_configurations(published):
+    one, two = published("0123456789", MINE), published("fedcba9876", '{"study": "mine", "seed": 1}')
+    assert origin_of(two) != origin_of(one)
+    assert files_of(two) == files_of(one)
+    assert {"fig01_line.csv", "tables/numbers.md", *(f"fig01_line.{end}" for end in FORMATS)} <= set(
+        files_of(one)
+    )
+
+
+def test_each_format_names_the_figure_and_its_study(published):
+    folder = published("0123456789", MINE).figures
+    text = "Figure fig01_line of the study mine"
+    assert Image.open(folder / "fig01_line.png").info["Description"].startswith(text)
+    for extension in ("pdf", "svg"):
+        assert text.encode() in (folder / f"fig01_line.{extension}").read_bytes()
+
+
+def test_one_file_states_the_commit_the_configuration_and_every_published_file(published):
+    study = published("0123456789", MINE)
+    found = provenance_of(study, study.figures.rglob("*.*"))
+    assert (found["study"], found["commit"]) == ("mine", "0123456789")
+    assert found["configuration"] == hashlib.sha256(MINE.encode()).hexdigest()
+    assert found["published"] == {
+        name: hashlib.sha256(content).hexdigest() for name, content in files_of(study).items()
+    }
 
 
 def test_the_commit_is_the_last_one_that_changed_what_results_depend_on(repository):
@@ -91,11 +126,3 @@ def test_without_a_repository_the_commit_is_unknown(tmp_path, monkeypatch):
     assert commit_of.__wrapped__(tmp_path) == UNKNOWN
     monkeypatch.setenv("PATH", "")
     assert commit_of.__wrapped__(tmp_path) == UNKNOWN
-
-
-def test_the_configuration_is_named_by_the_checksum_of_its_file(tmp_path):
-    path = tmp_path / "config.json"
-    path.write_text("{}\n")
-    origin = origin_of(SimpleNamespace(name="mine", path=lambda name: tmp_path / name))
-    assert origin["configuration"] == hashlib.sha256(path.read_bytes()).hexdigest()
-    assert origin["study"] == "mine"

@@ -1,4 +1,4 @@
-"""The README shows the published numbers, and nothing else."""
+"""The README, the pages of the benchmarks and the guides show the published numbers, and nothing else."""
 
 import re
 import sys
@@ -12,15 +12,18 @@ ROOT = Path(__file__).resolve().parents[2]
 sys.path.append(str(ROOT / "benchmarks"))
 
 from blocks import with_table, with_tables  # noqa: E402
-from readme import BENCHMARKS, BLOCKS, README  # noqa: E402
+from readme import BENCHMARKS, BLOCKS, README, WORLDS  # noqa: E402
 
-CLAIMS = BLOCKS["results"].source
+TABLES = ROOT / "figures" / "spmd" / "tables"
 GUIDE = ROOT / "docs" / "sampler.md"
 IDEAS = ROOT / "benchmarks" / "IDEAS.md"
 SAMPLERS = BLOCKS["samplers"].source
+PAGE, LINES = BENCHMARKS / "README.md", 120
+PAGES = [*ROOT.glob("*.md"), *ROOT.glob("docs/*.md"), *BENCHMARKS.rglob("*.md")]
+DEPLOYMENTS = "../../deployments/github-pages"  # on the hosting page of the repository
 
 
-@pytest.mark.skipif(not CLAIMS.exists(), reason="the tables of the real events are not in this copy")
+@pytest.mark.skipif(not TABLES.exists(), reason="the tables of the real events are not in this copy")
 @pytest.mark.parametrize(
     "path", sorted({block.text for block in BLOCKS.values()}), ids=lambda path: path.stem
 )
@@ -36,9 +39,14 @@ def test_a_table_is_put_between_its_marks(name):
     assert with_table(changed, name, block, "| old |\n") == with_table(text, name, block, "| old |\n")
 
 
-def test_the_example_of_the_readme_runs(tmp_path, monkeypatch):
+def test_the_example_of_the_library_runs(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
-    (example,) = re.findall(r"```python\n(.*?)```", README.read_text(encoding="utf-8"), re.DOTALL)
+    guide = (
+        (ROOT / "docs" / "your_vehicle.md")
+        .read_text(encoding="utf-8")
+        .split("## From your own Python code")[1]
+    )
+    (example,) = re.findall(r"```python\n(.*?)```", guide, re.DOTALL)
     names = {}
     exec(example, names)
     found = names["found"]
@@ -49,7 +57,7 @@ def test_the_example_of_the_readme_runs(tmp_path, monkeypatch):
 
 def test_texts_state_what_the_main_problem_takes():
     rows = pd.read_csv(SAMPLERS).set_index(["problem", "method"]).loc["segment_5_15"]
-    text = " ".join(BENCHMARKS.read_text(encoding="utf-8").split())
+    text = " ".join(PAGE.read_text(encoding="utf-8").split())
     ours, paper, nais = (rows.loc[method] for method in ("surrogate", "piecewise", "nais_25"))
     assert f"takes {ours.calls_mean:,.0f} simulations on average" in text
     assert f"95 % of the seeds take at most {ours.calls_p95:,.0f}" in text
@@ -88,22 +96,42 @@ def test_every_row_of_a_table_has_as_many_cells_as_its_head(path):
 @pytest.mark.parametrize("problem", ["segment_15_25", "impact_10"])
 def test_the_known_limits_name_the_most_expensive_problems(problem):
     row = pd.read_csv(SAMPLERS).set_index(["problem", "method"]).loc[(problem, "surrogate")]
-    assert f"about {5 * round(row.calls_mean / 5)}" in " ".join(
-        BENCHMARKS.read_text(encoding="utf-8").split()
-    )
+    assert f"about {5 * round(row.calls_mean / 5)}" in " ".join(PAGE.read_text(encoding="utf-8").split())
 
 
-@pytest.mark.skipif(not CLAIMS.exists(), reason="the tables of the real events are not in this copy")
+@pytest.mark.skipif(not TABLES.exists(), reason="the tables of the real events are not in this copy")
 def test_the_benchmarks_state_how_far_thresholds_move_the_answer():
-    moved = threshold_ratio(pd.read_csv(CLAIMS.parent / "answer_thresholds.csv"))
-    text = " ".join(BENCHMARKS.read_text(encoding="utf-8").split())
+    moved = threshold_ratio(pd.read_csv(TABLES / "answer_thresholds.csv"))
+    text = " ".join(WORLDS.read_text(encoding="utf-8").split())
     assert f"the answer moves by {moved:.2f} over the thresholds" in text
 
 
-@pytest.mark.skipif(not CLAIMS.exists(), reason="the tables of the real events are not in this copy")
+@pytest.mark.skipif(not TABLES.exists(), reason="the tables of the real events are not in this copy")
 def test_readme_states_the_shares_of_the_uncertainty():
-    shares = pd.read_csv(CLAIMS.parent / "uncertainty.csv").set_index("source")["variance_share"]
+    shares = pd.read_csv(TABLES / "uncertainty.csv").set_index("source")["variance_share"]
     text = " ".join(README.read_text(encoding="utf-8").split())
     assert shares["sampling"] < 0.01
     assert "Sampling contributes less than 1 % of the variance" in text
     assert f"finite data contribute {100 * shares['data']:.0f} %" in text
+
+
+def test_the_readme_is_two_screens():
+    assert len(README.read_text(encoding="utf-8").splitlines()) <= LINES
+
+
+@pytest.mark.parametrize("path", PAGES, ids=lambda path: str(path.relative_to(ROOT)))
+def test_links_lead_to_files_and_headings(path):
+    text = re.sub(r"```.*?```|`[^`]*`", "", path.read_text(encoding="utf-8"), flags=re.DOTALL)
+    for link in re.findall(r"\]\(([^)\s]+)\)", text):
+        if "://" in link or link == DEPLOYMENTS:
+            continue
+        name, _, anchor = link.partition("#")
+        target = (path.parent / name).resolve() if name else path
+        assert target.exists(), link
+        # A guide is a chapter of the book, which has no other pages.
+        assert path.parent.name != "docs" or target.parent.name in ("docs", "notebooks"), link
+        if anchor:
+            headings = re.findall(r"^#+ (.+)$", target.read_text(encoding="utf-8"), re.MULTILINE)
+            assert anchor in {
+                re.sub(r"[^\w\- ]", "", heading.lower()).replace(" ", "-") for heading in headings
+            }, link

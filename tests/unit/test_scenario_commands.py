@@ -7,6 +7,7 @@ import numpy as np
 import pandas as pd
 import pytest
 from accelerated_evaluation import cli
+from accelerated_evaluation.laws.draws import DrawnLaws
 from accelerated_evaluation.laws.files import write_law
 from accelerated_evaluation.records.checks import inspect_records
 from accelerated_evaluation.scenarios import SCENARIOS
@@ -22,6 +23,7 @@ from normal_law import left_turn_law
 ROOT = Path(__file__).resolve().parents[2]
 ENCOUNTERS = {"left_turn": ["15", "7", "20"], "pedestrian": ["5", "-1", "20"]}
 LAW = left_turn_law(deviation=(5, 4, 25))  # one in twenty left turns crashes
+OTHER = left_turn_law(mean=(16, 6, 55), deviation=(5, 4, 25))  # crashes are more frequent
 
 
 @pytest.fixture
@@ -65,7 +67,7 @@ def test_a_campaign_of_left_turns_keeps_all_it_is_told(folder, capsys):
     write_campaign("copy.json", read)
     assert Path("copy.json").read_text() == Path("c.json").read_text()
     assert campaign("status") == 0
-    assert "under one law of the scenario" in capsys.readouterr().out
+    assert "the interval above is that of the sampling alone" in capsys.readouterr().out
 
 
 @pytest.mark.parametrize(
@@ -119,6 +121,56 @@ def test_an_exported_set_has_a_table_and_a_page(folder, monkeypatch, capsys):
     assert sorted(path.name for path in Path("set").iterdir()) == ["README.md", "scenarios.csv"]
     assert "no OpenSCENARIO files" in capsys.readouterr().out
     assert list(pd.read_csv("set/scenarios.csv")) == ["scenario", "shell", "weight", *LEFT_TURN.names]
+
+
+@pytest.fixture(scope="module")
+def draws():
+    return DrawnLaws.of([LAW, OTHER], ["first", "second"], np.random.default_rng(5))
+
+
+def crash_probabilities(laws, size=100_000):
+    car = load_vehicle("acc_aeb", LEFT_TURN)
+    drawn = (law.draw(size, np.random.default_rng(98)) for law in laws)
+    return np.array([car.simulate(*x.T).crash.mean() for x in drawn])
+
+
+def test_the_weights_of_a_set_give_the_probability_under_each_draw(folder, draws, monkeypatch):
+    monkeypatch.setattr(weighted_set, "POOL", 20_000)
+    car, sums, pooled = load_vehicle("acc_aeb", LEFT_TURN), [], []
+    write_law("draws.json", draws)
+    for seed in range(8):
+        options = ["--scenario", "left_turn", "--law", "draws.json", "--size", "150", "--seed", str(seed)]
+        assert cli.main(["export", f"set{seed}", *options]) == 0
+        table, weights = (pd.read_csv(f"set{seed}/{name}.csv") for name in ("scenarios", "weights"))
+        crash = car.simulate(*table[list(LEFT_TURN.names)].T.to_numpy()).crash
+        sums.append(weights.loc[crash, ["draw_001", "draw_002"]].sum())
+        pooled.append(table.loc[crash, "weight"].sum())
+    known, found = crash_probabilities(draws.laws), np.mean(sums, axis=0)
+    error = np.hypot(np.std(sums, axis=0, ddof=1) / np.sqrt(len(sums)), np.sqrt(known / 100_000))
+    assert np.all(np.abs(found - known) < 4.5 * error)  # the standard error is that of eight sets
+    assert np.abs((np.mean(pooled) - known) / error).max() > 9  # the wrong variant: weights of the mean
+    assert np.mean(pooled) == pytest.approx(known.mean(), abs=4.5 * error.mean())
+    assert "`weights.csv`" in Path("set0/README.md").read_text()
+    assert "the law of encounters exactly" in Path("set0/README.md").read_text()
+
+
+def test_a_campaign_of_left_turns_is_reported_under_all_draws(folder, draws, capsys):
+    write_law("draws.json", draws)
+    options = ("--scenario", "left_turn", "--deterministic", "yes", "--batch-size", 40)
+    assert campaign("new", "--law", "draws.json", *options) == 0
+    for _ in range(5):
+        assert campaign("ask", "next") == 0
+        assert cli.main(["simulate", "next/runs.csv", "done.csv", "--scenario", "left_turn"]) == 0
+        assert campaign("tell", "done.csv") == 0
+    capsys.readouterr()
+    assert campaign("status") == 0
+    lines = capsys.readouterr().out
+    median = float(re.search(r"encounter (\S+) \(median\)", lines)[1])
+    low, high = map(float, re.search(r"80%: (\S+) to (\S+);", lines).groups())
+    known = np.median(crash_probabilities(draws.laws))
+    assert abs(np.log(median / known)) < 0.6  # three relative errors of the sampling
+    assert low < known < high
+    assert "only more records reduce" in lines
 
 
 def test_the_report_on_records_counts_what_is_wrong(folder, capsys):

@@ -9,7 +9,6 @@ import pytest
 from accelerated_evaluation.publishing.figures import surrogate as surrogate_figures
 from accelerated_evaluation.publishing.figures.method_styles import style_of
 from accelerated_evaluation.publishing.tables.surrogate import PHASES, side_by_side, surrogate_table
-from figure_checks import check_bytes_and_legend
 
 FIGURES = ("fig19_surrogate_runs", "fig20_methods")
 SHARES = {"5-15": 0.4, "15-25": 0.6}
@@ -140,8 +139,3 @@ def test_cost_and_estimate_of_every_replicate_are_drawn_side_by_side(draw):
     bars = [tuple(segment[:, 0]) for lines in right.collections for segment in lines.get_segments()]
     assert bars[-1] == pytest.approx((1.3 * 0.8, 1.3 * 1.2))
     assert math.isclose(right.get_lines()[-1].get_xdata()[0], 1)
-
-
-@pytest.mark.parametrize("name", FIGURES)
-def test_the_same_tables_give_the_same_bytes_and_legends_cover_no_data(draw, name, tmp_path):
-    check_bytes_and_legend(draw, name, tmp_path)

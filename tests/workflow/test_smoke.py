@@ -6,8 +6,10 @@ import signal
 import subprocess
 import sys
 import time
+from pathlib import Path
 
 import pytest
+from accelerated_evaluation.publishing.archive.provenance import UNKNOWN
 from accelerated_evaluation.publishing.book.catalogue import read_contents
 
 DATA = "Safety Pilot Model Deployment (real events), a sample of 6,000"
@@ -126,6 +128,33 @@ def test_a_second_run_does_nothing(finished):
     run = finished.run()
     assert run.returncode == 0, run.stderr
     assert "Nothing to be done" in run.stdout + run.stderr
+
+
+def test_published_files_stay_the_same_at_another_commit(finished, tmp_path):
+    """The finished study ran outside of a repository; in the copy, a chapter is published at a commit."""
+    project = finished.copied(tmp_path)
+    git("init", "--quiet", folder=project.folder)
+    git("add", "figures", "workflow", folder=project.folder)
+    git("commit", "--quiet", "--message", "another", folder=project.folder)
+    run = project.run("book", "--forcerun", "run_12_the_records")
+    assert run.returncode == 0, run.stderr[-3000:]
+    assert "Running the notebook 12_the_records" in run.stderr
+    assert git("status", "--porcelain", "--", "figures", folder=project.folder) == ""
+    first, second = (
+        json.loads((folder / "results/smoke/provenance.json").read_text())
+        for folder in (finished.folder, project.folder)
+    )
+    assert first["commit"] == UNKNOWN
+    assert second["commit"].startswith(git("rev-parse", "HEAD", folder=project.folder))
+    assert second["published"] == first["published"]
+    assert len(first["published"]) == len(list(project.folder.glob("figures/smoke/**/*.*")))
+
+
+def git(*arguments: str, folder: Path) -> str:
+    """Return the output of a git command in a folder."""
+    who = ["-c", "user.name=A", "-c", "user.email=a@example.org"]
+    command = ["git", "-C", str(folder), *who, *arguments]
+    return subprocess.run(command, check=True, capture_output=True, text=True).stdout.strip()
 
 
 def test_the_report_holds_figures_and_tables(finished):

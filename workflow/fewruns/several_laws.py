@@ -243,6 +243,7 @@ def divided(found: LawEstimates, parts: Sequence[Part]) -> LawEstimates:
     scale = found.probabilities[:, None]
     low, high = np.quantile(scale, INNER)
     inner = ((scale >= low) & (scale <= high))[:, 0]
+    inner |= not inner.any()  # both of two laws are extreme
     shared, own = 0.0, np.zeros(scale.size)
     for weight, batch, ratios, happened, control in parts:
         relative = Ratios(ratios.runs / scale, ratios.kept / scale)

@@ -16,7 +16,7 @@ FOLDER = PROJECT / "notebooks" if IS_CUT_IN else PROJECT / "notebooks/scenario"
 CHAPTERS = sorted(FOLDER.glob("*.ipynb"))
 # A study of a slow vehicle has its own chapters, and those chapters of other studies whose results it has.
 if SLOW:
-    SHARED = ("02", "03", "12", "14")
+    SHARED = ("02", "03", "12", "14") if IS_CUT_IN else ("01", "02")
     CHAPTERS = [path for path in CHAPTERS if path.stem.startswith(SHARED)]
     CHAPTERS = sorted(
         [*CHAPTERS, *(FOLDER / "slow").glob("*.ipynb")], key=lambda path: path.stem
@@ -86,6 +86,11 @@ def tables_of(notebook):
         for name in names
         for file in files_of(name, FIGURES / "tables", TABLE_FORMATS, "Tables")
     ]
+
+
+def rendered_of(notebook):
+    """File of an executed notebook for reading."""
+    return str(FIGURES / "notebooks" / f"{notebook}.ipynb")
 
 
 def shown_in_article(_):

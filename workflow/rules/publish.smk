@@ -2,10 +2,12 @@
 # book of all notebooks.
 #
 # In: everything under results/<study>/. Out: figures/<study>/*.{pdf,svg,png,csv}, figures/<study>/tables/*, the
-# executed notebooks and the book. The metadata of each notebook declare its inputs and outputs.
+# executed notebooks, also for reading in figures/<study>/notebooks, and the book. The metadata of each notebook declare its inputs and outputs.
 
-# Templates of the first and the last page; a study of a slow vehicle has another first page.
-PAGES = [PROJECT / "workflow/book", *([PROJECT / "workflow/book_slow"] if SLOW else [])]
+# Templates of the first and the last page; a study of a slow vehicle in cut-ins has another first page.
+PAGES = [PROJECT / "workflow/book"]
+if SLOW and IS_CUT_IN:
+    PAGES += [PROJECT / "workflow/book_slow"]
 
 
 rule record_configuration:
@@ -40,6 +42,7 @@ for _notebook in NOTEBOOKS:
             figures=figures_of(_notebook),
             tables=tables_of(_notebook),
             executed=result("notebooks", f"{_notebook}.ipynb"),
+            rendered=rendered_of(_notebook),
         log:
             log_of("notebooks", f"{_notebook}.log"),
         benchmark:
@@ -94,11 +97,14 @@ if IS_CUT_IN:
 
 
 rule book:
-    """Make the book, a web site with the executed notebooks and the guides."""
+    """Make the book, a web site with the executed notebooks and the guides, and the provenance of the study."""
     input:
         notebooks=[result("notebooks", f"{notebook}.ipynb") for notebook in NOTEBOOKS],
-        published=[file for name in NOTEBOOKS for file in figures_of(name)]
-        + [file for name in NOTEBOOKS for file in tables_of(name)],
+        published=[
+            file
+            for name in NOTEBOOKS
+            for file in [*figures_of(name), *tables_of(name), rendered_of(name)]
+        ],
         results=[result(name) for name in ("config.json", *ON_FIRST_PAGE)],
         guides=GUIDES,
         captions=sorted(map(str, CAPTIONS.glob("*.rst"))),
@@ -106,6 +112,7 @@ rule book:
         explorer=[rules.explorer.output.page] if IS_CUT_IN else [],
     output:
         site=directory(result("book")),
+        provenance=result("provenance.json"),
     log:
         log_of("book.log"),
     benchmark:

@@ -1,7 +1,9 @@
-"""Make the book: a web site with the executed notebooks, the guides, a first and a last page."""
+"""Make the book, a web site with the executed notebooks and the guides; write the provenance of the study."""
 
 from pathlib import Path
 
+from accelerated_evaluation.base.files import write_json
+from accelerated_evaluation.publishing.archive.provenance import provenance_of
 from accelerated_evaluation.publishing.book.pages import known_to_pages
 from accelerated_evaluation.publishing.book.site import Parts, build_book
 from accelerated_evaluation.publishing.study import Study
@@ -20,3 +22,5 @@ if __name__ == "__main__":
             explorer=next(map(Path, snakemake.input.explorer), None),
         )
         build_book(parts, Path(snakemake.output.site), known_to_pages(study, snakemake.params.records))
+        published = map(Path, snakemake.input.published)
+        write_json(snakemake.output.provenance, provenance_of(study, published))

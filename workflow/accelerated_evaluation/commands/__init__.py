@@ -58,7 +58,9 @@ COMMANDS: Registry[Command] = Registry("command", __name__, __path__)
 LAW = """\
 A law of a study is results/STUDY/laws/answer.json (the law that the records support best) or
 results/STUDY/models/two_pieces.json (the paper's). It was fitted to results/STUDY/encounters.parquet.
-The law of another scenario (--scenario) is results/STUDY/scenario/law.json; it needs no encounter table."""
+The law of another scenario (--scenario) is results/STUDY/laws/answer.json of its study, and needs no
+encounter table. With draws of the law, which are in results/STUDY/laws/draws.json and in
+results/STUDY/estimate/law.json, the intervals also contain the uncertainty of the records."""
 
 
 def add_law(command: argparse.ArgumentParser) -> None:
@@ -94,8 +96,8 @@ class GivenLaw:
     verdict: "Verdict"
     table: "pd.DataFrame | None" = None
 
-    def read(self) -> "tuple[Law, str]":
-        """Return the law and its description."""
+    def read(self) -> "Law":
+        """Return the law."""
         from accelerated_evaluation.track.sources import law_in
 
         return law_in(self.scenario, self.sources["law"], self.sources.get("encounters"))

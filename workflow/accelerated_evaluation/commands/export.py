@@ -20,7 +20,8 @@ Write a weighted set of concrete scenarios, from which anyone can compute a vehi
 
 FOLDER contains the scenarios as OpenSCENARIO XML 1.2 with their OpenDRIVE road, scenarios.csv with the
 weights, and README.md, which explains how to compute the crash probability and its interval from the outcomes
-of a vehicle. For scenarios other than the cut-in (--scenario), there are only the table and the instructions.
+of a vehicle. For scenarios other than the cut-in (--scenario), there are no OpenSCENARIO files. If the law
+has draws, weights.csv has the weights under at most 100 of them.
 
 {LAW}"""
 
@@ -58,7 +59,9 @@ class Export:
     @staticmethod
     def run(arguments: argparse.Namespace) -> None:
         """Draw the set, write it, and print its path."""
+        from accelerated_evaluation.base.errors import InputError
         from accelerated_evaluation.base.randomness import child_generator
+        from accelerated_evaluation.laws import StratifiedLaw
         from accelerated_evaluation.laws.motion import MOTIONS
         from accelerated_evaluation.track.export import with_motion, write_set
         from accelerated_evaluation.track.scenarios import NOT_WRITTEN
@@ -67,19 +70,25 @@ class Export:
         require_seed(arguments.seed)
         given = given_law(arguments)
         scenario, law = given.scenario, given.read()
-        generator = child_generator(arguments.seed, "export")
+        generator, data = child_generator(arguments.seed, "export"), {}
         if given.table is None:
             refuse_options(arguments, scenario.name, "safe_deceleration", "motion")
-            drawn, data = draw_scored_set(scenario, law, arguments.size, generator), {}
         else:
-            safe = SAFE if arguments.safe_deceleration is None else arguments.safe_deceleration
-            drawn = draw_weighted_set(law, arguments.size, safe, generator)
-            if arguments.motion:
-                drawn = with_motion(
-                    drawn, MOTIONS[arguments.motion](), child_generator(arguments.seed, "motion")
-                )
-            data = {"data": given.table.attrs.get("description", "not described")}
+            data["data"] = given.table.attrs.get("description", "not described")
+        safe = arguments.safe_deceleration
+        if isinstance(law, StratifiedLaw):
+            drawn = draw_weighted_set(law, arguments.size, SAFE if safe is None else safe, generator)
+        elif safe is None:
+            drawn = draw_scored_set(scenario, law, arguments.size, generator)
+        else:
+            raise InputError(
+                "--safe-deceleration",
+                seen=f"a law without strata ({law.description})",
+                expected="a law of cut-ins in strata of the lead speed",
+                change="Leave the option out. No cut-in is then assumed to be safe.",
+            )
         if arguments.motion:
+            drawn = with_motion(drawn, MOTIONS[arguments.motion](), child_generator(arguments.seed, "motion"))
             data["lead motion"] = (
                 f"{arguments.motion}; cut-ins are assumed to be safe as with a constant lead speed"
             )

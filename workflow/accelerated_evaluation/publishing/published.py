@@ -22,14 +22,14 @@ from typing import Any, TypeVar
 import pandas as pd
 from matplotlib.figure import Figure
 
-from accelerated_evaluation.publishing.archive.provenance import described, origin_of
+from accelerated_evaluation.publishing.archive.provenance import described
 from accelerated_evaluation.publishing.figures.style import COLUMN_WIDTH, save_figure
 from accelerated_evaluation.publishing.study import Study
+from accelerated_evaluation.publishing.tables.display import as_html
 from accelerated_evaluation.publishing.tables.formats import readable, save_table
 
 Make = TypeVar("Make", bound=Callable[..., Any])
 WIDTH = 150 * COLUMN_WIDTH  # [px], width of a figure in a notebook
-MAX_ROWS = 60  # largest number of rows of a table in a notebook
 
 
 def figure(make: Make) -> Make:
@@ -49,7 +49,7 @@ def figure(make: Make) -> Make:
 
     def publish(study: Study, made: tuple[Figure, pd.DataFrame]) -> ShownFigure:
         drawn, data = made
-        metadata = described(make.__name__, origin_of(study))
+        metadata = described(make.__name__, study.name)
         save_figure(drawn, data, study.figures, make.__name__, metadata)
         study.used.figures.append(make.__name__)
         return ShownFigure(data, study.figures / f"{make.__name__}.png")
@@ -84,14 +84,8 @@ def table(
     def register(make: Make) -> Make:
         def publish(study: Study, made: pd.DataFrame) -> ShownTable:
             shown = made if digest is None else digest(made)
-            described = {"data": study.source}
-            save_table(
-                made.assign(**described),
-                study.figures / "tables",
-                name,
-                digits=digits,
-                digest=shown.assign(**described),
-            )
+            folder = study.figures / "tables"
+            save_table(made.assign(data=study.source), folder, name, digits=digits, digest=shown)
             study.used.tables.append(name)
             return ShownTable(made, shown if digits is None else shown.map(readable, digits=digits))
 
@@ -173,8 +167,7 @@ class ShownTable:
     digest: pd.DataFrame
 
     def _repr_html_(self) -> str:
-        with pd.option_context("display.max_colwidth", None):
-            return self.digest.to_html(max_rows=MAX_ROWS, notebook=True)
+        return as_html(self.digest)
 
     def __repr__(self) -> str:
         return repr(self.digest)

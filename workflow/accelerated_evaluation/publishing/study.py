@@ -13,6 +13,7 @@ from accelerated_evaluation.laws.files import read_law
 from accelerated_evaluation.laws.paper.independent import IndependentLaw
 from accelerated_evaluation.publishing.book.catalogue import Contents
 from accelerated_evaluation.publishing.study_tables import TABLES
+from accelerated_evaluation.publishing.tables.display import display_in_notebooks
 from accelerated_evaluation.publishing.tables.formats import as_markdown
 from accelerated_evaluation.records.encounter_table import read_encounters
 from accelerated_evaluation.records.report import read_report, summary
@@ -28,6 +29,8 @@ if TYPE_CHECKING:
 
 class Study:
     """The finished results of a study; each is read when it is first used, and then cached.
+
+    In a notebook, tables are displayed as `publishing.tables.display.as_html` writes them from then on.
 
     The parameters of a figure or table are the names of the results that it uses: a parameter ``estimates``
     is read from the property ``estimates`` of this class (`publishing.published.show`). A file name with
@@ -50,6 +53,7 @@ class Study:
     """
 
     def __init__(self, results: str | Path, figures: str | Path) -> None:
+        display_in_notebooks()
         self.results, self.figures = Path(results), Path(figures)
         self.used = Contents([], [], [])
 
@@ -124,7 +128,7 @@ class Study:
     def source(self) -> str:
         """The description of the data."""
         if self.scenario is not CUT_IN:
-            return f"scenario {self.scenario.name}: {self.config['scenario']['records']}"
+            return f"records of the scenario {self.scenario.name.replace('_', ' ')}"
         data = self.config["data"]
         return describe(data)
 

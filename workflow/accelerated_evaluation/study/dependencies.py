@@ -15,7 +15,7 @@ from accelerated_evaluation.base.digests import content_digest
 # The rooms (packages) of the library, and the package of the sampler. Each imports only what stands before it
 # in this order, which a test checks. All may use the module of `fewruns` that compiles: it changes no result.
 SAMPLER = "../fewruns"
-ROOMS = ("base", "records", "distributions", "laws", "scenarios", "vehicles", SAMPLER, "problem", "crash_map")
+ROOMS = ("base", "records", "distributions", SAMPLER, "laws", "scenarios", "vehicles", "problem", "crash_map")
 ROOMS += ("methods", "answer", "track", "study", "publishing", "commands")
 LIBRARY = Path(__file__).resolve().parents[1]
 JOBS = "study/jobs"  # the module that all scripts use

@@ -17,6 +17,7 @@ from accelerated_evaluation.scenarios.cut_in import CUT_IN
 from accelerated_evaluation.scenarios.protocol import Scenario
 from accelerated_evaluation.track.recipe import (
     ALL_LAWS,
+    CUT_IN_FILES,
     CUT_INS,
     ENCOUNTERS,
     MOVING,
@@ -155,7 +156,7 @@ def page(drawn: WeightedSet, origin: Mapping[str, str], scenario: Scenario = CUT
     scenario
         The scenario of the set.
     """
-    parts = _parts_of_cut_ins(drawn) if scenario is CUT_IN else _parts_of(scenario)
+    parts = _parts_of(drawn, scenario) if drawn.scored else _parts_of_cut_ins(drawn)
     counts = drawn.table["shell"].value_counts(sort=False)
     beyond = "more" if drawn.edges[-1] > drawn.edges[0] else "less"
     ends = [*(f"{edge:.2f}" for edge in drawn.edges[1:]), beyond]
@@ -166,8 +167,8 @@ def page(drawn: WeightedSet, origin: Mapping[str, str], scenario: Scenario = CUT
         )
     )
     return RECIPE.format(
-        whole="" if drawn.draws is None else WHOLE.format(draws=drawn.draws.shape[1] - 1),
-        uncertainty=ONE_LAW.format(noun=scenario.noun) if drawn.draws is None else ALL_LAWS,
+        whole="" if drawn.draws is None else WHOLE.format(noun=scenario.noun, draws=drawn.draws.shape[1] - 1),
+        uncertainty=(ONE_LAW if drawn.draws is None else ALL_LAWS).format(noun=scenario.noun),
         noun=scenario.noun,
         size=len(drawn.table),
         shells=shells,
@@ -177,20 +178,24 @@ def page(drawn: WeightedSet, origin: Mapping[str, str], scenario: Scenario = CUT
 
 
 def _parts_of_cut_ins(drawn: WeightedSet) -> dict[str, str]:
-    """Return the parts of the page that are about cut-ins."""
+    """Return the parts of the page for cut-ins that are ordered by the deceleration that they need."""
     numbers = {
-        "run_up": RUN_UP,
-        "begins": RUN_UP - LANE_CHANGE / 2,
         "least": f"{drawn.edges[0]:.3g}",
         "safe": f"{drawn.assumed_safe:.6f}",
         "harder": f"{drawn.probabilities.sum():.4g}",
-        **(MOVING if SPEED_COLUMNS[0] in drawn.table else STILL),
     }
-    return {name: part.format(**numbers) for name, part in CUT_INS.items()}
+    return {name: part.format(**numbers) for name, part in CUT_INS.items()} | _cut_ins_in_words(drawn)
 
 
-def _parts_of(scenario: Scenario) -> dict[str, str]:
-    """Return the parts of the page that are about the encounters of another scenario."""
+def _cut_ins_in_words(drawn: WeightedSet) -> dict[str, str]:
+    """Return the parts of the page that describe cut-ins and their files."""
+    numbers = {"run_up": RUN_UP, "begins": RUN_UP - LANE_CHANGE / 2}
+    numbers |= MOVING if SPEED_COLUMNS[0] in drawn.table else STILL
+    return {name: part.format(**numbers) for name, part in CUT_IN_FILES.items()}
+
+
+def _parts_of(drawn: WeightedSet, scenario: Scenario) -> dict[str, str]:
+    """Return the parts of the page for encounters that are ordered by the score of a built-in vehicle."""
     outcomes = {each.name: each for each in scenario.outcomes}
     score = outcomes[scenario.events[0].scored_by]
     known = {
@@ -204,4 +209,5 @@ def _parts_of(scenario: Scenario) -> dict[str, str]:
         "score": f"{score.name} [{score.unit}]",
         "score_meaning": score.description,
     }
-    return {name: part.format(**known) for name, part in ENCOUNTERS.items()}
+    parts = {name: part.format(**known) for name, part in ENCOUNTERS.items()}
+    return parts | (_cut_ins_in_words(drawn) if scenario is CUT_IN else {})

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from accelerated_evaluation.base.arrays import Array
 from accelerated_evaluation.base.errors import InputError
-from accelerated_evaluation.laws import StratifiedLaw, Stratum
+from accelerated_evaluation.laws import Law, StratifiedLaw, Stratum
 
 SPEEDS = 400  # number of bins of the recorded lead speeds, each of which is represented by its mean
 MOST_BEYOND = 0.5  # largest probability beyond the limits; a campaign must be about most cut-ins of the law
@@ -117,7 +117,7 @@ def _binned(values: Array) -> tuple[Array, Array]:
     return sums[counts > 0] / counts[counts > 0], counts[counts > 0] / values.size
 
 
-def require_limits(limits: Limits, law: StratifiedLaw) -> float:
+def require_limits(limits: Limits, law: Law) -> float:
     """Check the limits, and return the probability under a law that a cut-in is beyond the limits.
 
     Parameters
@@ -135,7 +135,8 @@ def require_limits(limits: Limits, law: StratifiedLaw) -> float:
     Raises
     ------
     InputError
-        If a limit is not a positive number, or if the probability beyond the limits exceeds `MOST_BEYOND`.
+        If a limit is not a positive number, if the law has no strata, or if the probability beyond the limits
+        exceeds `MOST_BEYOND`.
     """
     for name, value in asdict(limits).items():
         if value is not None and not 0 < value < math.inf:
@@ -143,6 +144,13 @@ def require_limits(limits: Limits, law: StratifiedLaw) -> float:
             raise InputError(
                 where, seen=f"{value:g}", expected="a number above 0", change="Correct the value."
             )
+    if limits and not isinstance(law, StratifiedLaw):
+        raise InputError(
+            "the limits of the proving ground",
+            seen=f"a law without strata ({law.description})",
+            expected="a law of cut-ins in strata of the lead speed, under which limits have a probability",
+            change="Leave the limits out, or begin the campaign under such a law.",
+        )
     beyond = limits.beyond(law) if limits else 0.0
     if beyond > MOST_BEYOND:
         raise InputError(

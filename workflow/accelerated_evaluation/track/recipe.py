@@ -71,7 +71,8 @@ are no crashes in a shell.
 {origin}
 """
 
-CUT_INS = {
+# The parts of the page that describe cut-ins and their files.
+CUT_IN_FILES = {
     "intro": """\
 In each scenario another car comes into the lane of the host, at the given range, and {motion};
 the host closes in. How often would your vehicle crash in such cut-ins, as often as they happen on the road?
@@ -89,6 +90,10 @@ the host closes in. How often would your vehicle crash in such cut-ins, as often
   `file`{columns}.""",
     "until": "until the cars touch or {over}",
     "crash": "1 if the cars touched and 0\n   if not",
+}
+
+# The other parts of the page for cut-ins that are ordered by deceleration.
+CUT_INS = {
     "why": """\
 Cut-ins are sorted by the constant deceleration that just avoids the crash if it begins at once, a = C^2
 / (2 R) with closing speed C and range R, and cut into shells. Each shell has a known probability under
@@ -118,7 +123,7 @@ MOVING = {
     "over": "8 s have passed since the other car crossed the marking",
 }
 
-# The parts of the page for any other scenario.
+# The parts of the page for encounters that are ordered by the score of a built-in vehicle.
 ENCOUNTERS = {
     "intro": """\
 In each scenario, {description}. How often would your vehicle crash in such encounters, as often as they
@@ -132,11 +137,11 @@ There are no OpenSCENARIO files, because they are written for cut-ins only.""",
     "until": "until the encounter is over",
     "crash": "{crash}",
     "why": """\
-{pool:,} encounters were drawn from the law, simulated with the built-in vehicle `{vehicle}`, and sorted by
-its score, the outcome `{score}` ({score_meaning}). They were cut into shells, and the scenarios of a shell
-were selected from its encounters at random. The crashes of a shell, divided by its scenarios, estimate
-without bias how often your vehicle crashes in it. A weight is the shell's share of the draws divided by its
-number of scenarios, so the sum of the weights of all crashes estimates the crash probability of an
+About {pool:,} encounters were drawn from the law, simulated with the built-in vehicle `{vehicle}`, and
+sorted by its score, the outcome `{score}` ({score_meaning}). They were cut into shells, and the scenarios of
+a shell were selected from its encounters at random. The crashes of a shell, divided by its scenarios,
+estimate without bias how often your vehicle crashes in it. A weight is the shell's share of the draws divided
+by its number of scenarios, so the sum of the weights of all crashes estimates the crash probability of an
 encounter (two-phase sampling for stratification; Cochran, Sampling Techniques, 1977, chapter 12). This holds
 for any vehicle. The estimate is more accurate if your vehicle resembles the built-in one.
 
@@ -154,12 +159,12 @@ uncertainty about this law, which was fitted to a finite number of records."""
 
 ALL_LAWS = """\
 The first interval contains only the random error of drawing the scenarios. The intervals by `weights.csv`
-also contain the uncertainty about the law of cut-ins, which was fitted to a finite number of records."""
+also contain the uncertainty about the law of {noun}s, which was fitted to a finite number of records."""
 
 WHOLE = """\
 ## The uncertainty of the records
 
-The records do not determine the law of cut-ins exactly. `weights.csv` has the weights of the scenarios under
+The records do not determine the law of {noun}s exactly. `weights.csv` has the weights of the scenarios under
 {draws} laws that agree with the records, drawn from their posterior: a row for each `scenario`, a column for
 each draw. Add these lines to the script:
 

@@ -6,8 +6,8 @@ smallest deceleration are assumed to be safe. The others are divided into shells
 probability P_k under the law. From each shell, the same number n of cut-ins is drawn under the law, and each
 cut-in has the weight P_k / n. The sum of the weights of the crashes is an unbiased estimate of the crash
 probability of every vehicle that does not crash in the cut-ins that are assumed to be safe (stratified
-sampling: Cochran 1977, chapter 5). The encounters of other scenarios are ordered by the score of a built-in
-vehicle instead; see `draw_scored_set`.
+sampling: Cochran 1977, chapter 5). The encounters of other scenarios, and cut-ins of laws without strata, are
+ordered by the score of a built-in vehicle instead; see `draw_scored_set`.
 """
 
 import math
@@ -22,20 +22,21 @@ from scipy.special import ndtri
 from accelerated_evaluation.base.arrays import Array
 from accelerated_evaluation.base.errors import InputError
 from accelerated_evaluation.laws import Law, StratifiedLaw
+from accelerated_evaluation.laws.draws import Draws, as_draws
 from accelerated_evaluation.laws.smooth.mean import MeanLaw
 from accelerated_evaluation.laws.strata import VARIABLES
 from accelerated_evaluation.scenarios.protocol import Scenario
 from accelerated_evaluation.vehicles.loading import load_vehicle
 
-DRAWS = 100  # number of draws of a mean law under which the cut-ins are weighted
+DRAWS = 100  # largest number of draws of the law under which the encounters are weighted
 PLACES = 20_000  # number of pairs of lead speed and range at which probabilities of shells are computed
 GOLDEN = (math.sqrt(5) - 1) / 2
 SHELLS = 15  # number of shells
 HARDEST = 15.0  # [m/s^2], begin of the last shell, which tyres cannot reach on a dry road
 LEAST = 2 * SHELLS  # smallest number of encounters; a variance needs two in each shell
 MOST = 300  # largest number of encounters
-POOL = 200_000  # number of draws of another scenario that are ordered by their scores
-HARDEST_SHARE = 1e-3  # share of these draws in the last shell
+POOL = 200_000  # number of encounters that are ordered by their scores
+HARDEST_SHARE = 1e-3  # share of these encounters in the last shell
 EDGE = 1e-12  # smallest distance of a number of the lattice from 0 and 1
 
 
@@ -55,14 +56,17 @@ class WeightedSet:
     probabilities
         Probability of each shell under the law, shape (shells,).
     draws
-        For a mean law, the weight of each cut-in under some draws of the law: columns ``scenario``,
+        For a law with draws, the weight of each encounter under some of them: columns ``scenario``,
         ``draw_001`` and so on. None for a law without draws.
+    scored
+        Whether the encounters are ordered by the score of a built-in vehicle, and not by deceleration.
     """
 
     table: pd.DataFrame
     edges: Array
     probabilities: Array
     draws: pd.DataFrame | None = None
+    scored: bool = False
 
     @property
     def assumed_safe(self) -> float:
@@ -112,24 +116,26 @@ def draw_weighted_set(
     shells = (_Shell(law, places, stratum, *ends) for ends in zip(begin.T, end.T, strict=True))
     drawn = np.hstack([shell.draw(count, generator) for shell in shells])
     table = _table(VARIABLES, drawn, probabilities, count)
-    draws = _draws(law, table) if isinstance(law, MeanLaw) else None
+    draws = None
+    if isinstance(law, MeanLaw):
+        draws = _weights_of_draws(table, law.log_ratios(table[list(VARIABLES)].to_numpy()))
     return WeightedSet(table, edges, probabilities, draws)
 
 
 def draw_scored_set(scenario: Scenario, law: Law, size: int, generator: np.random.Generator) -> WeightedSet:
     """Draw a weighted set of encounters of any scenario.
 
-    `POOL` draws of the law are simulated with the built-in vehicle of the scenario, and ordered by their
-    scores for a crash. They are divided into shells, whose shares of the draws decrease in geometric
-    progression. The same number of encounters is selected from each shell at random (two-phase sampling for
-    stratification: Cochran 1977, chapter 12). No encounter is assumed to be safe. The sum of the weights of
-    the crashes is an unbiased estimate for every vehicle, and more accurate if the vehicle is similar to the
-    built-in one.
+    `POOL` encounters are drawn from the law, or from the mean of its draws. They are simulated with the
+    built-in vehicle of the scenario, and ordered by their scores for a crash. They are divided into shells,
+    whose shares decrease in geometric progression. The same number of encounters is selected from each shell
+    at random (two-phase sampling for stratification: Cochran 1977, chapter 12). No encounter is assumed to be
+    safe. The sum of the weights of the crashes is an unbiased estimate for every vehicle, and more accurate
+    if the vehicle is similar to the built-in one.
 
     Parameters
     ----------
     scenario, law
-        The scenario and a joint law of its variables.
+        The scenario and a law of its variables, of which at most `DRAWS` draws are used.
     size
         Largest number of encounters; all shells have the same number.
     generator
@@ -141,16 +147,21 @@ def draw_scored_set(scenario: Scenario, law: Law, size: int, generator: np.rando
         If the size is out of range.
     """
     _check_size(size)
-    encounters = scenario.to_inputs(law.draw(POOL, generator))
+    draws = as_draws(law).thinned(DRAWS)
+    x = draws.draw_from_mean(POOL, generator)
+    encounters, pool = scenario.to_inputs(x), len(x)
     known = load_vehicle(scenario.default_vehicle, scenario)
     score = scenario.events[0].score(known.simulate(*encounters.T))
     order = np.argsort(-score, kind="stable")  # the hardest last
-    begins = POOL - np.round(POOL * np.geomspace(1, HARDEST_SHARE, SHELLS)).astype(int)
+    begins = pool - np.round(pool * np.geomspace(1, HARDEST_SHARE, SHELLS)).astype(int)
     shells, count = np.split(order, begins[1:]), size // SHELLS
     chosen = np.concatenate([generator.choice(shell, count, replace=False) for shell in shells])
-    probabilities = np.array([len(shell) / POOL for shell in shells])
+    probabilities = np.array([len(shell) / pool for shell in shells])
     table = _table(scenario.names, encounters[chosen].T, probabilities, count)
-    return WeightedSet(table, score[order[begins]], probabilities)
+    weights = None
+    if isinstance(law, Draws):
+        weights = _weights_of_draws(table, draws.log_ratios_to_mean(x[chosen]))
+    return WeightedSet(table, score[order[begins]], probabilities, weights, scored=True)
 
 
 def _table(names: Sequence[str], drawn: Array, probabilities: Array, count: int) -> pd.DataFrame:
@@ -165,11 +176,10 @@ def _table(names: Sequence[str], drawn: Array, probabilities: Array, count: int)
     )
 
 
-def _draws(law: MeanLaw, table: pd.DataFrame) -> pd.DataFrame:
-    """Return the weight of each cut-in under every draw k: its weight in the table times f_k / f_mean."""
-    ratios = np.exp(law.log_ratios(table[list(VARIABLES)].to_numpy()))
-    weights = (ratios * table["weight"].to_numpy()).T
-    names = [f"draw_{number:03d}" for number in range(1, law.draws.size + 1)]
+def _weights_of_draws(table: pd.DataFrame, log_ratios: Array) -> pd.DataFrame:
+    """Return the weights of n encounters under K draws: those of the table times f_k / f_mean, (K, n)."""
+    weights = (np.exp(log_ratios) * table["weight"].to_numpy()).T
+    names = [f"draw_{number:03d}" for number in range(1, len(log_ratios) + 1)]
     return pd.DataFrame(weights, columns=names).assign(scenario=table["scenario"])[["scenario", *names]]
 
 

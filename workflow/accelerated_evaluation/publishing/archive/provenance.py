@@ -1,38 +1,44 @@
-"""Provenance of a figure: study, commit and configuration, stored in the metadata of its file."""
+"""Provenance of a study: its commit, its configuration, and the checksums of its published files.
 
-import hashlib
+It is written to one file next to the results. The figures themselves contain no commit, so that a tracked
+figure changes only if what it shows changes.
+"""
+
 import subprocess
-from collections.abc import Mapping
+from collections.abc import Iterable
 from functools import cache
 from pathlib import Path
 from typing import Any
 
+from accelerated_evaluation.base.digests import file_digest
 from accelerated_evaluation.base.project import PROJECT
 from accelerated_evaluation.publishing.study import Study
 
-# The results depend on these parts of the project. Commits that change only other files, such as
-# documentation, tests or the published figures themselves, are ignored, because they do not change the
-# results.
+# The results depend on these parts of the project only.
 PARTS = ("workflow", "notebooks", "config", "data")
 UNKNOWN = "unknown (not a git repository)"
 
 
 def origin_of(study: Study) -> dict[str, str]:
     """Return the name of a study, its commit, and the SHA-256 of its file ``config.json``, by key."""
-    configuration = study.path("config.json").read_bytes()
     return {
         "study": study.name,
         "commit": commit_of(PROJECT),
-        "configuration": hashlib.sha256(configuration).hexdigest(),
+        "configuration": file_digest(study.path("config.json")),
     }
+
+
+def provenance_of(study: Study, published: Iterable[Path]) -> dict[str, Any]:
+    """Return the origin of a study (`origin_of`), and the SHA-256 of each of its published files by name."""
+    files = {path.relative_to(study.figures).as_posix(): file_digest(path) for path in sorted(published)}
+    return {**origin_of(study), "published": files}
 
 
 @cache
 def commit_of(project: Path) -> str:
     """Return the last commit of a project that changed anything on which its results depend.
 
-    Published figures contain this commit, and are committed themselves afterwards. If they contained the
-    latest commit of the repository instead, each new version of the figures would change the next one.
+    Commits that change only a text, a test or the published figures are ignored.
 
     Returns
     -------
@@ -50,32 +56,13 @@ def commit_of(project: Path) -> str:
     return f"{commit} with changes" if changes else commit
 
 
-def described(name: str, origin: Mapping[str, str]) -> dict[str, dict[str, Any]]:
-    """Return the metadata for the files of a figure: for each file format a dictionary with its own keys.
-
-    Parameters
-    ----------
-    name
-        Name of the figure.
-    origin
-        Study, commit and configuration, as from `origin_of`; empty if they are not known.
-    """
-    if not origin:
-        return {"png": {}, "pdf": {}, "svg": {}}
-    text = (
-        f"Figure {name} of the study {origin['study']}, made by accelerated-evaluation, "
-        f"commit {origin['commit']}, from the configuration with SHA-256 {origin['configuration']} "
-        f"(results/{origin['study']}/config.json)."
-    )
-    pairs = [f"{key}: {value}" for key, value in origin.items()]
+def described(name: str, study: str) -> dict[str, dict[str, str]]:
+    """Return the metadata for the files of a figure, by file format; they name the figure and its study."""
+    text = f"Figure {name} of the study {study}, made by accelerated-evaluation."
     return {
-        "png": {
-            "Title": name,
-            "Description": text,
-            **{key.capitalize(): value for key, value in origin.items()},
-        },
-        "pdf": {"Title": name, "Subject": text, "Keywords": ", ".join(pairs)},
-        "svg": {"Title": name, "Description": text, "Keywords": pairs},
+        "png": {"Title": name, "Description": text},
+        "pdf": {"Title": name, "Subject": text},
+        "svg": {"Title": name, "Description": text},
     }
 
 

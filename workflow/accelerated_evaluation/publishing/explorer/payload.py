@@ -132,7 +132,7 @@ def add_map(
 
 
 def add_runs(payload: Payload, runs: pd.DataFrame) -> None:
-    """Add the simulations of a slow vehicle, ``sampled/runs.csv``, without repeated ones."""
+    """Add the simulations of a slow vehicle, ``laws/runs.csv``, without repeated ones."""
     once = runs[runs["phase"] != "repeat"]
     for name in VARIABLES:
         payload.add(f"run_{name}", once[name], "f4")

@@ -13,6 +13,7 @@ from typing import Any
 import numpy as np
 
 from accelerated_evaluation.base.errors import StudyError
+from accelerated_evaluation.publishing.names import NAMES
 from accelerated_evaluation.scenarios.parameters import parameter_names
 from accelerated_evaluation.vehicles.builtin.acc_aeb import V60_TTC, AccAeb
 from accelerated_evaluation.vehicles.builtin.driver_numbers import Driver
@@ -79,14 +80,7 @@ SLIDERS: dict[str, tuple[Slider, ...]] = {
     "rss": (REACTION, BRAKING, GROWTH),
     "fsm": (REACTION, GROWTH),
 }
-TITLES = {
-    "acc_aeb": "Car with ACC and emergency braking",
-    "acc_only": "Car with ACC alone",
-    "cc_human": "Careful human (UN R157)",
-    "reg157": "Braking model of UN R157",
-    "rss": "RSS driver",
-    "fsm": "FSM driver",
-}
+TITLES = {name: NAMES[name][0].upper() + NAMES[name][1:] for name in SLIDERS}
 
 
 def described_vehicles(tested: Mapping[str, Any]) -> list[dict[str, Any]]:

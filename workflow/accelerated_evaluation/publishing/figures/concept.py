@@ -27,7 +27,7 @@ DENSITIES = {
     "f": ("fitted $f$", {"color": "#08306b", "linestyle": "-", "marker": "o"}),
     "f*": ("accelerated $f^*$", {"color": "#b2182b", "linestyle": "--", "marker": "s"}),
 }
-TITLES = {"single": "(a) single parametric distribution", "piecewise": "(b) piecewise mixture, knot marked"}
+TITLES = {"single": "(a) single parametric distribution", "piecewise": "(b) piecewise mixture; marker: knot"}
 BINS = 50
 POINTS = 300
 
@@ -74,7 +74,7 @@ def fig01_concept(
             axis.set_title(title, loc="left")
             axis.set_ylabel("density [s]")
         axes[-1].set_xlabel(f"$TTC^{{-1}}$ [1/s], $v_L$ {segment.replace('-', '–')} m/s")
-        drawn.legend(*axes[1].get_legend_handles_labels(), loc="outside upper left", ncols=2)
+        drawn.legend(*axes[1].get_legend_handles_labels(), loc="outside upper left", ncols=1)
         note_source(drawn, source)
     table = pd.concat(tables, ignore_index=True).astype({"count": "Int64", "is_knot": "boolean"})
     return drawn, table[["method", *table.columns.drop("method")]]

@@ -5,8 +5,16 @@ import numpy as np
 import pandas as pd
 from matplotlib.figure import Figure
 
-from accelerated_evaluation.publishing.figures.dot_chart import FRAME, ROW, finish, name_rows, spaced
+from accelerated_evaluation.publishing.figures.dot_chart import (
+    FRAME,
+    ROW,
+    finish,
+    name_rows,
+    scale_logarithmically,
+    spaced,
+)
 from accelerated_evaluation.publishing.figures.style import COLUMN_WIDTH, PIECES, paper_style
+from accelerated_evaluation.publishing.names import NAMES, in_words
 from accelerated_evaluation.publishing.published import figure
 
 GROUPS = {
@@ -17,7 +25,12 @@ GROUPS = {
     "counted other": "published crash rates of other kinds",
 }
 MARKERS = {"predicted": ("o", PIECES[0]), "replayed": ("D", PIECES[1]), "counted": ("s", "black")}
-SMALLEST = 0.01  # [1/million miles], left end of the axis, where a rate of zero is drawn
+# Sources of counts whose names in the table do not say what was counted.
+SOURCES = {
+    "GES 1999": "lane changes, reported to the police, 1999",
+    "Human benchmark, police-reported": "of every kind, reported to the police",
+    "Human benchmark, any injury reported": "of every kind, any injury reported",
+}
 
 
 def rows_to_draw(counted: pd.DataFrame) -> pd.DataFrame:
@@ -38,10 +51,16 @@ def rows_to_draw(counted: pd.DataFrame) -> pd.DataFrame:
     is_count = counted["kind"] == "counted"
     groups = np.where(is_count, "counted " + severity, counted["kind"])
     what = counted["what"].str.replace(r"^(?:crash|near-crash): ", "", regex=True)
-    label = np.where(is_count & (severity != "other"), what, counted["who"])
+    label = np.where(is_count & (severity != "other"), what, _in_words(counted["who"]))
     order = pd.Categorical(groups, list(GROUPS), ordered=True)
     drawn = counted.assign(group=order, label=label).sort_values("group", kind="stable")
     return drawn.assign(group=drawn["group"].astype(str).map(GROUPS)).reset_index(drop=True)
+
+
+def _in_words(who: pd.Series) -> pd.Series:
+    """Write codes of vehicles and of sources in words, shape (n,)."""
+    known = in_words(who).replace(SOURCES)
+    return known.str.replace("cc_human in", f"{NAMES['cc_human']} in", regex=False)
 
 
 @figure
@@ -67,15 +86,18 @@ def fig31_counted_crashes(counted_crashes: pd.DataFrame, source: str) -> tuple[F
         for kind, (marker, color) in MARKERS.items():
             of_kind = (rows["kind"] == kind).to_numpy()
             chosen = rows[of_kind]
-            rate = chosen["per_million_miles"].clip(lower=SMALLEST)
-            low = chosen["low95"].fillna(rate).clip(lower=SMALLEST)
-            reach = [rate - low, chosen["high95"].fillna(rate) - rate]
-            look = {"marker": marker, "color": color, "linestyle": "none", "markersize": 3.5}
-            axes.errorbar(rate, y[of_kind], xerr=reach, elinewidth=0.8, label=f"{kind}, 95 % limits", **look)
-        axes.set(xscale="log", xlabel="crashes or near-crashes per million miles")
-        axes.set_xlim(left=0.8 * SMALLEST)
+            rate = chosen["per_million_miles"].where(chosen["per_million_miles"] > 0)
+            reach = [rate - chosen["low95"].fillna(rate), chosen["high95"].fillna(rate) - rate]
+            look = {"color": color, "linestyle": "none", "markersize": 3.5}
+            label = f"{kind}, 95 % limits"
+            axes.errorbar(rate, y[of_kind], xerr=reach, elinewidth=0.8, marker=marker, label=label, **look)
+        none = (rows["per_million_miles"] == 0).to_numpy()
+        if none.any():
+            look = {"color": "black", "linestyle": "none", "markersize": 4}
+            axes.plot(
+                rows["high95"][none], y[none], marker="<", label="none counted: upper 95 % limit", **look
+            )
+        scale_logarithmically(axes, "crashes or near-crashes per million miles")
         name_rows(axes, y, rows["group"], rows["label"])
-        finish(
-            drawn, axes, f"{source}, and the 100-Car study. A count of zero lies at the left end of the axis"
-        )
+        finish(drawn, axes, f"{source}, and the 100-Car study")
     return drawn, rows

@@ -1,7 +1,11 @@
-"""Beyond the paper: coverage of the intervals (figure 18)."""
+"""Beyond the paper: coverage of the intervals in the study (figure 18) and in synthetic worlds (24)."""
+
+from collections.abc import Iterable
 
 import matplotlib.pyplot as plt
+import numpy as np
 import pandas as pd
+from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.ticker import MaxNLocator, PercentFormatter
 
@@ -13,12 +17,16 @@ from accelerated_evaluation.publishing.figures.dot_chart import (
     TRUTH,
     draw_intervals,
     name_groups,
+    name_rows,
     spaced,
 )
 from accelerated_evaluation.publishing.figures.method_styles import style_of
 from accelerated_evaluation.publishing.figures.style import COLUMN_WIDTH, note_source, paper_style
 from accelerated_evaluation.publishing.published import figure
 
+OURS = "this project"
+# Colour, marker and vertical shift of each procedure in figure 24.
+PROCEDURES = {OURS: ("#08306b", "o", -0.25), "paper": ("#b2182b", "s", 0.25)}
 STOPPINGS = {
     "fixed": {"label": "fixed size, normal", "marker": "o", "fillstyle": "none"},
     "fixed_gamma": {"label": "fixed size, gamma", "marker": "o", "fillstyle": "full"},
@@ -66,6 +74,70 @@ def fig18_coverage(coverage: pd.DataFrame, source: str) -> tuple[Figure, pd.Data
         drawn.legend(handles=signs, loc="outside upper center", ncols=2)
         note_source(drawn, source)
     return drawn, data
+
+
+@figure
+def fig24_worlds(worlds: pd.DataFrame, beyond: pd.DataFrame) -> tuple[Figure, pd.DataFrame]:
+    """Draw coverage, width and bias of this project's procedure and of the paper's in synthetic worlds.
+
+    A world is a law of cut-ins whose true crash probability is known. Both procedures estimate it from data
+    that are drawn from the law.
+
+    Parameters
+    ----------
+    worlds, beyond
+        Tables ``worlds.csv`` and ``worlds_beyond.csv`` of ``benchmarks/results``: a row for each kind of
+        world and procedure. The kinds that only the second one has break an assumption of this project.
+
+    Returns
+    -------
+    figure, data
+        The figure has panels for the coverage of the 80 % intervals, for their width, and for the ratio of
+        median estimate and truth. The data are the rows of both tables that it shows, with ``group``.
+    """
+    further = beyond[~beyond["kind"].isin(worlds["kind"]) & (beyond["procedure"] == "map")]
+    parts = {"similar to the models": worlds, "break an assumption": further.assign(procedure=OURS)}
+    parts = {f"{name}, {part['worlds'].max()} worlds each": part for name, part in parts.items() if len(part)}
+    data = pd.concat([part.assign(group=name) for name, part in parts.items()], ignore_index=True)
+    rows = data.drop_duplicates("kind")
+    y = pd.Series(1.8 * spaced(rows["group"], 1.0), index=rows["kind"])
+    with paper_style():
+        size = (2 * COLUMN_WIDTH, FRAME + 1.1 * ROW * (y.max() + 3))
+        drawn, panels = plt.subplots(1, 3, sharey=True, figsize=size)
+        for procedure, (color, marker, shift) in PROCEDURES.items():
+            own = data[data["procedure"] == procedure]
+            at = own["kind"].map(y).to_numpy() + shift
+            look = {"color": color, "marker": marker, "linestyle": "none", "markersize": 3.5}
+            share = own["coverage80"]
+            reach = [share - own["coverage80_low"], own["coverage80_high"] - share]
+            panels[0].errorbar(
+                100 * share, at, xerr=100 * np.array(reach), label=procedure, elinewidth=0.8, **look
+            )
+            panels[1].plot(own["width80"], at, **look)
+            panels[2].plot(own["median_ratio"], at, **look)
+        _name_panels(panels)
+        name_rows(panels[0], y.to_numpy(), rows["group"], rows["kind"])
+        panels[0].set_ylim(y.max() + 1, -2.5)
+        drawn.legend(*panels[0].get_legend_handles_labels(), loc="outside upper center", ncols=2)
+        note_source(drawn, "synthetic worlds, as many cut-ins as recorded; bars: 95 % limits")
+    return drawn, data
+
+
+def _name_panels(panels: Iterable[Axes]) -> None:
+    """Write the titles of the panels of figure 24, and draw the ideal value of each as a dotted line."""
+    coverage, width, bias = panels
+    coverage.set_title("(a) coverage", loc="left")
+    coverage.set(xlim=(-3, 103), xlabel="80 % intervals [%]")
+    coverage.axvline(80, color="black", linewidth=0.6, linestyle=":")
+    width.set_title("(b) width", loc="left")
+    width.set_xlabel("upper / lower limit")
+    bias.set_title("(c) bias", loc="left")
+    bias.set_xlabel("median estimate / truth")
+    bias.axvline(1, color="black", linewidth=0.6, linestyle=":")
+    for axes, ticks in ((width, (2, 5, 10, 20, 50)), (bias, (0.3, 0.5, 1, 2))):
+        axes.set_xscale("log")
+        axes.minorticks_off()
+        axes.set_xticks(ticks, [f"{tick:g}" for tick in ticks])
 
 
 def _coverage_rows(coverage: pd.DataFrame) -> pd.DataFrame:

@@ -12,7 +12,10 @@ from matplotlib.figure import Figure
 from accelerated_evaluation.publishing.figures.style import COLUMN_WIDTH, note_source, paper_style
 from accelerated_evaluation.publishing.published import figure
 
-MAPS = {"range": ("m", "range $R$ [m]"), "inverse_ttc": ("per_s", "$TTC^{-1}$ [1/s]")}
+MAPS = {
+    "range": ("m", "range", "$R$ [m]"),
+    "inverse_ttc": ("per_s", "inverse time to collision", "$TTC^{-1}$ [1/s]"),
+}
 BINS = 50
 
 
@@ -42,14 +45,14 @@ def fig02_data(
     tables = []
     with paper_style():
         drawn, axes = plt.subplots(2, 1, figsize=(COLUMN_WIDTH, 4.2), sharex=True)
-        for axis, letter, (name, (unit, label)) in zip(axes, "ab", MAPS.items(), strict=True):
+        for axis, letter, (name, (unit, title, label)) in zip(axes, "ab", MAPS.items(), strict=True):
             edges = np.linspace(0.0, np.ceil(10 * encounters[name].max()) / 10, BINS + 1)
             count = np.histogram2d(encounters["lead_speed"], encounters[name], (speeds, edges))[0].astype(int)
             tables.append(_count_table(name, unit, count, speeds, edges))
             _draw_map(axis, count, speeds, edges)
             for edge in lead_speed_edges[1:-1]:
                 axis.axvline(edge, color="black", linewidth=0.8, linestyle="--")
-            axis.set_title(f"({letter}) {count.sum():,} lane changes", loc="left")
+            axis.set_title(f"({letter}) {title}, n = {count.sum():,}", loc="left")
             axis.set_ylabel(label)
         axes[-1].set_xlabel("lead speed $v_L$ [m/s]")
         note_source(drawn, source)

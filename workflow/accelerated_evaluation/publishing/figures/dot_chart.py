@@ -1,5 +1,6 @@
 """Dot charts: each row shows a number and its interval, rows form groups, and a line marks the true value."""
 
+import math
 from collections.abc import Iterable
 from typing import Any
 
@@ -7,6 +8,7 @@ import numpy as np
 import pandas as pd
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
+from matplotlib.ticker import LogLocator, NullFormatter
 from numpy.typing import ArrayLike
 
 from accelerated_evaluation.base.arrays import Array
@@ -17,6 +19,7 @@ INTERVAL = ("probability", "ci_low", "ci_high")
 TRUTH = {"color": "black", "linewidth": 0.8, "zorder": 1}
 DOT = {"color": PIECES[0], "marker": "o", "linestyle": "none", "markersize": 3.5}
 ROW = 0.13  # [in], height of a row
+PLAIN = 1e-3  # the ticks of a logarithmic axis are plain numbers if it begins above this
 FRAME = 0.9  # [in], height of the figure above and below the rows
 
 
@@ -72,8 +75,8 @@ def draw_truth(axes: Axes, row: pd.Series, label: str) -> None:
         Name in the legend, to which the value is added.
     """
     if pd.notna(row.get("ci_low")):
-        axes.axvspan(row["ci_low"], row["ci_high"], color="black", alpha=0.3, linewidth=0)
-    axes.axvline(row["probability"], label=f"{label}: {_in_math(row['probability'])}", **TRUTH)
+        axes.axvspan(row["ci_low"], row["ci_high"], color="black", alpha=0.15, linewidth=0)
+    axes.axvline(row["probability"], label=f"{label}: {in_math(row['probability'])}", **TRUTH)
 
 
 def name_rows(axes: Axes, y: Array, groups: pd.Series, names: pd.Series) -> None:
@@ -120,14 +123,46 @@ def in_ratios(values: pd.Series) -> list[str]:
     return [f"×{readable(value)}" for value in values]
 
 
+def scale_linearly(axes: Axes, label: str) -> None:
+    """Label a linear x axis, with its power of ten in the label, which it could cover otherwise."""
+    largest = max(map(abs, axes.get_xlim()))
+    power = math.floor(math.log10(largest)) if largest else 0
+    power = 0 if -1 <= power <= 3 else power
+    axes.xaxis.set_major_formatter(lambda value, _: f"{value / 10.0**power:g}")
+    axes.set_xlabel(f"{label} [$10^{{{power}}}$]" if power else label)
+
+
+def scale_logarithmically(axes: Axes, label: str) -> None:
+    """Scale x logarithmically, and label so many ticks that each number can be read off."""
+    axes.set(xscale="log", xlabel=label)
+    low, high = axes.get_xlim()
+    decades = math.log10(high / low)
+    axes.xaxis.set_major_locator(
+        LogLocator(subs=(1, 2, 5) if decades < 1.5 else (1, 3) if decades < 3 else (1,))
+    )
+    axes.xaxis.set_major_formatter(lambda value, _: f"{value:,g}" if low > PLAIN else in_powers(value))
+    axes.xaxis.set_minor_formatter(NullFormatter())
+
+
 def finish(figure: Figure, axes: Axes, source: str) -> None:
     """Complete a dot chart: first row on top, legend above the axes, and the source of the data below."""
     axes.invert_yaxis()
-    figure.legend(*axes.get_legend_handles_labels(), loc="outside upper center")
+    handles = axes.get_legend_handles_labels()
+    if handles[0]:
+        figure.legend(*handles, loc="outside upper center")
     note_source(figure, source)
 
 
-def _in_math(value: float) -> str:
+def in_math(value: float) -> str:
     """Write a probability with three significant digits, as a formula for Matplotlib."""
     mantissa, exponent = f"{value:.2e}".split("e")
     return rf"{mantissa} $\times$ 10$^{{{int(exponent)}}}$"
+
+
+def in_powers(value: float) -> str:
+    """Write the value of a tick with one digit and a power of ten, as a formula for Matplotlib."""
+    mantissa, exponent = f"{value:.0e}".split("e")
+    if exponent == "+00":
+        return mantissa
+    factor = "" if mantissa == "1" else rf"{mantissa} \times "
+    return f"${factor}10^{{{int(exponent)}}}$"

@@ -1,6 +1,6 @@
 """The estimates and how they converge: figures 12 and 13 of the paper."""
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 
 import matplotlib.pyplot as plt
 import numpy as np
@@ -9,6 +9,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.ticker import LogLocator, MaxNLocator, NullFormatter, StrMethodFormatter
 
+from accelerated_evaluation.publishing.figures.dot_chart import in_math
 from accelerated_evaluation.publishing.figures.method_styles import style_of
 from accelerated_evaluation.publishing.figures.style import (
     COLUMN_WIDTH,
@@ -22,12 +23,16 @@ from accelerated_evaluation.publishing.tables.spreads import of_method
 
 NUMBERS = ("probability", "ci_low", "ci_high", "relative_half_width")
 COMPARED = ("piecewise", "single")  # in the paper's figure 12
-REFERENCE = {"color": "black", "linewidth": 0.8, "linestyle": ":"}
+REFERENCES = {
+    "exact": {"color": "black", "linewidth": 1.0, "linestyle": "-"},
+    "paper": {"color": "black", "linewidth": 0.8, "linestyle": ":"},
+    "beta": {"color": "black", "linewidth": 0.8, "linestyle": ":"},
+}
 
 
 @figure
 def fig12_crash_probability(
-    estimates: pd.DataFrame, course: pd.DataFrame, alpha: float, source: str
+    estimates: pd.DataFrame, course: pd.DataFrame, exact: pd.DataFrame, alpha: float, source: str
 ) -> tuple[Figure, pd.DataFrame]:
     """Draw the estimates over all segments against the number of simulations (paper, figure 12).
 
@@ -35,8 +40,8 @@ def fig12_crash_probability(
 
     Parameters
     ----------
-    estimates, course
-        ``estimates.csv`` and ``estimates_course.csv`` of a study.
+    estimates, course, exact
+        ``estimates.csv``, ``estimates_course.csv`` and ``exact.csv`` of a study.
     alpha
         The level of the intervals is 1 - alpha.
     source
@@ -45,23 +50,28 @@ def fig12_crash_probability(
     Returns
     -------
     figure, data
-        The figure has a panel for each method, in which the first replicate is drawn in front with its
-        interval. The columns of the data are kind (course, converged or paper), method, replicate,
-        simulations, probability, ci_low and ci_high.
+        The figure has a panel for each method, in which the median replicate by simulations until
+        convergence is drawn in front with its interval. The columns of the data are kind (course, converged,
+        exact or paper), method, replicate, simulations, probability, ci_low and ci_high.
     """
     table = _rows(estimates, course, COMPARED, "all")
+    truth = float(exact.set_index("segment").loc["all", "probability"])
+    lines = {"exact": truth, "paper": PAPER_PROBABILITY}
     last = table.groupby(["method", "replicate"])["probability"].last().max()
     with paper_style():
         drawn, panels = plt.subplots(2, 1, figsize=(COLUMN_WIDTH, 4.2), sharex=True, sharey=True)
-        for axes, (method, rows) in zip(panels, table.groupby("method", sort=False), strict=True):
+        for letter, axes, (method, rows) in zip(
+            "ab", panels, table.groupby("method", sort=False), strict=True
+        ):
+            axes.set_title(f"({letter}) {method}", loc="left")
             _draw_replicates(axes, rows, method, "probability")
-            front = rows[(rows["kind"] == "course") & (rows["replicate"] == rows["replicate"].min())]
-            style = {**style_of(method, "color"), "alpha": 0.2, "linewidth": 0, "zorder": 1}
+            front = rows[(rows["kind"] == "course") & (rows["replicate"] == _front(rows))]
+            style = {"color": "#808080", "alpha": 0.3, "linewidth": 0, "zorder": 1}
             label = f"{100 * (1 - alpha):g} % interval"
             axes.fill_between(front["simulations"], front["ci_low"], front["ci_high"], label=label, **style)
-            label = rf"paper: {1e7 * PAPER_PROBABILITY:g} $\times$ 10$^{{-7}}$"
-            axes.axhline(PAPER_PROBABILITY, label=label, **REFERENCE)
-            axes.set(ylabel="crash probability", ylim=(0, 2 * max(last, PAPER_PROBABILITY)))
+            for name, value in lines.items():
+                axes.axhline(value, label=f"{name}: {in_math(value)}", **REFERENCES[name])
+            axes.set(ylabel="crash probability", ylim=(0, 2 * max(last, *lines.values())))
             axes.ticklabel_format(axis="y", style="sci", scilimits=(0, 0), useMathText=True)
             if not rows["probability"].any():
                 say_no_crash(axes)
@@ -70,7 +80,7 @@ def fig12_crash_probability(
         panels[-1].xaxis.set_major_locator(MaxNLocator(5))
         panels[-1].xaxis.set_major_formatter(StrMethodFormatter("{x:,.0f}"))
         note_source(drawn, source)
-    return drawn, _complete(table, "paper", "probability", PAPER_PROBABILITY, drop="relative_half_width")
+    return drawn, _complete(table, "probability", lines, drop="relative_half_width")
 
 
 @figure
@@ -93,7 +103,7 @@ def fig13_relative_half_width(
     Returns
     -------
     figure, data
-        The figure shows the first replicate of each method in front. The columns of the data are kind
+        The figure shows the median replicate of each method in front. The columns of the data are kind
         (course, converged or beta), method, replicate, simulations and relative_half_width.
     """
     table = _rows(estimates, course, estimates["method"].unique(), segment)
@@ -101,7 +111,7 @@ def fig13_relative_half_width(
         drawn, axes = plt.subplots(figsize=(COLUMN_WIDTH, 3.0))
         for method, rows in table.groupby("method", sort=False):
             _draw_replicates(axes, rows, method, "relative_half_width")
-        axes.axhline(beta, label=rf"$\beta$ = {beta:g}", **REFERENCE)
+        axes.axhline(beta, label=rf"$\beta$ = {beta:g}", **REFERENCES["beta"])
         axes.set(xscale="log", yscale="log", ylabel="relative half-width")
         axes.set_xlabel(f"simulations, $v_L$ {segment.replace('-', '–')} m/s")
         if table["relative_half_width"].isna().all():
@@ -113,7 +123,7 @@ def fig13_relative_half_width(
             axis.set_major_formatter(StrMethodFormatter("{x:,g}"))
         _add_legend(drawn, estimates["method"].unique())
         note_source(drawn, source)
-    return drawn, _complete(table, "beta", "relative_half_width", beta, drop=list(NUMBERS[:3]))
+    return drawn, _complete(table, "relative_half_width", {"beta": beta}, drop=list(NUMBERS[:3]))
 
 
 def _rows(estimates: pd.DataFrame, course: pd.DataFrame, methods: Sequence[str], scope: str) -> pd.DataFrame:
@@ -130,19 +140,26 @@ def _rows(estimates: pd.DataFrame, course: pd.DataFrame, methods: Sequence[str],
     return rows[["kind", "method", "replicate", "simulations", *NUMBERS]]
 
 
+def _front(rows: pd.DataFrame) -> int:
+    """Return the median replicate by simulations until convergence; the first one if none converged."""
+    ends = rows[rows["kind"] == "converged"].sort_values(["simulations", "replicate"], kind="stable")
+    return rows["replicate"].min() if ends.empty else ends["replicate"].iloc[(len(ends) - 1) // 2]
+
+
 def _draw_replicates(axes: Axes, rows: pd.DataFrame, method: str, column: str) -> None:
-    """Draw all replicates of a method, the first in front, with circles where they converge."""
+    """Draw all replicates of a method, the median one in front, with circles where they converge."""
     look = style_of(method, "color", "linestyle")
-    first = rows["replicate"].min()
+    front = _front(rows)
     for replicate, course in rows[rows["kind"] == "course"].groupby("replicate"):
-        front = replicate == first
-        depth = {"zorder": 3, "label": method} if front else {"zorder": 2, "alpha": 0.3, "linewidth": 0.5}
+        depth = {"zorder": 2, "alpha": 0.3, "linewidth": 0.5}
+        if replicate == front:
+            depth = {"zorder": 3, "label": method}
         axes.plot(course["simulations"], course[column], **look, **depth)
     ends = rows[rows["kind"] == "converged"]
-    for is_first, size in ((False, 2.5), (True, 6)):
-        chosen = ends[(ends["replicate"] == first) == is_first]
+    for is_front, size in ((False, 2.5), (True, 6)):
+        chosen = ends[(ends["replicate"] == front) == is_front]
         circle = {"marker": "o", "markersize": size, "markerfacecolor": "white", "linestyle": "none"}
-        label = "converged" if is_first and len(chosen) else None
+        label = "converged" if is_front and len(chosen) else None
         axes.plot(chosen["simulations"], chosen[column], color=look["color"], zorder=4, label=label, **circle)
 
 
@@ -151,12 +168,14 @@ def _add_legend(drawn: Figure, methods: Sequence[str]) -> None:
     entries = [dict(zip(*axes.get_legend_handles_labels()[::-1], strict=True)) for axes in drawn.axes]
     named = {label: entry[label] for entry in entries for label in entry if label in methods}
     legend = named | entries[0]
-    drawn.legend(legend.values(), legend.keys(), loc="outside upper center", ncols=3)
+    layout = {"loc": "outside upper center", "ncols": 3, "columnspacing": 0.8, "handlelength": 1.5}
+    drawn.legend(legend.values(), legend.keys(), **layout)
 
 
 def _complete(
-    table: pd.DataFrame, kind: str, column: str, value: float, drop: str | list[str]
+    table: pd.DataFrame, column: str, lines: Mapping[str, float], drop: str | list[str]
 ) -> pd.DataFrame:
-    """Append the reference line, as a row with its kind and value, to the table of drawn data."""
-    complete = pd.concat([table.drop(columns=drop), pd.DataFrame([{"kind": kind, column: value}])])
+    """Append the reference lines, as rows with their kind and value, to the table of drawn data."""
+    rows = pd.DataFrame([{"kind": kind, column: value} for kind, value in lines.items()])
+    complete = pd.concat([table.drop(columns=drop), rows])
     return complete.astype({"replicate": "Int64", "simulations": "Int64"}).reset_index(drop=True)

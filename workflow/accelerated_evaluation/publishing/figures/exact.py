@@ -22,6 +22,8 @@ from accelerated_evaluation.publishing.figures.dot_chart import (
     in_ratios,
     name_groups,
     name_rows,
+    scale_linearly,
+    scale_logarithmically,
     spaced,
     write_beside,
 )
@@ -38,7 +40,7 @@ from accelerated_evaluation.publishing.tables.exact import severity_digest
 from accelerated_evaluation.publishing.tables.spreads import of_method
 
 PAPER = {"color": "black", "marker": "*"}
-RARE = 1e-6  # smallest share of crashes that figure 17 shows
+RARE = 1e-6  # smallest share of crashes that figure 17 shows, and of a segment in all of them
 
 
 @figure
@@ -80,14 +82,14 @@ def fig14_estimates_against_truth(
         for name in label.unique():
             look = (PAPER if name == "paper" else style_of(name)) | {"linestyle": "none"}
             draw_intervals(axes, shown[label == name], y[label == name], **look)
-        draw_truth(axes, data.iloc[0], f"exact, {100 * (1 - alpha):g} % band")
-        name_groups(axes, y, label)
+        draw_truth(axes, data.iloc[0], "exact")
+        name_groups(axes, y, label.replace("paper", "paper\n(its model)"))
         # The upper limits of estimates without a crash would make the axis too long.
         seen = data.loc[data["probability"] > 0, "ci_high"]
-        axes.set(xlabel="crash probability", xlim=(0, 1.05 * seen.max()))
+        axes.set(xlim=(0, 1.05 * seen.max()))
         if not data["probability"].iloc[0]:
             say_no_crash(axes)
-        axes.ticklabel_format(axis="x", style="sci", scilimits=(0, 0), useMathText=True)
+        scale_linearly(axes, "crash probability")
         finish(drawn, axes, source)
     return drawn, data
 
@@ -108,28 +110,35 @@ def fig15_sensitivity(
     Returns
     -------
     figure, data
-        The figure has a row for each choice and value. The columns of the data are choice, value,
-        probability, standard_error and ratio, the ratio to the probability of the study. The first row is the
-        study.
+        The figure has a row for each choice and value. The caps on the closing speed have a panel of their
+        own, because they change the probability by orders of magnitude. The columns of the data are choice,
+        value, probability, standard_error and ratio, the ratio to the probability of the study. The first row
+        is the study.
     """
     truth = _all(exact)
     study = {"choice": "study", "value": "all as configured", **truth[["probability", "standard_error"]]}
     data = pd.concat([pd.DataFrame([study]), sensitivity], ignore_index=True)
     data["ratio"] = data["probability"] / truth["probability"]
     shown = data.iloc[1:]
-    y = spaced(shown["choice"], 1.5)
+    is_cap = shown["choice"].str.startswith("closing-speed cap")
+    parts = [part for part in (shown[~is_cap], shown[is_cap]) if len(part)]
+    places = [spaced(part["choice"], 1.5) for part in parts]
+    heights = [y.max() + 3 for y in places]
     with paper_style():
-        drawn, axes = plt.subplots(figsize=(COLUMN_WIDTH, FRAME + ROW * y.max()))
-        axes.plot(shown["probability"], y, **DOT)
-        draw_truth(axes, data.iloc[0], "model, data and vehicle of the study")
-        name_rows(axes, y, shown["choice"].map(_in_symbols), shown["value"].map(_value_label))
-        write_beside(axes, y, in_ratios(shown["ratio"]), "to study")
-        axes.set(xlabel="crash probability")
-        if shown["probability"].gt(0).any():
-            axes.set_xscale("log")
-        else:
-            say_no_crash(axes)
-        finish(drawn, axes, source)
+        size = (COLUMN_WIDTH, FRAME + ROW * sum(heights))
+        drawn, panels = plt.subplots(len(parts), 1, figsize=size, height_ratios=heights, squeeze=False)
+        for axes, part, y in zip(panels[:, 0], parts, places, strict=True):
+            axes.plot(part["probability"], y, **DOT)
+            draw_truth(axes, data.iloc[0], "the study")
+            name_rows(axes, y, part["choice"].map(_in_symbols), part["value"].map(_value_label))
+            write_beside(axes, y, in_ratios(part["ratio"]), "× study")
+            axes.invert_yaxis()
+            if part["probability"].gt(0).any():
+                scale_logarithmically(axes, "crash probability")
+            else:
+                say_no_crash(axes)
+        drawn.legend(*panels[0, 0].get_legend_handles_labels(), loc="outside upper center")
+        note_source(drawn, source)
     return drawn, data
 
 
@@ -169,10 +178,9 @@ def fig16_uncertainty(
         draw_intervals(axes, budget, y, **{**DOT, "linewidth": 1.5})
         draw_truth(axes, data.iloc[0], "exact, model of the study")
         axes.set_yticks(y, budget["source"].replace(names))
-        write_beside(axes, y, budget["variance_share"].map("{:.1%}".format), "of variance")
-        axes.set(xlabel="crash probability")
-        axes.ticklabel_format(axis="x", style="sci", scilimits=(0, 0), useMathText=True)
+        write_beside(axes, y, budget["variance_share"].map("{:.1%}".format), "variance")
         axes.set(xlim=(0, None), ylim=(-0.5, len(budget) - 0.4))
+        scale_linearly(axes, "crash probability")
         if not data["probability"].iloc[0]:
             say_no_crash(axes)
         finish(drawn, axes, source)
@@ -193,7 +201,8 @@ def fig17_severity(severity: pd.DataFrame, source: str) -> tuple[Figure, pd.Data
     Returns
     -------
     figure, data
-        Panel (a) shows the share of crashes with an impact speed above a threshold, down to `RARE`. Panel (b)
+        Panel (a) shows the share of crashes with an impact speed above a threshold, down to `RARE`. Segments
+        whose crash probability is below `RARE` times that of all are left out. Panel (b)
         shows the probability of a crash and of each near miss, over all segments. The data have the columns
         of ``severity``, and panel.
     """
@@ -201,29 +210,34 @@ def fig17_severity(severity: pd.DataFrame, source: str) -> tuple[Figure, pd.Data
     chosen = (severity["quantity"] != "impact_speed") & (severity["segment"] == "all")
     impacts = severity[severity["quantity"] == "impact_speed"].assign(panel="a")
     data = pd.concat([impacts, severity[chosen].assign(panel="b")], ignore_index=True)
-    segments = impacts["segment"].unique()
-    colors = mpl.colormaps["Blues"](np.linspace(1, 0.45, segments.size))
+    of_crash = severity[severity["quantity"] == "crash"].set_index("segment")["probability"]
+    segments = [name for name in of_crash.index if name != "all" and of_crash[name] > RARE * of_crash["all"]]
+    colors = mpl.colormaps["Blues"](np.linspace(1, 0.6, max(len(segments), 1)))
     with paper_style():
         drawn, (top, bottom) = plt.subplots(2, 1, figsize=(COLUMN_WIDTH, 4.2))
-        for segment, color, line, marker in zip(
-            segments[::-1], colors, cycle(("-", "--", "-.", ":")), cycle("os^D")
-        ):
+        looks = [{"color": "#c0c0c0", "linewidth": 4, "label": "all segments"}]
+        looks += [
+            {"color": color, "linestyle": line, "marker": marker, "markersize": 3}
+            for color, line, marker in zip(colors, cycle(("-", "--", "-.", ":")), cycle("os^D"), strict=False)
+        ]
+        for segment, look in zip(("all", *segments), looks, strict=False):
             rows = impacts[(impacts["segment"] == segment) & (impacts["to_crash"] >= RARE)]
-            label = segment if segment == "all" else f"{segment.replace('-', '–')} m/s"
-            look = {"color": color, "linestyle": line, "marker": marker, "markersize": 3}
-            top.plot(rows["threshold"], rows["to_crash"], label=label, **look)
+            named = {"label": f"{segment.replace('-', '–')} m/s"} | look
+            top.plot(rows["threshold"], rows["to_crash"], **named)
         if impacts["to_crash"].ge(RARE).any():
             top.set_yscale("log")
         else:
             say_no_crash(top)
+        top.set_title("(a) impact speeds", loc="left")
         top.set(xlabel="impact speed $v$ [m/s]", ylabel="share of crashes above $v$")
         y = np.arange(len(near))
+        bottom.set_title("(b) near misses", loc="left")
         bottom.plot(near["probability"], y, **DOT)
-        bottom.set_yticks(y, near["event"])
-        write_beside(bottom, y, in_ratios(near["to_crash"]), "to crash")
+        bottom.set_yticks(y, near["event"].str.replace("smallest ", "", regex=False))
+        write_beside(bottom, y, in_ratios(near["to_crash"]), "× crash")
+        bottom.set_xlabel("probability in a lane change")
         if near["probability"].gt(0).any():
-            bottom.set_xscale("log")
-        bottom.set(xlabel="probability in a lane change")
+            scale_logarithmically(bottom, bottom.get_xlabel())
         bottom.invert_yaxis()
         drawn.legend(*top.get_legend_handles_labels(), loc="outside upper center", ncols=4)
         note_source(drawn, source)

@@ -16,31 +16,31 @@ FLOW_HEIGHT = 5.6  # [in]
 MAIN, WIDE = 1.36, 2.3  # middle and width of the main column of the flow chart [in]
 FLOW_BOXES = {
     "start": Box(
-        "f* starts as f, no weight below {minimum_weight:g}\n(single: exponentials with f's means)",
+        "$f^*$ starts as f, no weight below {minimum_weight:g}\n(single: exponentials with the means of $f$)",
         *(MAIN, 5.35, WIDE, 0.36),
     ),
     "draw": Box(
-        "draw N = {sample_size:,} cut-ins from f*, simulate\nthem; score t: the least of TTC and of\n"
-        "R / ({range_per_ttc:g} m/s); 0 if it is a crash",
+        "draw N = {sample_size:,} cut-ins from $f^*$, simulate\nthem; score $t$: the least of TTC and of\n"
+        "$R$ / ({range_per_ttc:g} m/s); 0 if it is a crash",
         *(MAIN, 4.74, WIDE, 0.5),
     ),
     "rarer": Box(
-        "is the {event_quantile:g} quantile of t\nbelow the last $t_{{TTC}}$?",
+        "is the {event_quantile:g} quantile of $t$\nbelow the last $t_{{TTC}}$?",
         *(MAIN, 4.02, WIDE, 0.62),
         question=True,
     ),
     "more": Box(
         "draw on, to {minimum_events}\ncrashes or {maximum_batches} N;\nheuristic: if < {minimum_events}\n"
-        "reach the last\n$t_{{TTC}}$, move knots;\ntake the {minimum_events}th\nsmallest t",
+        "reach the last\n$t_{{TTC}}$, move knots;\ntake the {minimum_events}th\nsmallest $t$",
         *(2.97, 3.31, 0.86, 0.92),
     ),
     "event": Box(
-        "$t_{{TTC}}$ falls to it, and $t_R$ in step;\nevent: TTC hits $t_{{TTC}}$ or R hits $t_R$;\n"
+        "$t_{{TTC}}$ falls to it, and $t_R$ in step;\nevent: $TTC$ hits $t_{{TTC}}$ or $R$ hits $t_R$;\n"
         "draw on if a large piece has < {minimum_piece_events}",
         *(MAIN, 3.31, 2.05, 0.5),
     ),
     "update": Box(
-        "weight events by f / f*; update weights,\n"
+        "weight events by $f / f^*$; update weights,\n"
         "$\\theta$ of pieces with {minimum_piece_events} events (single: rates)",
         *(MAIN, 2.71, WIDE, 0.4),
     ),
@@ -55,7 +55,7 @@ FLOW_BOXES = {
         *(MAIN, 1.08, WIDE, 0.62),
         question=True,
     ),
-    "end": Box("f*", MAIN, 0.45, 0.5, 0.24),
+    "end": Box("$f^*$", MAIN, 0.45, 0.5, 0.24),
 }
 FLOW_ARROWS = (
     Arrow("start", "draw"),
@@ -79,15 +79,13 @@ def flow_boxes(settings: Mapping[str, Any]) -> dict[str, Box]:
 
 
 @figure
-def fig03_cross_entropy_flow(settings: Mapping[str, Any], source: str) -> tuple[Figure, pd.DataFrame]:
+def fig03_cross_entropy_flow(settings: Mapping[str, Any]) -> tuple[Figure, pd.DataFrame]:
     """Draw the flow chart of the Cross-Entropy search (paper, figure 3).
 
     Parameters
     ----------
     settings
         Section ``cross_entropy`` of the configuration.
-    source
-        Description of the data of the study, whose settings are shown.
 
     Returns
     -------
@@ -99,5 +97,5 @@ def fig03_cross_entropy_flow(settings: Mapping[str, Any], source: str) -> tuple[
         drawn, axes = plt.subplots(figsize=(COLUMN_WIDTH, FLOW_HEIGHT))
         axes.set(xlim=(0, COLUMN_WIDTH), ylim=(0.3, FLOW_HEIGHT))
         draw_flow_chart(axes, boxes, FLOW_ARROWS)
-        note_source(drawn, f"none; settings of the study of {source}")
+        note_source(drawn, "none; the settings of this study")
     return drawn, flow_table(boxes, FLOW_ARROWS)

@@ -1,5 +1,7 @@
 """Figures 32 and 33, beyond the paper: injured drivers, and the published curves of the risk of injury."""
 
+from itertools import product
+
 import matplotlib.pyplot as plt
 import numpy as np
 import pandas as pd
@@ -15,12 +17,23 @@ from accelerated_evaluation.publishing.figures.style import (
     paper_style,
     say_no_crash,
 )
+from accelerated_evaluation.publishing.names import in_words
 from accelerated_evaluation.publishing.published import figure
 from accelerated_evaluation.publishing.tables.injuries import CUT_IN, best_known
 
 TITLES = {"MAIS2+": "at least moderate (MAIS2+)", "MAIS3+": "at least serious (MAIS3+)", "fatal": "fatal"}
-LINES = {FRONTAL: "-", REAR: "--"}
-COLORS = ("#08306b", "#a63603", "#41ab5d", "#6a51a3", "#737373", "#dd3497")
+IMPACTS = {FRONTAL: "struck in front", REAR: "struck from behind"}
+LOWEST = {"MAIS2+": 1e-3, "MAIS3+": 1e-4, "fatal": 1e-5}  # smallest risk that figure 33 shows
+# Styles of the sources, which differ by dashes and markers in grey as well.
+LOOKS = tuple(
+    {"color": color, "linestyle": line, "marker": marker, "markersize": 3.5, "linewidth": 1.0}
+    for color, line, marker in zip(
+        ("#08306b", "#a63603", "#41ab5d", "#6a51a3", "#737373", "#dd3497"),
+        ("-", "--", "-.", ":", (0, (6, 1, 1, 1, 1, 1)), (0, (8, 2))),
+        "os^Dvx",
+        strict=True,
+    )
+)
 DELTA_V = np.linspace(0, 80, 161)  # [km/h]
 
 
@@ -63,8 +76,8 @@ def fig32_injuries(
             label = "median and 80 % interval"
             axes.errorbar(rows["median"], y, xerr=reach, elinewidth=0.8, label=label, **DOT)
             axes.set(xscale="log")
-            name_rows(axes, y, rows["level"].map(TITLES), rows["vehicle"])
-        axes.set(xlabel=f"injured drivers per {per}")
+            name_rows(axes, y, rows["level"].map(TITLES), in_words(rows["vehicle"]))
+        axes.set_xlabel(f"injured drivers, of both cars, per {per}")
         finish(drawn, axes, source)
     return drawn, pd.concat([rows, curves.assign(per=per)], ignore_index=True)
 
@@ -85,25 +98,31 @@ def fig33_risk_curves() -> tuple[Figure, pd.DataFrame]:
     Returns
     -------
     figure, data
-        The figure has a panel for each level of injury. The columns of the data are level, impact (front or
-        rear), source, delta_v_km_h and probability.
+        The figure has a panel for each level of injury and side of the impact. The columns of the data are
+        level, impact (front or rear), source, delta_v_km_h and probability.
     """
-    curves = {(level, impact): published_curves(level, impact) for level in LEVELS for impact in LINES}
+    curves = {(level, impact): published_curves(level, impact) for level in LEVELS for impact in IMPACTS}
     sources = sorted({name for found in curves.values() for name in found})
-    colors = dict(zip(sources, COLORS, strict=False))
+    looks = dict(zip(sources, LOOKS, strict=False))
     rows = []
     with paper_style():
-        drawn, all_axes = plt.subplots(1, len(LEVELS), sharey=True, figsize=(2 * COLUMN_WIDTH, 2.4))
-        for level, axes in zip(LEVELS, all_axes, strict=True):
-            for impact, style in LINES.items():
-                for name, curve in curves[level, impact].items():
-                    risk = curve(DELTA_V * KILOMETRES_PER_HOUR)
-                    axes.plot(DELTA_V, risk, linestyle=style, color=colors[name])
-                    rows += [(level, impact, name, *at) for at in zip(DELTA_V, risk, strict=True)]
-            axes.set(title=TITLES[level], xlabel=r"$\Delta v$ [km/h]", yscale="log", ylim=(1e-6, 1))
-        all_axes[0].set(ylabel="probability of the injury")
-        handles = [Line2D([], [], color=colors[name], label=name) for name in sources]
-        handles += [Line2D([], [], color="black", linestyle=of, label=end) for end, of in LINES.items()]
-        drawn.legend(handles=handles, loc="outside upper center", ncols=len(handles))
+        size = (2 * COLUMN_WIDTH, 4.6)
+        drawn, all_axes = plt.subplots(2, len(LEVELS), sharex=True, sharey="col", figsize=size)
+        for (row, impact), (column, level) in product(enumerate(IMPACTS), enumerate(LEVELS)):
+            axes = all_axes[row, column]
+            for name, curve in curves[level, impact].items():
+                risk = curve(DELTA_V * KILOMETRES_PER_HOUR)
+                place = sources.index(name)
+                axes.plot(DELTA_V, risk, label=name, markevery=(4 * place, 28), **looks[name])
+                rows += [(level, impact, name, *at) for at in zip(DELTA_V, risk, strict=True)]
+            title = f"({'abcdef'[row * len(LEVELS) + column]}) {TITLES[level]},\n{IMPACTS[impact]}"
+            axes.set_title(title, loc="left")
+            axes.set(yscale="log", ylim=(LOWEST[level], 1))
+        for axes in all_axes[:, 0]:
+            axes.set_ylabel("probability of the injury")
+        for axes in all_axes[-1]:
+            axes.set_xlabel(r"$\Delta v$ [km/h]")
+        handles = [Line2D([], [], label=name, **looks[name]) for name in sources]
+        drawn.legend(handles=handles, loc="outside upper center", ncols=3)
         note_source(drawn, "published curves")
     return drawn, pd.DataFrame(rows, columns=["level", "impact", "source", "delta_v_km_h", "probability"])

@@ -1,13 +1,12 @@
 """Figures 28 and 29, beyond the paper: the most probable crashes and the most critical records over time."""
 
-from collections.abc import Sequence
-
 import matplotlib.pyplot as plt
 import numpy as np
 import pandas as pd
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
+from accelerated_evaluation.publishing.figures.dot_chart import in_math
 from accelerated_evaluation.publishing.figures.style import (
     COLUMN_WIDTH,
     note_source,
@@ -16,8 +15,9 @@ from accelerated_evaluation.publishing.figures.style import (
 )
 from accelerated_evaluation.publishing.published import figure
 
-COLUMNS, ROWS = 4, 3
-LETTERS = "abcdefghijkl"
+CRASHES, RECORDS = 4, 6  # largest numbers of crashes and of records that are drawn
+COLUMNS = {CRASHES: 4, RECORDS: 3}  # columns of panels
+LETTERS = "abcdef"
 HOST, LEAD, EMERGENCY = "#08306b", "#777777", "#d9d9d9"
 AFTER = 0.5  # [s], time for which a trace is drawn after its smallest range
 
@@ -39,15 +39,17 @@ def fig28_ways_to_crash(
     Returns
     -------
     figure, data
-        The figure has a pair of panels for each crash. The data have a row for each encounter and time.
+        The figure has a pair of panels for each of the `CRASHES` kinds with the largest probability. The data
+        have a row for each encounter and time.
     """
-    shown = happened[happened["kind"] == "crash"]
-    share = shown["probability"] / shown["probability"].sum()
+    crashes = happened[happened["kind"] == "crash"]
+    shown = crashes.nlargest(CRASHES, "probability")
+    share = shown["probability"] / crashes["probability"].sum()
     titles = [
-        f"{letter}  {part:.0%} of crashes: {probability:.1e}"
+        f"({letter}) {part:.0%} of the crashes:\n{in_math(probability)} per cut-in"
         for letter, part, probability in zip(LETTERS, share, shown["probability"], strict=False)
     ]
-    return _draw(shown, traces, titles, source)
+    return _draw(shown, traces, titles, CRASHES, source)
 
 
 @figure
@@ -69,18 +71,19 @@ def fig29_nearest_records(
     Returns
     -------
     figure, data
-        The figure has a pair of panels for each record. The data have a row for each record and time.
+        The figure has a pair of panels for each of the first `RECORDS` records. The data have a row for each
+        record and time.
     """
-    shown = happened[happened["kind"] == "record"]
+    shown = happened[happened["kind"] == "record"].head(RECORDS)
     titles = [
-        f"{letter}  " + ("crash" if row["crash"] else f"smallest TTC {row['min_ttc']:.2f} s")
+        f"({letter}) " + ("crash" if row["crash"] else f"smallest TTC {row['min_ttc']:.2f} s")
         for letter, row in zip(LETTERS, shown.to_dict("records"), strict=False)
     ]
-    return _draw(shown, traces, titles, source)
+    return _draw(shown, traces, titles, RECORDS, source)
 
 
 def _draw(
-    shown: pd.DataFrame, traces: pd.DataFrame, titles: list[str], source: str
+    shown: pd.DataFrame, traces: pd.DataFrame, titles: list[str], most: int, source: str
 ) -> tuple[Figure, pd.DataFrame]:
     """Draw a pair of panels for each encounter, speeds above and range below."""
     rows = shown.to_dict("records")
@@ -92,10 +95,13 @@ def _draw(
             _say_unknown(axes) if rows else say_no_crash(axes)
             note_source(drawn, source)
             return drawn, data
-        size = (2 * COLUMN_WIDTH, 2.3 * COLUMN_WIDTH)
-        drawn, all_axes = plt.subplots(2 * ROWS, COLUMNS, sharex=True, figsize=size)
-        uppers, lowers = all_axes[::2].ravel(), all_axes[1::2].ravel()
+        columns = COLUMNS[most]
+        count = -(-len(rows) // columns)
+        size = (2 * COLUMN_WIDTH, 0.6 + 2.9 * count)
+        drawn, all_axes = plt.subplots(2 * count, columns, sharex=True, figsize=size)
+        uppers, lowers = all_axes[::2], all_axes[1::2]
         _share_axes(uppers, lowers, data)
+        uppers, lowers = uppers.ravel(), lowers.ravel()
         for upper, lower, *panel in zip(uppers, lowers, parts, rows, titles, strict=False):
             _draw_one(upper, lower, *panel)
         for axes in [*uppers[len(rows) :], *lowers[len(rows) :]]:
@@ -105,16 +111,16 @@ def _draw(
     return drawn, data
 
 
-def _share_axes(uppers: Sequence[Axes], lowers: Sequence[Axes], data: pd.DataFrame) -> None:
-    """Give all panels the same scales, and label those on the edges."""
+def _share_axes(uppers: np.ndarray, lowers: np.ndarray, data: pd.DataFrame) -> None:
+    """Give all panels, arrays of the same shape, the same scales, and label those on the edges."""
     end, top = data["time_s"].max(), 1.05 * data[["host_speed_m_per_s", "range_m"]].max()
-    for row, label, largest in ((uppers, "speed [m/s]", top.iloc[0]), (lowers, "range [m]", top.iloc[1])):
-        for place, axes in enumerate(row):
+    for panels, label, largest in ((uppers, "speed [m/s]", top.iloc[0]), (lowers, "range [m]", top.iloc[1])):
+        for axes in panels.flat:
             axes.set(xlim=(0, end), ylim=(0, largest))
-            axes.tick_params(labelleft=place % COLUMNS == 0, labelbottom=row is lowers)
-            if place % COLUMNS == 0:
-                axes.set_ylabel(label)
-    for axes in lowers[-COLUMNS:]:
+            axes.tick_params(labelleft=axes in panels[:, 0], labelbottom=panels is lowers)
+        for axes in panels[:, 0]:
+            axes.set_ylabel(label)
+    for axes in lowers[-1]:
         axes.set_xlabel("time [s]")
 
 
@@ -129,7 +135,7 @@ def _part(traces: pd.DataFrame, row: dict) -> pd.DataFrame:
 
 def _draw_one(upper: Axes, lower: Axes, trace: pd.DataFrame, row: dict, title: str) -> None:
     time = trace["time_s"]
-    upper.plot(time, trace["host_speed_m_per_s"], color=HOST, label="host")
+    upper.plot(time, trace["host_speed_m_per_s"], color=HOST, label="car under test")
     upper.plot(time, trace["lead_speed_m_per_s"], color=LEAD, linestyle="--", label="other car")
     lower.plot(time, trace["range_m"].clip(lower=0), color=HOST)
     for axes in (upper, lower):
@@ -147,9 +153,12 @@ def _draw_one(upper: Axes, lower: Axes, trace: pd.DataFrame, row: dict, title: s
         end = trace["time_s"].iloc[-1]
         lower.plot(end, 0, "X", color="black", markersize=6, clip_on=False, zorder=5)
         upper.plot([], [], "X", color="black", markersize=6, linestyle="none", label="crash")
-    words = f"$v_L$ {row['lead_speed']:.1f} m/s, $R$ {row['range']:.1f} m, $C$ {row['closing_speed']:.1f} m/s"
+    words = (
+        f"other car {row['lead_speed']:.1f} m/s, range {row['range']:.1f} m,\n"
+        f"closing speed {row['closing_speed']:.1f} m/s"
+    )
     end = f"impact {row['impact_speed']:.1f} m/s" if row["crash"] else f"range left {row['min_range']:.1f} m"
-    upper.set_title(f"{title}\n{words}\n{end}", fontsize=5.5, loc="left")
+    upper.set_title(f"{title}\n{words}\n{end}", fontsize=6.5, loc="left")
 
 
 def _say_unknown(axes: Axes) -> None:

@@ -209,7 +209,7 @@ def _fit_figure(
     rows = dict(list(table.groupby(["panel", "curve"])))
     given = f", $v_L$ {segment.replace('-', '–')} m/s" if segment else ""
     with paper_style():
-        drawn, (body, tail) = plt.subplots(2, 1, figsize=(COLUMN_WIDTH, 4.3))
+        drawn, (body, tail) = plt.subplots(2, 1, figsize=(COLUMN_WIDTH, 4.7))
         draw_histogram(body, rows["body", RECORDS], variable, f"{RECORDS}, n = {x.size:,}")
         survival = variable.column, "survival"
         tail.plot(*(rows["tail", RECORDS][name] for name in survival), color=RECORDS_COLOR, linewidth=3.5)
@@ -217,7 +217,7 @@ def _fit_figure(
             draw_curve(body, rows["body", name], (variable.column, variable.density), name, curve)
             if curve.whole:
                 draw_curve(tail, rows["tail", name], survival, name, curve)
-        body.set_title("(a) body, knots marked", loc="left")
+        body.set_title("(a) body; markers: knots", loc="left")
         body.set_ylabel(f"density [{variable.density_unit}]")
         tail.set_title("(b) tail", loc="left")
         tail.set(ylabel="exceedance probability", yscale="log", ylim=(0.3 / x.size, 1.5))
@@ -225,6 +225,6 @@ def _fit_figure(
             set_log_ticks(tail)
         for axis in (body, tail):
             axis.set_xlabel(f"${variable.symbol}$ [{variable.unit}]{given}")
-        drawn.legend(*body.get_legend_handles_labels(), loc="outside upper left", ncols=2)
+        drawn.legend(*body.get_legend_handles_labels(), loc="outside upper left", ncols=1 + (len(curves) > 2))
         note_source(drawn, source)
     return drawn, table

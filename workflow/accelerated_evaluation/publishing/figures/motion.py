@@ -15,6 +15,7 @@ from accelerated_evaluation.publishing.figures.dot_chart import (
     write_beside,
 )
 from accelerated_evaluation.publishing.figures.style import COLUMN_WIDTH, PIECES, paper_style
+from accelerated_evaluation.publishing.names import in_words
 from accelerated_evaluation.publishing.published import figure
 
 GROUPS = {"closing": "cut-ins whose gap closes", "opening": "cut-ins whose gap opens"}
@@ -55,8 +56,8 @@ def fig34_lead_motion(lead_motion: pd.DataFrame, source: str) -> tuple[Figure, p
         limit = rows["high95"][~crashed]
         axes.plot(limit, y[~crashed], marker="<", color=PIECES[0], label="no crash: 95 % limit", **look)
         axes.set(xscale="log", xlabel="crash probability of a cut-in")
-        name_rows(axes, y, rows["group"], rows["vehicle"])
+        name_rows(axes, y, rows["group"], in_words(rows["vehicle"]))
         has_factor = rows["factor"].notna().to_numpy()
-        write_beside(axes, y[has_factor], in_ratios(rows["factor"][has_factor]), "ratio")
+        write_beside(axes, y[has_factor], in_ratios(rows["factor"][has_factor]), "× constant")
         finish(drawn, axes, f"{source}; lead motion with the statistics of NGSIM")
     return drawn, rows.drop(columns="group")

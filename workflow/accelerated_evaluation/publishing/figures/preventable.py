@@ -7,6 +7,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from accelerated_evaluation.publishing.figures.style import COLUMN_WIDTH, note_source, paper_style
+from accelerated_evaluation.publishing.names import NAMES
 from accelerated_evaluation.publishing.published import figure
 
 BAND = 2.5  # [m/s], how far the lead speed of a record may be from that of its panel
@@ -14,19 +15,19 @@ BAND = 2.5  # [m/s], how far the lead speed of a record may be from that of its 
 # median step of this line
 ISLAND = 0.5
 TOP = 36.0  # [m/s], largest closing speed that is drawn
-# The lines can be distinguished by dashes and widths in grey as well.
+# Colour, dashes and marker of each vehicle. Markers and dashes distinguish the lines in grey as well.
 LOOKS = (
-    ("#08306b", "-", 1.8),
-    ("#08306b", (0, (5, 1.5)), 1.2),
-    ("#b2182b", "-", 1.2),
-    ("#b2182b", (0, (1, 1)), 1.2),
-    ("#1b7837", (0, (6, 1.5, 1, 1.5)), 1.2),
-    ("#762a83", (0, (3, 1, 1, 1, 1, 1)), 1.2),
-    ("#e08214", "-", 1.2),
-    ("#e08214", (0, (8, 2)), 1.2),
-    ("#01665e", (0, (2, 1)), 1.8),
-    ("#8c510a", (0, (4, 1, 1, 1)), 1.8),
+    ("#08306b", "-", "o"),
+    ("#4292c6", (0, (5, 1.5)), "s"),
+    ("#b2182b", "-", "^"),
+    ("#e08214", (0, (1, 1)), "D"),
+    ("#1b7837", (0, (6, 1.5, 1, 1.5)), "v"),
+    ("#762a83", (0, (3, 1, 1, 1, 1, 1)), "P"),
+    ("#8c510a", (0, (8, 2)), "X"),
 )
+# Line widths of the closing speeds that the law exceeds, from the most frequent to the rarest.
+EXCEEDED = (0.7, 1.6)
+MARKERS = 6  # number of markers on a line; those of different vehicles are at different ranges
 
 
 @figure
@@ -54,13 +55,13 @@ def fig30_preventable(
     """
     speeds = preventable["lead_speed"].unique()
     with paper_style():
-        size = (2 * COLUMN_WIDTH, 1.05 * COLUMN_WIDTH)
+        size = (2 * COLUMN_WIDTH, 1.2 * COLUMN_WIDTH)
         drawn, all_axes = plt.subplots(1, len(speeds), sharex=True, sharey=True, figsize=size, squeeze=False)
-        for axes, speed in zip(all_axes[0], speeds, strict=True):
+        for letter, axes, speed in zip("abc", all_axes[0], speeds, strict=True):
             near = encounters[np.abs(encounters["lead_speed"] - speed) <= BAND]
             _draw_records(axes, near)
             _draw_lines(axes, preventable[preventable["lead_speed"] == speed])
-            axes.set_title(f"lead speed {speed:g} m/s, {len(near):,} records", fontsize=7)
+            axes.set_title(f"({letter}) lead speed {speed:g} m/s,\n{len(near):,} records", loc="left")
             axes.set(xlim=(0, 75), ylim=(0, TOP), xlabel="range [m]")
         all_axes[0, 0].set_ylabel("closing speed [m/s]")
         drawn.legend(*all_axes[0, 0].get_legend_handles_labels(), loc="outside upper center", ncols=4)
@@ -88,22 +89,19 @@ def _draw_records(axes: Axes, near: pd.DataFrame) -> None:
 
 def _draw_lines(axes: Axes, rows: pd.DataFrame) -> None:
     vehicles = rows[rows["kind"] == "vehicle"].groupby("name", sort=False)
-    for (name, line), (color, dashes, width) in zip(vehicles, LOOKS * 3, strict=False):
-        look = {"color": color, "linestyle": dashes}
-        axes.plot(line["range"], line["always"], label=str(name), linewidth=width, **look)
+    for place, (name, line) in enumerate(vehicles):
+        turn, at = divmod(place, len(LOOKS))  # further vehicles combine the looks in another way
+        color, dashes, marker = (LOOKS[(at + shift * turn) % len(LOOKS)][shift] for shift in range(3))
+        style = {"color": color, "linestyle": dashes}
+        step = max(len(line) // MARKERS, 1)
+        points = {"marker": marker, "markersize": 4, "markevery": (place * step // len(LOOKS), step)}
+        label = NAMES.get(str(name), str(name))
+        axes.plot(line["range"], line["always"], label=label, linewidth=1.1, **style, **points)
         # Crashes at lower closing speeds, below the line, are drawn if they form a smooth line too.
         island = line["first"].where(line["first"] < line["always"] - ISLAND)
         if island.notna().sum() > 1 and island.diff().abs().median() < ISLAND:
-            axes.plot(line["range"], island, linewidth=0.6, **look)
-    for name, line in rows[rows["kind"] == "law"].groupby("name", sort=False):
-        axes.plot(line["range"], line["first"], color="black", linewidth=0.9, linestyle=(0, (1, 3)))
-        here = line.iloc[len(line) // 2]
-        axes.annotate(
-            f"1 in {1 / float(name):,.0f}",
-            (here["range"], here["first"]),
-            (0, 2),
-            textcoords="offset points",
-            fontsize=5.5,
-            ha="center",
-            bbox={"facecolor": "white", "edgecolor": "none", "alpha": 0.7, "pad": 0.5},
-        )
+            axes.plot(line["range"], island, linewidth=0.6, **style)
+    laws = rows[rows["kind"] == "law"].groupby("name", sort=False)
+    for (name, line), width in zip(laws, EXCEEDED, strict=False):
+        label = f"1 in {1 / float(name):,.0f} cut-ins"
+        axes.plot(line["range"], line["first"], ":", color="black", linewidth=width, label=label)

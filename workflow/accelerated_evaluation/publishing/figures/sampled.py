@@ -9,6 +9,7 @@ from accelerated_evaluation.publishing.figures.dot_chart import FRAME, ROW
 from accelerated_evaluation.publishing.figures.laws import draw_nested
 from accelerated_evaluation.publishing.figures.style import COLUMN_WIDTH, note_source, paper_style
 from accelerated_evaluation.publishing.published import figure
+from accelerated_evaluation.scenarios.protocol import Scenario
 
 NEAR = 0.15  # [1/s], smallest TTC^-1 of the records that are drawn
 ALONE = "crash, error of the simulations alone"
@@ -18,7 +19,7 @@ SMALLEST, LARGEST = 4, 120  # [pt^2], areas of the marker of a crash with a shar
 
 @figure
 def fig35_sampled_answer(
-    answer: pd.DataFrame, sampled_estimate: pd.DataFrame, source: str
+    answer: pd.DataFrame, sampled_estimate: pd.DataFrame, scenario: Scenario, source: str
 ) -> tuple[Figure, pd.DataFrame]:
     """Draw the probability of each event with its intervals.
 
@@ -28,7 +29,9 @@ def fig35_sampled_answer(
     Parameters
     ----------
     answer, sampled_estimate
-        ``laws/answer.csv`` and ``sampled/estimate.csv`` of a study of a slow vehicle.
+        ``laws/answer.csv`` and ``laws/estimate.csv`` of a study of a slow vehicle.
+    scenario
+        The scenario.
     source
         Description of the data.
 
@@ -50,7 +53,7 @@ def fig35_sampled_answer(
             draw_nested(axes, y, data)
             axes.set_xscale("log")
             drawn.legend(*axes.get_legend_handles_labels(), loc="outside upper center", ncols=5)
-        axes.set(xlabel="probability in a cut-in", ylim=(len(data) - 0.4, -0.6))
+        axes.set(xlabel=f"probability per {scenario.noun}", ylim=(len(data) - 0.4, -0.6))
         axes.set_yticks(y, data["event"])
         note_source(drawn, source)
     return drawn, data
@@ -67,7 +70,7 @@ def fig36_crashes_among_runs(
     Parameters
     ----------
     sampled_runs, sampled_crashes
-        ``sampled/runs.csv`` and ``sampled/crashes.csv`` of a study of a slow vehicle.
+        ``laws/runs.csv`` and ``laws/crashes.csv`` of a study of a slow vehicle.
     encounters
         Encounter table, with one row for each recorded cut-in.
     source

@@ -1,6 +1,7 @@
 """Figures for a study of a scenario other than the cut-in: its records, its answer, and its methods."""
 
 from itertools import combinations
+from string import ascii_lowercase
 
 import matplotlib.pyplot as plt
 import numpy as np
@@ -10,7 +11,17 @@ from matplotlib.axis import Axis
 from matplotlib.figure import Figure
 from matplotlib.ticker import NullLocator
 
-from accelerated_evaluation.publishing.figures.dot_chart import INTERVAL, draw_intervals, finish
+from accelerated_evaluation.publishing.figures.dot_chart import (
+    FRAME,
+    INTERVAL,
+    draw_intervals,
+    draw_truth,
+    finish,
+    name_groups,
+    scale_linearly,
+    scale_logarithmically,
+    spaced,
+)
 from accelerated_evaluation.publishing.figures.method_styles import style_of
 from accelerated_evaluation.publishing.figures.style import COLUMN_WIDTH, PIECES, note_source, paper_style
 from accelerated_evaluation.publishing.published import figure
@@ -57,10 +68,12 @@ def fig01_scenario_records(
         ignore_index=True,
     )
     pairs = list(combinations(scenario.variables, 2))
-    styles = ((RECORD, PIECES[1], "o", 3), (HAPPENED, CRASH, "x", 6))
+    # Records are drawn last, so that the many events do not hide them.
+    styles = ((HAPPENED, CRASH, "x", 5), (RECORD, PIECES[0], "o", 3))
     with paper_style():
         drawn, panels = plt.subplots(len(pairs), 1, figsize=(COLUMN_WIDTH, 2.1 * len(pairs)), squeeze=False)
-        for axes, (x, y) in zip(panels[:, 0], pairs, strict=True):
+        for letter, axes, (x, y) in zip(ascii_lowercase, panels[:, 0], pairs, strict=False):
+            axes.set_title(f"({letter})", loc="left")
             for kind, color, marker, size in styles:
                 own = points[points["kind"] == kind]
                 width = 0.0 if marker == "o" else 0.5
@@ -102,9 +115,10 @@ def fig02_scenario_answer(answer: pd.DataFrame, source: str) -> tuple[Figure, pd
             low, high = table[f"low{level}"], table[f"high{level}"]
             axes.hlines(y, low, high, color=PIECES[0], linewidth=width, label=f"{level} % interval")
         axes.plot(table["median"], y, "o", color="white", markeredgecolor=PIECES[0], label="median")
-        axes.set_yticks(y, [f"{row.event}\n{row.encounters}" for row in table.itertuples()], fontsize=6)
-        axes.set(xlabel="probability in an encounter", ylim=(len(table) - 0.4, -0.6))
-        _scale(axes, table[["low95", "high95"]])
+        parts = "\n" + table["encounters"] if "encounters" in table else ""  # few runs have no parts
+        axes.set_yticks(y, table["event"] + parts, fontsize=6)
+        axes.set_ylim(len(table) - 0.4, -0.6)
+        _scale(axes, table[["low95", "high95"]], "probability in an encounter")
         drawn.legend(*axes.get_legend_handles_labels(), loc="outside upper center", ncols=2)
         note_source(drawn, source)
     return drawn, table
@@ -128,34 +142,45 @@ def fig03_scenario_methods(
     Returns
     -------
     figure, data
-        The figure has a row for each replicate, with an open marker if it has not converged. The columns of
+        The figure has a row for each replicate, with an open marker if it has not converged, and an arrow at
+        the upper limit if it has no event. The columns of
         the data are law, event, method, replicate, probability, ci_low, ci_high, simulations and converged.
     """
     together = scenario_estimates["learning"] + scenario_estimates["estimating"]
     columns = ["law", "event", "method", "replicate", *INTERVAL, "simulations", "converged"]
-    table = scenario_estimates.assign(simulations=together)[columns]
+    table = scenario_estimates.assign(simulations=together)[columns].reset_index(drop=True)
+    y = spaced(table["method"], 1.0)
+    found = table["probability"] > 0
+    kinds = {
+        "converged": (found & table["converged"], {}),
+        "not converged": (found & ~table["converged"], {"markerfacecolor": "white"}),
+    }
+    runs = table.groupby("method", sort=False)["simulations"].mean()
     with paper_style():
-        legend = 0.13 * (table["method"].nunique() + 1)  # [in], its height
-        drawn, axes = plt.subplots(figsize=(COLUMN_WIDTH, 0.6 + legend + 0.1 * len(table)))
-        for method, rows in table.groupby("method", sort=False):
-            label = f"{method.replace('_', ' ')}, {rows['simulations'].mean():,.0f} simulations on average"
-            style = style_of(method, "color", "marker")
-            axes.plot([], [], linestyle="none", label=label, **style)
-            for converged, own in rows.groupby("converged"):
-                fill = {} if converged else {"markerfacecolor": "white"}
-                draw_intervals(axes, own, own.index, **style, **fill)
-        if not table["converged"].all():
-            axes.plot([], [], "ko", markerfacecolor="white", label="not converged")
-        axes.set_yticks([])
-        _scale(axes, table[list(INTERVAL)])
-        axes.set_xlabel(f"probability ({table['event'].iloc[0]}), {100 * (1 - alpha):g} % intervals")
+        drawn, axes = plt.subplots(figsize=(COLUMN_WIDTH, FRAME + 0.1 * (y.max() + 4)))
+        for kind, (chosen, fill) in kinds.items():
+            for method, rows in table[chosen].groupby("method", sort=False):
+                draw_intervals(axes, rows, y[rows.index], **style_of(str(method), "color", "marker"), **fill)
+            if chosen.any():
+                axes.plot([], [], "s", color="black", markersize=3.5, label=kind, **fill)
+        if not found.all():
+            arrow = {"color": "black", "linestyle": "none", "markersize": 4}
+            axes.plot(table["ci_high"][~found], y[~found], "<", label="no event: upper limit", **arrow)
+        crude = table[found & (table["method"] == "crude")]
+        if len(crude):
+            draw_truth(axes, crude.iloc[0], "crude Monte Carlo")
+        words = {name: f"{str(name).replace('_', ' ')},\n{runs[name]:,.0f} runs" for name in runs.index}
+        name_groups(axes, y, table["method"].map(words))
+        label = f"probability: {table['event'].iloc[0]},\n{100 * (1 - alpha):g} % intervals"
+        _scale(axes, table[list(INTERVAL)], label)
         finish(drawn, axes, source)
     return drawn, table
 
 
 def _label(variable: Variable) -> str:
     """Return the label of an axis; bars around the name say that the values are absolute values."""
-    name = variable.in_title if variable.sign_matters else f"|{variable.in_title}|"
+    words = variable.in_title.replace("sdv", "vehicle")  # the self-driving vehicle, which is under test
+    name = words if variable.sign_matters else f"|{words}|"
     return f"{name} [{variable.unit}]"
 
 
@@ -168,10 +193,8 @@ def _show_small_values(axis: Axis, linear: float) -> None:
     axis.set_minor_locator(NullLocator())
 
 
-def _scale(axes: Axes, values: pd.DataFrame) -> None:
-    """Scale x logarithmically if the positive values differ by more than a factor of `WIDE`."""
+def _scale(axes: Axes, values: pd.DataFrame, label: str) -> None:
+    """Label x, and scale it logarithmically if the positive values differ by more than a factor of `WIDE`."""
     positive = values.to_numpy(float)[values.to_numpy(float) > 0]
-    if positive.size and positive.max() > WIDE * positive.min():
-        axes.set_xscale("log")
-    else:
-        axes.ticklabel_format(axis="x", style="sci", scilimits=(0, 0), useMathText=True)
+    wide = positive.size and positive.max() > WIDE * positive.min()
+    (scale_logarithmically if wide else scale_linearly)(axes, label)

@@ -1,5 +1,6 @@
 """The Cross-Entropy search: figures 8 to 11 of the paper."""
 
+import math
 from itertools import pairwise
 from typing import Any
 
@@ -19,6 +20,8 @@ PIECE_STYLES = tuple(
     {"color": color, "linestyle": line, "marker": marker}
     for color, line, marker in zip(PIECES, ("-", "--", ":"), ("o", "s", "^"), strict=True)
 )
+# Marks an iteration in which the tilt was not updated.
+OPEN = {"linestyle": "none", "markerfacecolor": "white", "label": None, "zorder": 4}
 CURVES = 5  # number of densities in figure 11
 LINES = ("--", ":", "-.", (0, (6, 1, 1, 1, 1, 1)), "-")
 DENSITY_FLOOR = 1e-4  # [s], smallest density that figure 11 shows
@@ -58,7 +61,7 @@ def fig08_thresholds(trace: pd.DataFrame, segment: str, source: str) -> tuple[Fi
         axes.set_ylabel("threshold $t_{TTC}$ [s]")
         if ratio > 0:  # it is 0 if the crash itself was the event in all iterations
             right = axes.secondary_yaxis("right", functions=(lambda t: t * ratio, lambda r: r / ratio))
-            right.set_ylabel("threshold $t_R$ [m]")
+            right.set_ylabel("$t_R$ [m] (same curve)")
             right.spines["right"].set_visible(True)
         axes.legend()
         note_source(drawn, source)
@@ -97,7 +100,8 @@ def fig09_inverse_range_parameters(
     Returns
     -------
     figure, data
-        The figure shows the weights above the tilts. The columns of the data are seed, iteration, piece,
+        The figure shows the weights above the tilts of each piece, with open markers where a tilt was not
+        updated. The columns of the data are seed, iteration, piece,
         from_per_m, weight and theta_m.
     """
     return _parameters(trace, segment, "inverse_range", source)
@@ -123,29 +127,53 @@ def fig10_inverse_ttc_parameters(
     Returns
     -------
     figure, data
-        The figure shows the weights above the tilts. The columns of the data are seed, iteration, piece,
+        The figure shows the weights above the tilts of each piece, with open markers where a tilt was not
+        updated. The columns of the data are seed, iteration, piece,
         from_per_s, weight and theta_s.
     """
     return _parameters(trace, segment, "inverse_ttc", source)
 
 
 def _parameters(trace: pd.DataFrame, segment: str, variable: str, source: str) -> tuple[Figure, pd.DataFrame]:
-    symbol, unit = {"inverse_range": ("$R^{-1}$", "m"), "inverse_ttc": ("$TTC^{-1}$", "s")}[variable]
+    """Draw the weights of all pieces in one panel, and the tilt of each piece in a panel of its own."""
+    symbol, unit = {"inverse_range": ("R", "m"), "inverse_ttc": ("TTC", "s")}[variable]
     table = _piece_table(_piecewise(trace, segment), variable)
+    seeds = sorted(table["seed"].unique())
+    starts = table.groupby("piece")["from"].first()
+    names = dict(zip(starts.index, _piece_names(starts.tolist(), symbol, unit), strict=True))
     with paper_style():
-        drawn, (upper, lower) = plt.subplots(2, 1, figsize=(COLUMN_WIDTH, 3.6), sharex=True)
-        seeds = sorted(table["seed"].unique())
+        size = (COLUMN_WIDTH, 2.2 + 1.1 * len(names))
+        drawn, (upper, *lowers) = plt.subplots(1 + len(names), 1, figsize=size, sharex=True)
         for (piece, seed), rows in table.groupby(["piece", "seed"]):
-            label = f"{symbol} from {rows['from'].iloc[0]:.3g} 1/{unit}"
-            style = PIECE_STYLES[piece - 1] | _depth(seeds.index(seed), label)
+            lower = lowers[piece - 1]
+            style = PIECE_STYLES[piece - 1] | _depth(seeds.index(seed), names[piece])
             upper.plot(rows["iteration"], rows["weight"], **style)
             lower.plot(rows["iteration"], rows["theta"], **style)
+            kept = rows[rows["theta"] == rows["theta"].shift()]
+            if seed == seeds[0]:
+                lower.plot(kept["iteration"], kept["theta"], **style | OPEN)
+        upper.set_title("(a) weights of all pieces", loc="left")
         upper.set(ylabel=r"weight $\tilde{\pi}$", yscale="log")
-        lower.set(ylabel=rf"tilt $\theta$ [{unit}]")
-        _count_iterations(lower, table, segment)
-        drawn.legend(*upper.get_legend_handles_labels(), loc="outside upper center", ncols=2)
+        for letter, lower, name in zip("bcdef", lowers, names.values(), strict=False):
+            lower.set_title(f"({letter}) tilt for {name}", loc="left")
+            lower.set_ylabel(rf"tilt $\theta$ [{unit}]")
+        _count_iterations(lowers[-1], table, segment)
+        drawn.legend(*upper.get_legend_handles_labels(), loc="outside upper center", ncols=3)
         note_source(drawn, source)
     return drawn, table.rename(columns={"from": f"from_per_{unit}", "theta": f"theta_{unit}"})
+
+
+def _piece_names(starts: list[float], symbol: str, unit: str) -> list[str]:
+    """Name each piece of an inverse by the interval of the quantity itself, such as "R 27–75 m"."""
+    ends = [*starts[1:], math.inf]
+    names = []
+    for start, end in zip(starts, ends, strict=True):
+        low, high = 1 / end, 1 / start if start else math.inf
+        words = (
+            f"< {high:.3g}" if not low else f"> {low:.3g}" if math.isinf(high) else f"{low:.3g}–{high:.3g}"
+        )
+        names.append(f"${symbol}$ {words} {unit}")
+    return names
 
 
 def _piece_table(rows: pd.DataFrame, variable: str) -> pd.DataFrame:
@@ -193,7 +221,7 @@ def fig11_inverse_ttc_density(
                 rows["inverse_ttc_per_s"], rows["density_s"], label=names.get(at, f"iteration {at}"), **look
             )
         axes.set(xlabel=f"$TTC^{{-1}}$ [1/s], {_speeds(segment)}", ylabel="density [s]", yscale="log")
-        axes.set_ylim(DENSITY_FLOOR, 3 * table["density_s"].max())
+        axes.set_ylim(DENSITY_FLOOR, 10 ** np.ceil(np.log10(table["density_s"].max())))
         axes.legend(loc="upper right")
         note_source(drawn, source)
     return drawn, table

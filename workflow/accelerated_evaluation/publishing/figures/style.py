@@ -103,7 +103,7 @@ def note_source(figure: Figure, source: str) -> None:
         figure's common label of x, so label the axes individually.
     """
     # Without the backslash, Matplotlib would take a dollar sign for the start of a formula.
-    figure.supxlabel(f"Data: {source}".replace("$", r"\$"), x=0.99, ha="right", fontsize=5.5, color="#555555")
+    figure.supxlabel(f"Data: {source}".replace("$", r"\$"), x=0.99, ha="right", fontsize=6, color="#555555")
 
 
 def say_no_crash(axes: Axes) -> None:

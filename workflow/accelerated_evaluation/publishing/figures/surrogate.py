@@ -7,7 +7,7 @@ import numpy as np
 import pandas as pd
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
-from matplotlib.ticker import LogFormatterSciNotation, LogLocator
+from matplotlib.ticker import LogLocator, NullFormatter
 
 from accelerated_evaluation.base.arrays import Array
 from accelerated_evaluation.publishing.figures.dot_chart import (
@@ -16,17 +16,21 @@ from accelerated_evaluation.publishing.figures.dot_chart import (
     ROW,
     TRUTH,
     draw_intervals,
+    in_powers,
     name_groups,
     name_rows,
+    scale_linearly,
     spaced,
     write_beside,
 )
 from accelerated_evaluation.publishing.figures.method_styles import style_of
 from accelerated_evaluation.publishing.figures.style import COLUMN_WIDTH, note_source, paper_style
 from accelerated_evaluation.publishing.published import figure
-from accelerated_evaluation.publishing.tables.formats import readable
 from accelerated_evaluation.publishing.tables.surrogate import PHASES, side_by_side
 
+# Names of the shares of simulations in the figure.
+QUANTITIES = {"simulations": "all simulations", "of the estimate": "those of the estimate"}
+SMALL = 0.01  # shares below this are not written as a number
 MARGIN = 0.5  # margin around the crashes in figure 19 (b), in units of the normal scores
 SCORES = {"z_range": "$R^{-1}$", "z_closing_speed": "$TTC^{-1}$"}
 PHASE_LOOKS = {
@@ -68,13 +72,11 @@ def fig19_surrogate_runs(
     spread = _shares_by_segment(runs, exact, shares)
     y = spaced(spread["segment"], 1.5)
     with paper_style():
-        drawn, panels = plt.subplot_mosaic(
-            [["a", "b"], ["c", "c"]],
-            figsize=(COLUMN_WIDTH, 1.8 + FRAME + ROW * y.max()),
-            height_ratios=(1.4, ROW * y.max()),
-        )
+        size = (2 * COLUMN_WIDTH, FRAME + 1.2 * ROW * y.max())
+        drawn, panels = plt.subplot_mosaic("abc", figsize=size, width_ratios=(1, 1, 0.8))
+        titles = {"a": "all simulations", "b": "near the crashes", "c": "shares by lead speed"}
         for letter, axes in panels.items():
-            axes.set_title(f"({letter})")
+            axes.set_title(f"({letter}) {titles[letter]}", loc="left")
         for letter in "ab":
             _draw_scores(panels[letter], shown)
         core = shown.loc[shown["event"] & (shown["phase"] != PHASES[0]), list(SCORES)]
@@ -84,7 +86,7 @@ def fig19_surrogate_runs(
         panels["a"].set_ylabel(f"score of {SCORES['z_closing_speed']}")
         _draw_shares(panels["c"], spread, y)
         signs = panels["a"].get_legend_handles_labels()
-        drawn.legend(*signs, loc="outside upper center", ncols=3, columnspacing=1, handletextpad=0.3)
+        drawn.legend(*signs, loc="outside upper center", ncols=6, columnspacing=1, handletextpad=0.3)
         note_source(drawn, source)
     return drawn, pd.concat([shown.assign(panel="a, b"), spread.assign(panel="c")], ignore_index=True)
 
@@ -122,11 +124,14 @@ def fig20_methods(replicates: pd.DataFrame, exact: pd.DataFrame, source: str) ->
             draw_intervals(right, ratios[rows], y[rows], **look)
         right.axvline(1, **TRUTH)
         left.set(xscale="log", xlabel="simulations")
-        left.xaxis.set_major_locator(LogLocator(numticks=4))
-        left.xaxis.set_major_formatter(LogFormatterSciNotation())
+        low, high = left.get_xlim()
+        left.xaxis.set_major_locator(LogLocator(subs=(1, 3) if high < 100 * low else (1,), numticks=4))
+        left.xaxis.set_major_formatter(lambda value, _: in_powers(value))
+        left.xaxis.set_minor_formatter(NullFormatter())
         # The upper limits of estimates without a crash would make the axis too long.
         seen = ratios.loc[ratios["probability"] > 0, "ci_high"].max()
-        right.set(xlabel="estimate / exact", xlim=(0, 1.05 * np.fmax(seen, 1)))
+        right.set_xlim(0, 1.05 * np.fmax(seen, 1))
+        scale_linearly(right, "estimate / exact")
         name_groups(left, y, data["method"])
         left.invert_yaxis()
         sign = {"color": "black", "marker": "o", "linestyle": "none", "markersize": 3.5}
@@ -174,7 +179,9 @@ def _draw_shares(axes: Axes, spread: pd.DataFrame, y: Array) -> None:
     """Draw shares as rows, segment by segment, with their values next to them."""
     axes.hlines(y, 0, spread["share"], color=DOT["color"], linewidth=0.8, zorder=2)
     axes.plot(spread["share"], y, clip_on=False, zorder=3, **DOT)
-    name_rows(axes, y, spread["segment"].str.replace("-", "–") + " m/s", spread["quantity"])
-    write_beside(axes, y, (readable(share, 2) for share in spread["share"]), "share")
+    names = spread["quantity"].replace(QUANTITIES)
+    name_rows(axes, y, spread["segment"].str.replace("-", "–") + " m/s", names)
+    texts = (f"{share:.0%}" if share >= SMALL or not share else f"<{SMALL:.0%}" for share in spread["share"])
+    write_beside(axes, y, texts, "")
     axes.set(xlabel="share", xlim=(0, 1))
     axes.invert_yaxis()

@@ -10,6 +10,7 @@ from typing import Any
 import pandas as pd
 
 from accelerated_evaluation.base.files import write_csv, write_text
+from accelerated_evaluation.publishing.tables.display import presented
 
 # Significant digits in published CSV files; files of results have all digits. The ninth and later digits
 # depend on the processor, because the order of sums does. After rounding to six digits this is visible only
@@ -42,7 +43,8 @@ def save_table(
         Number of significant digits in Markdown and LaTeX, see `readable`; by default all digits are written.
         Numbers in the CSV file always have `DIGITS` significant digits.
     digest
-        A shorter table for Markdown and LaTeX; by default the whole table is written.
+        A shorter table for Markdown and LaTeX, where headers are in words; by default the whole table is
+        written.
 
     Returns
     -------
@@ -50,7 +52,7 @@ def save_table(
         The table, for display.
     """
     shown = table if digest is None else digest
-    shown = shown if digits is None else shown.map(lambda value: readable(value, digits))
+    shown = presented(shown if digits is None else shown.map(lambda value: readable(value, digits)))
     write_csv(Path(folder) / f"{name}.csv", reproducible(table))
     write_text(Path(folder) / f"{name}.md", to_markdown(shown) + "\n")
     write_text(Path(folder) / f"{name}.tex", as_latex(shown.to_latex(index=False, escape=True)))

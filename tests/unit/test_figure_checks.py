@@ -1,0 +1,87 @@
+"""The checks of all figures find each defect, and the figures of a slow vehicle have none."""
+
+import numpy as np
+import pandas as pd
+import pytest
+from accelerated_evaluation.publishing.figures.sampled import fig35_sampled_answer, fig36_crashes_among_runs
+from accelerated_evaluation.publishing.figures.style import paper_style
+from accelerated_evaluation.scenarios.cut_in import CUT_IN
+from figure_checks import defects
+from matplotlib import pyplot as plt
+
+EVENTS = ["crash", "impact speed above 5 m/s"]
+ANSWER = pd.DataFrame({"event": EVENTS, "median": [4e-6, 1e-6], "probability": [5e-6, 2e-6]})
+ANSWER = ANSWER.assign(low50=3e-7, high50=6e-6, low80=2e-7, high80=9e-6, low95=1e-7, high95=2e-5)
+ESTIMATE = pd.DataFrame({"probability": [4.5e-6], "ci_low": [4e-6], "ci_high": [5e-6]})
+
+
+@pytest.fixture(autouse=True)
+def _closed():
+    yield
+    plt.close("all")
+
+
+def spoil_font(axes):
+    axes.set_xlabel("speed", fontsize=5)
+
+
+def spoil_overlap(axes):
+    axes.text(0.5, 0.5, "one")
+    axes.text(0.51, 0.5, "two")
+
+
+def spoil_edge(axes):
+    axes.text(1.2, 0.5, "far outside", transform=axes.transAxes, in_layout=False)
+
+
+def spoil_grey(axes):
+    axes.plot([0, 1], [1, 0], color="#1b7837", label="green")
+
+
+def spoil_legend(axes):
+    axes.figure.legend(*axes.get_legend_handles_labels(), loc="center")
+
+
+def spoil_width(axes):
+    axes.figure.set_size_inches(9, 2)
+
+
+@pytest.mark.parametrize(
+    ("spoil", "words"),
+    [
+        (spoil_font, "'speed' has 5 pt"),
+        (spoil_overlap, "'one' overlaps 'two'"),
+        (spoil_edge, "'far outside' leaves the figure"),
+        (spoil_grey, "'red' looks like 'green' in grey"),
+        (spoil_legend, "the legend covers a panel"),
+        (spoil_width, "wider than two columns, so that it is printed smaller"),
+    ],
+)
+def test_each_defect_is_found_alone(spoil, words):
+    with paper_style():
+        drawn, axes = plt.subplots()
+        axes.plot([0, 1], [0, 1], color="#b2182b", label="red")
+    assert defects(drawn) == []
+    spoil(axes)
+    assert defects(drawn) == [words]
+
+
+def test_the_answer_for_a_slow_vehicle_has_a_row_for_its_simulations_alone():
+    drawn, data = fig35_sampled_answer(ANSWER, ESTIMATE, CUT_IN, "made up")
+    assert defects(drawn) == []
+    assert data["event"].tolist()[:2] == EVENTS
+    assert data["low80"].tolist() == [2e-7, 2e-7, 4e-6]
+
+
+def test_the_simulations_of_a_slow_vehicle_are_drawn_with_the_critical_records():
+    generator = np.random.default_rng(1)
+    records = pd.DataFrame(
+        {"range": generator.uniform(5, 75, 50), "closing_speed": generator.uniform(1, 20, 50)}
+    )
+    records["inverse_ttc"] = records["closing_speed"] / records["range"]
+    runs = pd.DataFrame({"event": [False, True], "lead_speed": 10.0, "range": 20.0, "closing_speed": 10.0})
+    crashes = pd.DataFrame({"lead_speed": [10.0], "range": [20.0], "closing_speed": [10.0], "share": [1.0]})
+    drawn, data = fig36_crashes_among_runs(runs, crashes, records, "made up")
+    assert defects(drawn) == []
+    assert data["outcome"].tolist() == ["no crash", "crash"]
+    assert data["closing_speed"].tolist() == [10.0, 10.0]

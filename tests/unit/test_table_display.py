@@ -1,0 +1,74 @@
+"""Tables in notebooks: no index, headers in words, no column of one value, no cut cell, long ones folded."""
+
+import numpy as np
+import pandas as pd
+import pytest
+from accelerated_evaluation.publishing.tables.display import LONG, SHOWN, as_html, header, presented
+
+LENGTHY = "none, an end of the 80 % interval of 200,000 simulations is closer to the paper's number than ours"
+
+
+def frame(rows):
+    return pd.DataFrame(
+        {"vehicle": ["cc_human", "mine"] * rows, "ours_low": range(2 * rows), "data": "made up"}
+    )
+
+
+def test_a_short_table_has_no_index_and_no_column_that_repeats_one_value():
+    html = as_html(frame(2))
+    assert "<p>In all rows, data: made up.</p>" in html
+    assert "<th>ours, from</th>" in html
+    assert html.count("<th>") == 2
+    assert html.count("careful human (UN R157)") == html.count("<td>mine</td>") == 2
+    assert "<details>" not in html
+
+
+def test_no_cell_is_cut_and_nothing_is_html():
+    html = as_html(pd.DataFrame({"spread": [LENGTHY, "<b>"], "within": [True, np.bool_(False)]}))
+    assert LENGTHY in html
+    assert "&lt;b&gt;" in html
+    assert [word in html for word in ("<td>yes</td>", "<td>no</td>", "True")] == [True, True, False]
+
+
+@pytest.mark.parametrize(("rows", "folded"), [(LONG, 0), (LONG + 1, LONG + 1 - SHOWN)])
+def test_a_long_table_is_folded_and_complete(rows, folded):
+    html = as_html(pd.DataFrame({"number": range(rows)}))
+    assert [f"<td>{number}</td>" in html for number in range(rows)] == [True] * rows
+    before, *rest = html.split("<details>")
+    assert before.count("<td>") == rows - folded
+    assert bool(rest) == bool(folded)
+    assert f"<summary>{folded} more rows</summary>" in html or not folded
+
+
+def test_an_index_with_a_meaning_is_a_column():
+    table = pd.DataFrame({"share": [0.1, 0.9]}, index=["slow", "fast"])
+    assert presented(table).iloc[:, 0].tolist() == ["slow", "fast"]
+    named = table.set_axis(pd.RangeIndex(1, 3, name="iteration"))
+    assert presented(named).columns.tolist() == ["iteration", "share"]
+    assert presented(table.set_axis([5, 7])).columns.tolist() == ["share"]
+    nested = pd.DataFrame(
+        {"f": [1, 2]}, index=pd.MultiIndex.from_tuples([("5-15", "R⁻¹"), ("15-25", "TTC⁻¹")])
+    )
+    assert presented(nested).to_numpy().tolist() == [["5-15", "R⁻¹", 1], ["15-25", "TTC⁻¹", 2]]
+    two = pd.DataFrame({("single", "share"): [1, 2], ("piecewise", "share"): [3, 4]})
+    assert as_html(two).count("<th") > 2
+
+
+@pytest.mark.parametrize(
+    ("name", "words"),
+    [
+        ("low80", "80 %, from"),
+        ("simulations_high", "simulations, to"),
+        ("to_crash", "ratio to crashes"),
+        (5, 5),
+    ],
+)
+def test_headers_are_words(name, words):
+    assert header(name) == words
+
+
+def test_codes_of_quantities_are_words():
+    table = presented(
+        pd.DataFrame({"variable": ["inverse_range"], "model": ["two_pieces"], "claim": ["a_b"]})
+    )
+    assert table.iloc[0].tolist() == ["R⁻¹", "two pieces", "a_b"]
