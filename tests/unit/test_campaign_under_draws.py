@@ -97,7 +97,7 @@ def test_a_law_with_draws_read_under_itself_is_unchanged(campaign):
 def test_runs_at_the_cap_count_for_all_speeds_from_the_cap_on(law):
     """The ratios average to one under each draw, although the draws have another cap."""
     few, own = law.thinned(6), one_draw(law, 30, cap=6.0)
-    z = np.random.default_rng(7).standard_normal((20_000, 3))
+    z = np.random.default_rng(7).standard_normal((40_000, 3))
     x, ratios = own.from_normal_scores(z), laws_under(own, few).ratios(z)
     apart = np.abs(ratios.mean(axis=1) - 1) / ratios.std(axis=1) * np.sqrt(len(x))
     assert apart.max() < 4.5

@@ -136,7 +136,10 @@ class Estimated:
 def estimate(config: Mapping[str, Any], request: Request) -> Estimated:
     """Estimate the probability of an event for the vehicle and the records of a complete configuration."""
     scenario = SCENARIOS[config["scenario"]["name"]]
-    event = event_named(request.event or config["scenario"]["event"], scenario)
+    where, name = "--event", request.event
+    if name is None:
+        where, name = "scenario.event", config["scenario"]["event"]
+    event = event_named(name, scenario, where)
     # Before the simulations, which would otherwise be in vain.
     references = {name: reference_section(name, scenario, config) for name in request.reference}
     for other in request.compare:
