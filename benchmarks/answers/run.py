@@ -10,7 +10,7 @@ from pathlib import Path
 
 import numpy as np
 import pandas as pd
-from accelerated_evaluation.answer.answer import answer
+from accelerated_evaluation.answer.answer import evaluate
 from accelerated_evaluation.answer.by_few_runs import FewRuns
 from accelerated_evaluation.answer.by_map import masses_under, thinned
 from accelerated_evaluation.answer.choice import law_study
@@ -69,7 +69,7 @@ def run(name: str, seeds: int, output: Path) -> None:
     rows = pd.read_csv(output).to_dict("records") if output.exists() else []
     for seed in tqdm(range(len(rows), seeds), desc=name, unit=" seeds"):
         generator = child_generator(ROOT, "answers", name, seed)
-        found = answer(problem, draws, way, generator=generator)
+        found = evaluate(problem, draws, way, generator=generator)
         row = {"vehicle": name, "seed": seed, "runs": found.simulations, "converged": found.converged}
         rows.append(row | compared(found.posterior, known, independent, reference))
         write_csv(output, pd.DataFrame(rows))

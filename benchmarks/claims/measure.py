@@ -10,7 +10,7 @@ from collections.abc import Iterable
 from pathlib import Path
 
 import pandas as pd
-from accelerated_evaluation.answer.answer import answer
+from accelerated_evaluation.answer.answer import evaluate
 from accelerated_evaluation.answer.by_few_runs import FewRuns
 from accelerated_evaluation.answer.choice import ANSWER, choose_draws
 from accelerated_evaluation.answer.fitted_records import read_records
@@ -64,7 +64,7 @@ def estimate(seeds: Iterable[int]) -> pd.DataFrame:
     rows = []
     for seed in tqdm(seeds, desc="whole answers", unit=" seeds"):
         generator = child_generator(ROOT, "estimate", seed)
-        found = answer(problem, draws, way, generator=generator)
+        found = evaluate(problem, draws, way, generator=generator)
         median = found.posterior.whole.probability
         rows.append({"seed": seed, "simulations": found.simulations, "median": median})
     return pd.DataFrame(rows)

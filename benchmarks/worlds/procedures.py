@@ -6,7 +6,7 @@ from typing import Self
 
 import numpy as np
 import pandas as pd
-from accelerated_evaluation.answer.answer import answer
+from accelerated_evaluation.answer.answer import evaluate
 from accelerated_evaluation.answer.by_few_runs import FewRuns
 from accelerated_evaluation.answer.by_map import masses_under
 from accelerated_evaluation.answer.calibration import (
@@ -72,7 +72,7 @@ class Fitted:
         """Simulate the car under the mean of draws, some 150 times, and reweight the runs for each draw."""
         draws = self.study.draws(generator)
         problem = Problem(CUT_IN, draws.proposal, AccAeb())
-        found = answer(problem, draws, FewRuns(STOPPING), generator=generator)
+        found = evaluate(problem, draws, FewRuns(STOPPING), generator=generator)
         own = {"simulations": found.simulations, "converged": found.converged}
         return own if found.posterior is None else intervals(found.posterior.whole) | own
 

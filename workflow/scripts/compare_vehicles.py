@@ -3,7 +3,7 @@
 from functools import partial
 
 import pandas as pd
-from accelerated_evaluation.answer.answer import answer
+from accelerated_evaluation.answer.answer import evaluate
 from accelerated_evaluation.answer.by_map import Map
 from accelerated_evaluation.answer.by_simulations import Simulations
 from accelerated_evaluation.answer.fitted_records import stored_records
@@ -32,7 +32,7 @@ if __name__ == "__main__":
                 if name in maps:
                     way = Map(read_crash_map(maps[name]), records.data)
                 problem = Problem(scenario, draws.proposal, vehicle, scenario.events[0])
-                answers[name] = answer(problem, draws, way, generator=stream("references", name))
+                answers[name] = evaluate(problem, draws, way, generator=stream("references", name))
         own = {name: pd.read_csv(path) for name, path in files.items() if name in params.own}
         tables = comparison_tables(own, answers, records, scenario.references, params.half_width)
         for name, path in snakemake.output.items():

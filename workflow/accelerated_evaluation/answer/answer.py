@@ -92,7 +92,7 @@ class Answer:
 
     See Also
     --------
-    answer : compute an answer.
+    evaluate : compute an answer.
     """
 
     problem: Problem
@@ -142,7 +142,7 @@ class Answer:
 class Way(Protocol):
     """A way to compute an answer: `Map`, `Simulations` or `FewRuns`."""
 
-    def answer(
+    def evaluate(
         self, problem: Problem, draws: Draws, events: Sequence[Event], generator: np.random.Generator
     ) -> Answer:
         """Compute the answer for the event of a problem, and for further events."""
@@ -178,6 +178,3 @@ def evaluate(
         Posterior of the probability of each event, with tables and a text.
     """
     return by.answer(problem, draws, events, generator)
-
-
-answer = evaluate

@@ -12,7 +12,7 @@ from typing import Any
 import pandas as pd
 from tqdm import tqdm
 
-from accelerated_evaluation.answer.answer import Answer, Way, answer
+from accelerated_evaluation.answer.answer import Answer, Way, evaluate
 from accelerated_evaluation.answer.by_few_runs import SHARE, FewRuns, Shown
 from accelerated_evaluation.answer.by_map import Map
 from accelerated_evaluation.answer.by_simulations import Simulations
@@ -212,7 +212,7 @@ def reference_answer(
         if isinstance(records.data, DistinctRecords):
             grid = Grid(**{key: config["filters"][key] for key in LIMITS}, **config["answer"]["grid"])
             way = Map(map_crashes(vehicle, grid, [problem.event], generator), records.data)
-        return answer(replace(problem, vehicle=vehicle), draws, way, generator=generator)
+        return evaluate(replace(problem, vehicle=vehicle), draws, way, generator=generator)
 
 
 @contextmanager

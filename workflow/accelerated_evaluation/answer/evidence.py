@@ -8,7 +8,7 @@ import pandas as pd
 from fewruns.constants import FEW
 from fewruns.predecessor import Predecessor
 
-from accelerated_evaluation.answer.answer import Answer, answer
+from accelerated_evaluation.answer.answer import Answer, evaluate
 from accelerated_evaluation.answer.by_few_runs import FewRuns
 from accelerated_evaluation.answer.fitted_records import FittedRecords
 from accelerated_evaluation.answer.posterior import answer_row
@@ -133,7 +133,7 @@ def checked_answers(
     problem
         The scenario, the vehicle and its main event.
     draws, records, way, events
-        As in `answer.answer`; the replays guide the way, unless it has a predecessor.
+        As in `answer.evaluate`; the replays guide the way, unless it has a predecessor.
     streams
         Returns the random stream with a given name.
     replicates
@@ -145,7 +145,7 @@ def checked_answers(
     if way.predecessor is None:
         way = replace(way, predecessor=known_runs(replays, draws.proposal.from_normal_scores))
     answers = [
-        answer(problem, draws, way, events, generator=streams(f"replicate {number}"))
+        evaluate(problem, draws, way, events, generator=streams(f"replicate {number}"))
         for number in range(replicates)
     ]
     ends = [answer_row(each.posterior)["high95"] for each in answers if each.posterior is not None]

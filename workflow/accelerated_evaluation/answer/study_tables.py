@@ -6,7 +6,7 @@ import numpy as np
 import pandas as pd
 from scipy.special import ndtri
 
-from accelerated_evaluation.answer.answer import Answer, Replayed, answer
+from accelerated_evaluation.answer.answer import Answer, Replayed, evaluate
 from accelerated_evaluation.answer.by_few_runs import FewRuns
 from accelerated_evaluation.answer.by_map import Map
 from accelerated_evaluation.answer.by_simulations import Simulations
@@ -82,7 +82,7 @@ def answer_tables(
         }
         tables = evidence.added_to(tables)
     else:
-        own = answer(problem, draws, way, events, generator=streams("answer"))
+        own = evaluate(problem, draws, way, events, generator=streams("answer"))
         replayed = (own.replayed or Replayed.of(problem, records.x)).happened
         tables = own_tables(own, records, half_width)
     tables["extrapolation"] = extrapolation(own, records, replayed)
@@ -172,7 +172,7 @@ def _simulation_tables(
     answers = [own.table().assign(encounters=WHOLE)]
     for name, holds in scenario.restrictions.items():
         generator = streams(name)
-        part = answer(problem, restricted(own.draws, holds, generator), way, events, generator=generator)
+        part = evaluate(problem, restricted(own.draws, holds, generator), way, events, generator=generator)
         answers.append(part.table().assign(encounters=name))
     return {
         "answer": pd.concat(answers, ignore_index=True),
