@@ -295,7 +295,7 @@ def _in_words(found: "Alone", level: float) -> str:
             f"sampling alone {row['ci_low']:.2g} to {row['ci_high']:.2g}; {verdict} after "
             f"{row['learning'] + row['estimating']:,} encounters, {row['events']:,} of them {ended}"
         )
-        lines += [unseen_in_words(row), chance_in_words(row)]
+        lines += [unseen_in_words(row["probability"], row), chance_in_words(row)]
     if (vehicle := found.vehicle) is not None:
         lines.append(
             f"simulated: {vehicle.simulated:,}; taken from the store: {vehicle.found:,}; "

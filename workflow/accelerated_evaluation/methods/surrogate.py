@@ -7,7 +7,7 @@ from dataclasses import dataclass, replace
 from typing import Any, ClassVar, Self
 
 import numpy as np
-from fewruns.certificate import BY_DEFAULT, Certificate
+from fewruns.certificate import Certificate
 from fewruns.errors import InputError as SamplerInputError
 from fewruns.estimates import Estimate, Stopping
 from fewruns.predecessor import Predecessor
@@ -98,7 +98,7 @@ class Surrogate(Method):
     batch_size: int = 5
     state_file: str | os.PathLike | None = None
     on_batch: Callable[[Estimate], None] | None = None
-    certificate: Certificate = BY_DEFAULT
+    certificate: Certificate | None = None
     predecessor: Predecessor | None = None
     frequent: bool = False
 

@@ -104,6 +104,14 @@ class Problem:
         """
         return False if getattr(self.vehicle, "striped", False) else repeats_itself(self.vehicle)
 
+    @property
+    def upper_set(self) -> bool:
+        """Whether the event also happens in a cut-in that closes in faster, so that no part of it is hidden.
+
+        This is assumed of all vehicles except those with the attribute ``striped``.
+        """
+        return not getattr(self.vehicle, "striped", False)
+
     def only(self, stratum: str) -> Self:
         """Return the problem restricted to one stratum (interval of the lead speed), given its name."""
         return replace(self, law=self.law.only(stratum))

@@ -308,12 +308,11 @@ class Campaign:
 def sampler_rules(scenario: Scenario, event: Event) -> Mapping[str, Any]:
     """Return the arguments of `Sampler` that depend on the scenario and the event, by name.
 
-    For cut-ins, the mapping is empty, so that the sampler uses its defaults, which are for rare events. In
-    other scenarios the event may be frequent and may consist of separate parts. The sampler then begins in
-    another way, and converges only when a part that no run has observed has at most a small multiple of the
-    estimated probability.
+    In cut-ins the event is rare, and an upper set in the closing speed. In other scenarios it may be frequent
+    and may consist of separate parts. The sampler then begins in another way, and converges only when a part
+    that no run has observed has at most a small multiple of the estimated probability.
     """
-    return {} if scenario is CUT_IN else rules_of_joint_laws(event.filled)
+    return {"upper_set": True} if scenario is CUT_IN else rules_of_joint_laws(event.filled)
 
 
 def check_batch_size(size: int) -> None:
