@@ -123,6 +123,10 @@ class _CountedEvent:
     def deterministic(self) -> bool | None:
         return self.event.deterministic
 
+    @property
+    def upper_set(self) -> bool:
+        return getattr(self.event, "upper_set", False)
+
     def evaluate(self, z: Array) -> Response:
         self.counter.count(len(z))
         return self.event.evaluate(z)

@@ -114,6 +114,11 @@ class Scored:
         """That of the problem."""
         return self.problem.deterministic
 
+    @property
+    def upper_set(self) -> bool:
+        """That of the problem."""
+        return self.problem.upper_set
+
     def evaluate(self, z: Array) -> tuple[Array, Array]:
         """Run the system at normal scores, shape (n, 3)."""
         x = self.problem.law.from_normal_scores(z)

@@ -1,4 +1,7 @@
-"""Problems of public collections: this project's sampler, and the best of OpenTURNS.
+"""Problems of public collections, or with hidden parts: this project's sampler, and the best of OpenTURNS.
+
+    python benchmarks/samplers/public.py benchmarks/results/public.csv --raw FOLDER
+    python benchmarks/samplers/public.py hidden.csv --raw FOLDER --collection hidden --methods surrogate
 
 Raw results are kept, one table for each problem and method, so that an interrupted run goes on. The
 methods ``nais`` and ``nais_25`` need OpenTURNS (``peers`` in pyproject.toml).
@@ -11,12 +14,14 @@ import pandas as pd
 from accelerated_evaluation.base.files import read_json, write_csv, write_json
 from accelerated_evaluation.base.randomness import child_generator
 from accelerated_evaluation.publishing.tables.formats import reproducible
+from hidden_problems import hidden_problems
 from problems import Problem
 from public_problems import PublicProblem, probability_of, public_problems
 from run import ROOT, repeated
 from summarise import summary
 from tqdm import tqdm
 
+COLLECTIONS = {"public": public_problems, "hidden": hidden_problems}
 COLUMNS = ["problem", "method", "dimension", "reference", "reference_se", "published", "seeds", "calls_mean"]
 COLUMNS += ["calls_p95", "error", "bias", "coverage80", "failed", "no_number", "claimed"]
 
@@ -57,10 +62,11 @@ def main() -> None:
     parser.add_argument("--raw", type=Path, required=True, help="folder of the raw results")
     parser.add_argument("--seeds", type=int, default=40, help="default: 40")
     parser.add_argument("--methods", nargs="+", default=["surrogate", "nais", "nais_25"])
+    parser.add_argument("--collection", choices=COLLECTIONS, default="public")
     parser.add_argument("--problems", nargs="+", help="default: all")
     arguments = parser.parse_args()
     arguments.raw.mkdir(parents=True, exist_ok=True)
-    everything = public_problems()
+    everything = COLLECTIONS[arguments.collection]()
     wanted = [everything[name] for name in arguments.problems or everything]
     tasks = [(problem, method) for problem in wanted for method in arguments.methods]
     rows = [row(*task, arguments.raw, arguments.seeds) for task in tqdm(tasks, desc="problems")]

@@ -64,9 +64,11 @@ def test_a_vehicle_that_says_nothing_is_drawn_from_the_law_and_one_that_says_so_
 
 
 def test_sentences_name_what_the_runs_cannot_exclude():
-    assert "at most 0.002 if a half-space, 0.9 if of any shape" in unseen_in_words(
-        {"unseen_mode": 0.002, "unseen_any": 0.9}
-    )
+    bounds = {"unseen_mode": 0.002, "unseen_any": 0.9}
+    words = unseen_in_words(1e-3, bounds)
+    assert "at most 0.002 if a half-space, 0.9 if of any shape" in words
+    assert "these are 2 and 9e+02 times the estimate" in words
+    assert "times" not in unseen_in_words(math.nan, bounds)
     known = {"repeats": 0, "differed": 0, "law_draws": 0, "law_events": 0}
     assert "stated to be deterministic" in chance_in_words(known)
     known |= {"repeats": 350, "law_draws": 300, "law_events": 4}

@@ -7,6 +7,7 @@ from typing import Any
 # the optimiser take half a second.
 _HOME = {
     "Certificate": "certificate",
+    "Cover": "cover",
     "Estimate": "estimates",
     "InputError": "errors",
     "LawEstimates": "several_laws",

@@ -21,7 +21,7 @@ class BatchEstimate:
 
     probability: float  # the estimate Y
     observed_variance: float  # variance of Y, estimated from the runs
-    runs: int
+    runs: int  # 0 for a batch of a cover, which has no weight in the estimate
     prediction: Prediction
     # Whether an unexpected event happened: at a point that the surrogate had excluded, with a large weight.
     surprising: bool
@@ -70,16 +70,18 @@ def ends(probability: float, reach: float) -> tuple[float, float]:
 
 def estimate_batch(batch: TwoPhaseBatch, happened: Flags) -> BatchEstimate:
     """Return the estimate of a batch, from n flags, with the variance of independent inclusions."""
-    n, terms = len(happened), batch.weight * (happened - batch.control) / batch.inclusion
+    n, aims = len(happened), bool(batch.weight.any())
+    terms = batch.weight * (happened - batch.control) / batch.inclusion
     first_phase = max(batch.controlled_square + batch.weight @ terms, 0.0)
     second_phase = (terms**2 * (1 - batch.inclusion)).sum() * n / max(n - 1, 1)
-    unforeseen = happened & ~batch.aimed & (batch.weight / batch.inclusion > batch.prediction.probability)
+    # A batch of a cover has no weights, and all of its events matter.
+    matters = (batch.weight / batch.inclusion > batch.prediction.probability) | (not aims)
     return BatchEstimate(
         probability=float(batch.controlled + terms.sum()),
         observed_variance=float(first_phase + second_phase),
-        runs=n,
+        runs=n if aims else 0,
         prediction=batch.prediction,
-        surprising=bool(unforeseen.any()),
+        surprising=bool((happened & ~batch.aimed & matters).any()),
     )
 
 

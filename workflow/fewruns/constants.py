@@ -134,6 +134,24 @@ SUREST = 1e-6
 # The bounds on the probability of unobserved parts of the event have the confidence 1 - UNSEEN_ALPHA.
 UNSEEN_ALPHA = 0.05
 
+# The default certificate excludes unobserved modes with more than COVER_SHARE of the estimated probability.
+# An estimate that is 20 % too high then still finds a part as large as the known one. Their curvature is at
+# most ROUNDNESS / d^2.5 in d dimensions, because 20 to 60 further runs then exclude them if d is at most 10.
+COVER_SHARE, ROUNDNESS = 0.5, 6.4
+
+# Number of random modes that are checked, their largest distance from the origin in normal scores, and the
+# share of them that need not be excluded.
+MODES, FARTHEST, COVER_MISSED = 10_000, 11.0, 0.005
+
+# Largest rarity of the runs that exclude modes.
+COVER_REACH = 30.0
+
+# A local minimum of the scores is examined until there is another run at this distance, in normal scores.
+BASIN_CLOSED = 0.5
+
+# Need to exclude a mode once more, in choosing the runs of a batch, where 1 is the need to exclude it once.
+COVERED_AGAIN = 0.1
+
 # ---- the Gaussian process
 
 # Log-normal priors of the lengths, in normal scores, and of the amplitude, in units of the probit: median,

@@ -17,7 +17,7 @@ class ScoreProblem(Protocol):
     """The interface of a problem in the space of normal scores: any object with these members.
 
     A problem may also have a method ``repeat`` like ``evaluate``, which runs the system again even if the
-    outcomes of ``evaluate`` are stored.
+    outcomes of ``evaluate`` are stored, and an attribute ``upper_set`` as `Sampler`.
 
     Attributes
     ----------
@@ -59,7 +59,7 @@ class SystemProblem:
     respond
         Function that runs the system on inputs, shape (n, d), and returns a pair (happened, score) as
         `ScoreProblem.evaluate` does.
-    dimension, fingerprint, deterministic
+    dimension, fingerprint, deterministic, upper_set
         As in `ScoreProblem`. If ``deterministic`` is None, a sampler repeats a few runs to find out. They
         detect noise, but not a system that fails once in a hundred runs.
     marginals
@@ -75,6 +75,7 @@ class SystemProblem:
     marginals: Sequence[Marginal] | None = None
     fingerprint: str = "a system with independent inputs"
     deterministic: bool | None = None
+    upper_set: bool = False
 
     def inputs(self, z: Array) -> Array:
         """Map normal scores z to inputs with the distributions `marginals`, both of shape (n, d)."""

@@ -9,7 +9,8 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from fewruns.anytime import anytime_interval
-from fewruns.arrays import Array, Flags
+from fewruns.arrays import Array, Flags, Indices
+from fewruns.basins import open_basins, probe
 from fewruns.certificate import Certificate, Unseen, look_beyond
 from fewruns.combining import (
     BatchEstimate,
@@ -18,6 +19,7 @@ from fewruns.combining import (
     counted_batches,
 )
 from fewruns.constants import NOISY_USABLE, USABLE
+from fewruns.cover import Cover
 from fewruns.estimates import Estimate, Stopping
 from fewruns.lapses import LapseBounds
 from fewruns.progress import Progress
@@ -30,7 +32,9 @@ if TYPE_CHECKING:
 ROUNDING = 1e-12  # relative tolerance
 
 
-def estimate(progress: Progress, batch_size: int, stopping: Stopping, certificate: Certificate) -> Estimate:
+def estimate(
+    progress: Progress, batch_size: int, stopping: Stopping, certificate: Certificate | Cover
+) -> Estimate:
     """Return the estimated probability of the event, from the batches since the surrogate became usable.
 
     Without an event the estimate is 0, and the upper end of the interval is the bound for an event that no
@@ -94,20 +98,48 @@ def is_narrow(progress: Progress, stopping: Stopping) -> bool:
     return (high - low) / 2 <= stopping.beta * combined.probability * (1 + ROUNDING)
 
 
-def is_certified(progress: Progress, certificate: Certificate) -> bool:
-    """Return whether the bound on an unobserved mode is at most ``certificate.share`` times the estimate."""
+def is_certified(progress: Progress, certificate: Certificate | Cover) -> bool:
+    """Return whether the bound on an unobserved mode is at most ``certificate.share`` times the estimate.
+
+    If this is to be shown by a cover, all basins must be closed as well. One more batch is then sampled,
+    because the surrogate has learnt from these runs.
+    """
     probability = _mean(progress)
-    return _unseen(progress, probability, certificate).mode <= certificate.share * probability
+    if _unseen(progress, probability, certificate).mode > certificate.share * probability:
+        return False
+    if isinstance(certificate, Certificate):
+        return True
+    return bool(progress.estimates[-1].runs) and not len(_basins(progress, probability))
 
 
-def where_to_search(progress: Progress, certificate: Certificate) -> float:
+def where_to_search(progress: Progress, certificate: Certificate | Cover) -> float:
     """Return the rarity beyond which runs exclude unobserved parts of the event; 0 if there are none."""
     probability = _mean(progress)
-    if not 0 < (share := certificate.share * probability / certificate.filled) < 0.5:
+    if (
+        isinstance(certificate, Cover)
+        or not 0 < (share := certificate.share * probability / certificate.filled) < 0.5
+    ):
         return 0.0
     wide_draws = progress.wide_draws * [certificate.filled, 1, 1]
     known = wide_draws, progress.z.shape[1], reach_of(probability), certificate.curvature
     return look_beyond(*known, share)
+
+
+def runs_of_cover(progress: Progress, cover: Cover, batch_size: int, generator: np.random.Generator) -> Array:
+    """Return the next batch, shape (n, d), if its runs are to exclude modes or to close basins; else none."""
+    probability = _mean(progress)
+    if cover.unseen(progress.z) > cover.share * probability:
+        return cover.next_runs(batch_size, progress.z, cover.share * probability, generator)
+    if len(basins := _basins(progress, probability)):
+        return probe(batch_size, basins, progress.z, progress.happened, progress.score, generator)
+    return np.empty((0, progress.z.shape[1]))
+
+
+def _basins(progress: Progress, probability: float) -> Indices:
+    """Return the open basins; there are none to be seen if outcomes may be random."""
+    if progress.chance:
+        return np.empty(0, np.intp)
+    return open_basins(progress.z, progress.happened, progress.score, reach_of(probability))
 
 
 def _mean(progress: Progress) -> float:
@@ -117,16 +149,23 @@ def _mean(progress: Progress) -> float:
 
 
 def _that_count(progress: Progress) -> Sequence[BatchEstimate]:
-    """Return the batches on which the estimate is based, without those before noise was noticed."""
+    """Return the batches on which the estimate is based, without those of a cover."""
+    return [batch for batch in _counted(progress) if batch.runs]
+
+
+def _counted(progress: Progress) -> Sequence[BatchEstimate]:
+    """Return the last consistent batches, without those before noise was noticed."""
     usable = NOISY_USABLE if progress.repeats.vary_often else USABLE
     return counted_batches(progress.estimates[progress.chance_since :], usable)
 
 
-def _unseen(progress: Progress, probability: float, certificate: Certificate) -> Unseen:
+def _unseen(progress: Progress, probability: float, certificate: Certificate | Cover) -> Unseen:
     """Return the bounds on an unobserved part of the event, given the probability of the known part."""
-    reach = reach_of(probability)
-    shape = certificate.curvature, certificate.filled
-    return Unseen.after(progress.wide_draws, progress.z.shape[1], reach, *shape)
+    reach, dimension = reach_of(probability), progress.z.shape[1]
+    if isinstance(certificate, Cover):
+        by_draws = Unseen.after(progress.wide_draws, dimension, reach, certificate.curvature)
+        return replace(by_draws, mode=certificate.unseen(progress.z))
+    return Unseen.after(progress.wide_draws, dimension, reach, certificate.curvature, certificate.filled)
 
 
 def combined_estimate(progress: Progress, stopping: Stopping) -> tuple[Combined | None, tuple[float, float]]:
@@ -151,8 +190,10 @@ def tabulate_runs(progress: Progress, batch_size: int) -> "pd.DataFrame":
     batch = (run - 1) // batch_size + 1
     batches = len(run) // batch_size
     searched = batches - len(progress.estimates)
-    learnt = batches - len(_that_count(progress))
-    phase = np.select([batch <= searched, batch <= learnt], ["search", "learn"], "estimate")
+    learnt = batches - len(_counted(progress))
+    covers = searched + 1 + np.flatnonzero([not each.runs for each in progress.estimates])
+    is_of = [batch <= searched, np.isin(batch, covers), batch <= learnt]
+    phase = np.select(is_of, ["search", "cover", "learn"], "estimate")
     repeats, draws = progress.repeats, progress.law_draws
     tables = [
         _runs_table(batch, phase, progress.z, progress.happened),
@@ -172,7 +213,9 @@ def _runs_table(batch: ArrayLike, phase: ArrayLike, z: Array, happened: Flags) -
     return pd.DataFrame({"batch": batch, "phase": phase, **scores, "event": happened})
 
 
-def _diagnostics(progress: Progress, combined: Combined | None, certificate: Certificate) -> dict[str, float]:
+def _diagnostics(
+    progress: Progress, combined: Combined | None, certificate: Certificate | Cover
+) -> dict[str, float]:
     """Return relative standard errors (NaN without an estimate), and bounds on unobserved parts."""
     errors, probability = (math.nan, math.nan), 0.0
     if combined is not None:

@@ -100,7 +100,7 @@ def estimate(
     on_batch
         Function that is called with the estimate after every batch.
     **settings
-        Further arguments of `Sampler`, such as ``batch_size`` or ``certificate``.
+        Further arguments of `Sampler`, such as ``batch_size``, ``certificate`` or ``upper_set``.
 
     Raises
     ------
@@ -165,6 +165,7 @@ def sampler_for(
         "enough_repeats": FIRST_REPEATS if is_formula else ENOUGH_REPEATS,
         "enough_draws": 0 if is_formula else ENOUGH_DRAWS,
         "deterministic": getattr(problem, "deterministic", None),
+        "upper_set": getattr(problem, "upper_set", False),
     }
     return Sampler(generator=generator, **own, **(checks | settings))
 

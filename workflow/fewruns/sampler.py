@@ -41,6 +41,7 @@ from fewruns.constants import (
     START,
     STEP,
 )
+from fewruns.cover import Cover
 from fewruns.directions import learn_directions
 from fewruns.errors import InputError
 from fewruns.estimates import Estimate, Stopping
@@ -76,7 +77,11 @@ class Sampler:
     fingerprint
         Text that identifies the problem, so that a saved state is not resumed for another one.
     certificate
-        Bound on unobserved parts of the event that is required for convergence.
+        Bound on unobserved parts of the event that is required for convergence; by default
+        `Cover.by_default`, or `certificate.BY_DEFAULT` for an ``upper_set``.
+    upper_set
+        Whether it is known that the event is an upper set in one of the inputs, so that it also happens if
+        this input is larger, and that it has no separate parts. Fewer runs are then needed.
     predecessor
         Runs of a similar system, near whose events the sampler begins.
     deterministic
@@ -120,7 +125,8 @@ class Sampler:
         batch_size: int = 5,
         *,
         fingerprint: str = "",
-        certificate: Certificate = BY_DEFAULT,
+        certificate: Certificate | Cover | None = None,
+        upper_set: bool = False,
         predecessor: Predecessor | None = None,
         deterministic: bool | None = True,
         enough_repeats: int = ENOUGH_REPEATS,
@@ -133,6 +139,8 @@ class Sampler:
             expected, change = f"1 to {POOL // 4}", "Choose another size."
             raise InputError("batch_size", seen=str(batch_size), expected=expected, change=change)
         self.dimension, self.batch_size, self.fingerprint = dimension, batch_size, fingerprint
+        if certificate is None:
+            certificate = BY_DEFAULT if upper_set else Cover.by_default(dimension)
         self.certificate, self.frequent, self.predecessor = certificate, frequent, predecessor
         self.deterministic = deterministic
         self.enough_repeats, self.enough_draws = enough_repeats, enough_draws
@@ -296,9 +304,10 @@ class Sampler:
         if self.progress.pending is None:
             with BLAS.limit(limits=1):
                 beyond = results.where_to_search(self.progress, self.certificate)
-                defence = Defence(DEFENCE_ALONE if certify else DEFENCE, beyond)
+                by_draws = certify and isinstance(self.certificate, Certificate)
+                defence = Defence(DEFENCE_ALONE if by_draws else DEFENCE, beyond)
                 checks = self._repeats(certify=certify) or self._draws(certify=certify)
-                self.progress.pending = checks or self._design(defence)
+                self.progress.pending = checks or self._design(defence, certify=certify)
         return self.progress.pending
 
     def _repeats(self, *, certify: bool) -> RepeatBatch | None:
@@ -318,7 +327,7 @@ class Sampler:
             return None
         return PlainBatch(self.generator.standard_normal((count, self.dimension)), LAW)
 
-    def _design(self, defence: Defence) -> Batch:
+    def _design(self, defence: Defence, *, certify: bool) -> Batch:
         """Choose the next batch: wide draws at first, then the search, then the second phase."""
         progress, generator = self.progress, self.generator
         if self.predecessor is None:
@@ -335,7 +344,11 @@ class Sampler:
                 z = draw_approach(self.batch_size, reach, *known, generator, in_vain=in_vain)
                 return PlainBatch(space.draw(z, generator), SEARCH)
         self.belief.fit(progress)
-        phase = SecondPhase(self.belief, progress, self.batch_size, defence, self.emphasis, generator)
+        cover = np.empty((0, self.dimension))
+        if certify and isinstance(self.certificate, Cover):
+            cover = results.runs_of_cover(progress, self.certificate, self.batch_size, generator)
+        sampled = self.batch_size - len(cover)
+        phase = SecondPhase(self.belief, progress, sampled, cover, defence, self.emphasis, generator)
         return phase.batch()
 
     def _learn_directions(self) -> None:

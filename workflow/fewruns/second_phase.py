@@ -35,7 +35,8 @@ class SecondPhase:
 
     belief: Belief  # the surrogates, fitted to all runs so far
     progress: Progress  # the runs so far; the method `batch` replaces its attribute ``centres``
-    runs: int  # number n of runs of a batch
+    runs: int  # number n of runs of a batch that are sampled
+    cover: Array  # runs of the batch that only exclude modes, shape (m, d); their weight is 0
     defence: Defence
     # Factor for the inclusion probabilities at points, as in `Sampler`.
     emphasis: Callable[[Array], Array] | None
@@ -46,8 +47,8 @@ class SecondPhase:
         prediction, fringe_limit = self._look_ahead()
         pool = self._pool(self._pool_size)
         expected = expect(pool, fringe_limit, self._fringe, self.emphasis)
-        foresee = self.belief.foresee
-        return draw_batch(pool, expected, prediction, self.runs, self.defence, foresee, self.generator)
+        given = self.runs, self.defence, self.cover, self.belief
+        return draw_batch(pool, expected, prediction, *given, self.generator)
 
     def _look_ahead(self) -> tuple[Prediction, float]:
         """Move the centres; return the prediction for the next batch, and the largest weight of the fringe.
@@ -70,7 +71,7 @@ class SecondPhase:
             share = truncated(w * np.sqrt(mattered))
             progress.centres = pool.z[self.generator.choice(len(w), KERNELS, p=share / share.sum())]
         expected = expect(pool, fringe_limit, self._fringe, self.emphasis)
-        return predict(pool, expected, self.runs, self._pool_size, self.defence), fringe_limit
+        return predict(pool, expected, max(self.runs, 1), self._pool_size, self.defence), fringe_limit
 
     def _pool(self, size: int) -> Pool:
         """Draw a pool with the surrogate's predicted probabilities."""

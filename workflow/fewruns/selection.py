@@ -43,7 +43,8 @@ def draw_systematically(
     order = along_principal_axis(z, importance)
     marks, n = np.cumsum(inclusion[order]), round(inclusion.sum())
     # The marks are scaled, because the last one may be slightly below n by rounding.
-    return order[np.searchsorted(marks / marks[-1] * n, generator.random() + np.arange(n))]
+    scaled = marks * (n / marks[-1]) if n else marks
+    return order[np.searchsorted(scaled, generator.random() + np.arange(n))]
 
 
 def along_principal_axis(z: Array, importance: Array) -> NDArray[np.intp]:

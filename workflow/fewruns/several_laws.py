@@ -223,11 +223,11 @@ def _with_errors(
     estimates: Array, variances: Array, importance: Array, counted: Sequence[BatchEstimate]
 ) -> LawEstimates:
     """Return estimates with relative errors: at least the predicted one, and at most 1 if that one is."""
-    variations = np.array([batch.prediction.variation / batch.runs for batch in counted])
+    variations = np.array([batch.prediction.variation / max(batch.runs, 1) for batch in counted])
     predicted = np.sqrt(importance**2 @ variations)
     known = np.maximum(estimates, SMALLEST * estimates.mean())
     errors = np.clip(np.sqrt(variances) / known, predicted, max(predicted, 1.0))
-    return LawEstimates(known, errors, len(counted))
+    return LawEstimates(known, errors, np.count_nonzero(importance))
 
 
 Part = tuple[float, TwoPhaseBatch, Ratios, Array, Control]  # a batch with its weight and outcomes

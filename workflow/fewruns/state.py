@@ -18,6 +18,7 @@ import numpy as np
 from fewruns.arrays import Array
 from fewruns.belief import Belief
 from fewruns.certificate import Certificate
+from fewruns.cover import Cover
 from fewruns.errors import InputError
 from fewruns.predecessor import Predecessor
 from fewruns.progress import SEARCH, PlainBatch, Progress
@@ -25,7 +26,7 @@ from fewruns.sampler import Sampler
 from fewruns.subspace import space_along
 from fewruns.typed_json import MISFIT, checksum, decode, encode
 
-FORMAT, VERSION = "fewruns sampler", 1
+FORMAT, VERSION = "fewruns sampler", 2
 RESTART = "Name the state of a sampler, or a path where there is no file yet, to begin a new run."
 
 # What is kept of the progress of another version. Only the runs are required.
@@ -40,7 +41,7 @@ class State:
     dimension: int
     batch_size: int
     fingerprint: str
-    certificate: Certificate
+    certificate: Certificate | Cover
     predecessor: Predecessor | None
     deterministic: bool | None
     enough_repeats: int

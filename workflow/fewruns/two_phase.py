@@ -13,7 +13,7 @@ proportional to w_j sqrt(E (1{event}_j - g_j)^2). Notebook 10 derives both resul
 import math
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated
 
 import numpy as np
 
@@ -35,6 +35,9 @@ from fewruns.selection import (
     inclusion_probabilities,
     spread_by_mass,
 )
+
+if TYPE_CHECKING:
+    from fewruns.belief import Belief
 
 
 @dataclass(frozen=True)
@@ -142,10 +145,11 @@ def draw_batch(
     prediction: Prediction,
     runs: int,
     defence: Defence,
-    foresee: Callable[[Array], Array],
+    cover: Array,
+    belief: "Belief",
     generator: np.random.Generator,
 ) -> TwoPhaseBatch:
-    """Return a batch whose runs are drawn from a pool by systematic sampling."""
+    """Return a batch whose runs are drawn from a pool by systematic sampling, or are ``cover``, (m, d)."""
     w, control = pool.weight, expected.control
     guard = pool.guard(prediction.reach, defence)
     inclusion = inclusion_probabilities(w * expected.spread, guard, runs, defence.share)
@@ -154,17 +158,18 @@ def draw_batch(
     wide_draws = [[draws_of_the_wide_law(pool.within(*zone), inclusion), *zone] for zone in zones]
     w = w / len(w)
     kept = spread_by_mass(pool.z, w * control, KEPT)
+    z, none = np.vstack([pool.z[chosen], cover]), np.zeros(len(cover))
     return TwoPhaseBatch(
-        z=pool.z[chosen],
-        weight=w[chosen],
-        control=control[chosen],
-        inclusion=inclusion[chosen],
+        z=z,
+        weight=np.append(w[chosen], none),
+        control=np.append(control[chosen], none),
+        inclusion=np.append(inclusion[chosen], none + 1),
         controlled=float(w @ control),
         controlled_square=float(w * w @ control),
-        aimed=expected.probability[chosen] > 0,
+        aimed=np.append(expected.probability[chosen] > 0, belief.probability(cover) >= CORE),
         wide_draws=np.array(wide_draws),
         prediction=prediction,
-        foreseen=foresee(pool.z[chosen]),
+        foreseen=belief.foresee(z),
         kept=pool.z[kept],
         kept_weight=w[kept],
         kept_control=control[kept],

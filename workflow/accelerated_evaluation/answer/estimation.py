@@ -119,7 +119,7 @@ class Estimated:
             f"{estimate.high:.2g}; {verdict} after {estimate.simulations:,} encounters, "
             f"{estimate.events:,} of them with the event"
         )
-        yield unseen_in_words(estimate.diagnostics)
+        yield unseen_in_words(estimate.probability, estimate.diagnostics)
         yield chance_in_words(estimate.diagnostics)
         if answer.notes["not_ended"]:
             yield f"warning: {answer.notes['not_ended']:,} runs did not end, and count as without the event"

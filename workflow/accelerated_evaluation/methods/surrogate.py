@@ -72,7 +72,7 @@ def rules_for(scenario: Scenario, event: Event) -> dict[str, Any]:
     share ``filled`` of the encounters, which is below 1 if rounding errors decide.
     """
     if scenario.upper_set_in is not None:
-        return {}
+        return {"upper_set": True}
     certificate = Certificate(share=3.0, curvature=0.0, filled=event.filled)
     return {"certificate": certificate, "frequent": True}
 
@@ -84,7 +84,10 @@ def sampler_of(problem: ScoreProblem, generator: np.random.Generator, **settings
 
 
 def _rules_of(problem: ScoreProblem) -> dict[str, Any]:
-    return rules_for(problem.scenario, problem.event) if isinstance(problem, Problem) else {}
+    if not isinstance(problem, Problem):
+        return {}
+    rules = rules_for(problem.scenario, problem.event)
+    return rules | ({"upper_set": problem.upper_set} if "upper_set" in rules else {})
 
 
 @METHODS.add("surrogate")

@@ -6,11 +6,17 @@ from collections.abc import Mapping
 from fewruns.constants import UNSEEN_ALPHA
 
 
-def unseen_in_words(diagnostics: Mapping[str, float]) -> str:
-    """Return a sentence with the two bounds on the probability of unobserved parts of the event."""
+def unseen_in_words(probability: float, diagnostics: Mapping[str, float]) -> str:
+    """Return a sentence with two bounds on unobserved parts of an event, also relative to the estimate."""
+    bounds = diagnostics["unseen_mode"], diagnostics["unseen_any"]
+    relative = ""
+    if probability > 0:
+        mode, anything = (bound / probability for bound in bounds)
+        relative = f"; these are {mode:,.2g} and {anything:,.2g} times the estimate"
+        relative += ", so it is an assumption that there is no such part" if mode > 1 else ""
     return (
-        f"a part of the event that no run has met: at most {diagnostics['unseen_mode']:.1g} if a half-space, "
-        f"{diagnostics['unseen_any']:.1g} if of any shape ({1 - UNSEEN_ALPHA:.0%} confidence)"
+        f"a part of the event that no run has met: at most {bounds[0]:.1g} if a half-space, "
+        f"{bounds[1]:.1g} if of any shape ({1 - UNSEEN_ALPHA:.0%} confidence){relative}"
     )
 
 

@@ -84,6 +84,15 @@ class Problem:
         return without_addresses(repr(parts))
 
     @property
+    def upper_set(self) -> bool:
+        """Whether every event also happens if the variable ``upper_set_in`` of the scenario is larger.
+
+        No part of the event is then hidden. This is assumed of all vehicles except those with the attribute
+        ``striped``.
+        """
+        return self.scenario.upper_set_in is not None and not getattr(self.vehicle, "striped", False)
+
+    @property
     def deterministic(self) -> bool | None:
         """Whether the vehicle states that it repeats itself; None if it does not say.
 

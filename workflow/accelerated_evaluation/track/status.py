@@ -115,7 +115,7 @@ def in_words(campaign: Campaign, status: Status) -> str:
         f"{status.asked - status.reported} outstanding; "
         f"{found.events} with the event in the {status.used} runs of complete batches",
         f"estimate    {_estimate(found, campaign.scenario.noun)}",
-        f"unseen      {unseen_in_words(found.diagnostics)}",
+        f"unseen      {unseen_in_words(found.probability, found.diagnostics)}",
         *(f"{'chance':<12}{line}" for line in chance_in_words(found.diagnostics).splitlines()),
         *_about_limits(campaign, status),
         f"goal        half-width at most {goal.beta:.0%} of the estimate, confidence {1 - goal.alpha:.0%}"

@@ -1,0 +1,152 @@
+"""Events of several parts, one of which a search finds easily while another one is easily missed.
+
+All are unions of disjoint or independent sets in the space of normal scores, with exact probabilities. In the
+problems whose names end in ``flags``, the sampler sees no score.
+"""
+
+import math
+from collections.abc import Callable, Sequence
+
+import numpy as np
+from accelerated_evaluation.base.arrays import Array
+from fewruns import SystemProblem
+from public_problems import PublicProblem
+from scipy.integrate import quad
+from scipy.optimize import brentq
+from scipy.special import ndtr
+from scipy.stats import chi2, ncx2, norm
+
+Margin = Callable[[Array], Array]  # of points z, shape (n, d); at most 0 in the part, like a distance outside
+
+
+def half_space(distance: float, *direction: float) -> Margin:
+    """Return the margin of a half-space; the direction has a component for each input."""
+    normal = np.array(direction) / np.linalg.norm(direction)
+    return lambda z: distance - z @ normal
+
+
+def ball(radius: float, *centre: float) -> Margin:
+    """Return the margin of a ball."""
+    return lambda z: np.linalg.norm(z - np.array(centre), axis=1) - radius
+
+
+def in_ball(radius: float, distance: float, dimension: int) -> float:
+    """Return the probability of a ball whose centre has a distance from the origin."""
+    return float(ncx2.cdf(radius**2, dimension, distance**2))
+
+
+def distance_of_ball(radius: float, probability: float, dimension: int) -> float:
+    """Return the distance of the centre at which a ball has a given probability."""
+    return float(brentq(lambda c: math.log(in_ball(radius, c, dimension) / probability), radius, 12))
+
+
+def box(low: Sequence[float], high: Sequence[float]) -> Margin:
+    """Return the margin of a box."""
+    return lambda z: np.maximum(np.array(low) - z, z - np.array(high)).max(axis=1)
+
+
+def in_box(low: Sequence[float], high: Sequence[float]) -> float:
+    """Return the probability of a box."""
+    return float(np.prod(ndtr(high) - ndtr(low)))
+
+
+def curved_band(depth: float, thickness: float, bend: float) -> Margin:
+    """Return the margin of a band along a parabola that opens away from the origin, in two inputs."""
+
+    def margin(z: Array) -> Array:
+        beyond = -z[:, 0] - depth - bend * z[:, 1] ** 2
+        return np.maximum(-beyond, beyond - thickness)
+
+    return margin
+
+
+def in_curved_band(depth: float, thickness: float, bend: float) -> float:
+    """Return the probability of the band of `curved_band`."""
+
+    def slice_at(y: float) -> float:
+        near = depth + bend * y * y
+        return norm.pdf(y) * (norm.sf(near) - norm.sf(near + thickness))
+
+    return float(2 * quad(slice_at, 0, 8)[0])
+
+
+def union(name: str, dimension: int, exact: float, *parts: Margin) -> PublicProblem:
+    """Return the union of parts; its score is the smallest margin, and is left out for names in ``flags``."""
+
+    def respond(z: Array) -> tuple[Array, Array | None]:
+        margin = np.minimum.reduce([part(z) for part in parts])
+        return margin <= 0, None if name.endswith("flags") else margin
+
+    event = SystemProblem(respond, dimension, fingerprint=name, deterministic=True)
+    return PublicProblem(name, event, exact=exact)
+
+
+def plane_and_ball(name: str, dimension: int, distance: float, radius: float, ratio: float) -> PublicProblem:
+    """Return a half-space and a ball opposite, which has ``ratio`` times its probability."""
+    probability, rest = float(norm.sf(distance)), [0.0] * (dimension - 1)
+    centre = distance_of_ball(radius, ratio * probability, dimension)
+    parts = half_space(distance, 1, *rest), ball(radius, -centre, *rest)
+    return union(name, dimension, (1 + ratio) * probability, *parts)
+
+
+def orthogonal(name: str, dimension: int, *distances: float) -> PublicProblem:
+    """Return half-spaces that are orthogonal to one another."""
+    axes = np.eye(dimension)
+    parts = [half_space(b, *axis) for b, axis in zip(distances, axes, strict=False)]
+    return union(name, dimension, 1 - float(np.prod(ndtr(distances))), *parts)
+
+
+def hidden_problems() -> dict[str, PublicProblem]:
+    """Return all problems by name: those that showed the fault, and others, which nothing was tuned on."""
+    squares = ([-4.0, -4.0], [-2.0, -2.0]), ([2.5, 2.5], [3.5, 3.5])
+    corners = ([3.0, 3.0], [9.0, 9.0]), ([-9.0, -9.0], [-3.2, -2.8])
+    sides = ([3.6], [9.0]), ([-3.7], [-3.4])
+    band, sector = (3.9, 0.25, 0.15), (4.4, 0.5, 0.05)
+    discs = (0.8, 3.9, 0.0), (1.0, -2.5, 3.4)
+    ring = float(chi2.sf(4.2**2, 2) - chi2.sf(4.7**2, 2))
+    everything = [
+        plane_and_ball("plane_disc", 2, 4.8, 0.6, 1.0),
+        plane_and_ball("plane_disc_flags", 2, 4.5, 0.9, 6.0),
+        plane_and_ball("plane_large_disc", 2, 4.5, 0.9, 6.0),
+        union("squares_flags", 2, sum(in_box(*square) for square in squares), *(box(*s) for s in squares)),
+        union(
+            "plane_band",
+            2,
+            norm.sf(4.3) + in_curved_band(*band),
+            half_space(4.3, 1, 0),
+            curved_band(*band),
+        ),
+        orthogonal("planes_2_of_8", 8, 4.2, 4.2),
+        orthogonal("planes_3_of_8", 8, 4.2, 4.2, 4.2),
+        # The problems from here on were made afterwards.
+        union(
+            "discs_flags",
+            2,
+            sum(in_ball(radius, math.hypot(*centre), 2) for radius, *centre in discs),
+            *(ball(*disc) for disc in discs),
+        ),
+        union("ring", 2, ring, lambda z: np.abs(np.hypot(*z.T) - 4.45) - 0.25),
+        union("ring_flags", 2, ring, lambda z: np.abs(np.hypot(*z.T) - 4.45) - 0.25),
+        union("corners_flags", 2, sum(in_box(*corner) for corner in corners), *(box(*c) for c in corners)),
+        union("sides_flags", 1, sum(in_box(*side) for side in sides), *(box(*side) for side in sides)),
+        union(
+            "unequal_planes_flags",
+            2,
+            norm.sf(3.8) + norm.sf(4.0),
+            half_space(3.8, 1, 0),
+            half_space(4.0, -1, 0),
+        ),
+        union(
+            "plane_bow_flags",
+            2,
+            norm.sf(4.2) + in_curved_band(*sector),
+            half_space(4.2, 1, 0),
+            curved_band(*sector),
+        ),
+        plane_and_ball("plane_ball_3", 3, 4.2, 1.0, 1.0),
+        plane_and_ball("plane_ball_3_flags", 3, 4.2, 1.5, 3.0),
+        plane_and_ball("plane_ball_4", 4, 4.0, 1.5, 2.0),
+        orthogonal("planes_3_of_6_flags", 6, 3.5, 3.6, 3.7),
+        orthogonal("unequal_planes_4_of_5", 5, 4.0, 4.1, 4.2, 4.3),
+    ]
+    return {problem.name: problem for problem in everything}

@@ -1,0 +1,146 @@
+"""The default certificate: no simple part of the event and no minimum of the scores is without a run."""
+
+import dataclasses
+import math
+
+import numpy as np
+import pytest
+from fewruns import Cover, InputError, Sampler, estimate
+from fewruns.basins import open_basins, probe
+from fewruns.certificate import BY_DEFAULT
+from fewruns.combining import combine, estimate_batch
+from fewruns.constants import BASIN_CLOSED, COVER_MISSED, MODES
+from fewruns.two_phase import reach_of
+from fewruns.wide_laws import draw_wide
+from sampler_checks import STOPPING, drive, new_sampler, numbers, resumed, standard_normal_event
+from scipy.spatial import cKDTree
+from scipy.stats import ncx2, norm
+
+ONE_PART = norm.sf(4.2)
+
+
+def contains_run(z, direction, distance, curvature):
+    """Whether a run is in the mode: in the ball behind its tangent plane, in each of t directions."""
+    centres = direction * (distance + 1 / curvature)[:, None]
+    return cKDTree(z).query(centres)[0] <= 1 / curvature
+
+
+def isotropic(generator, n, dimension):
+    u = generator.normal(size=(n, dimension))
+    return u / np.linalg.norm(u, axis=1, keepdims=True)
+
+
+@pytest.mark.parametrize(("dimension", "curvature"), [(1, 0.5), (2, 1.0), (3, 0.4), (6, 0.1)])
+def test_the_unseen_mode_is_the_nearest_without_a_run(dimension, curvature):
+    """Up to the bound, the stated share of the modes lacks a run; a little farther out, more of them do."""
+    generator = np.random.default_rng(dimension)
+    z, cover = draw_wide(40, dimension, generator), Cover(0.5, curvature)
+    while cover.unseen(z) > 1e-3:
+        z = np.vstack([z, cover.next_runs(5, z, 1e-3, generator)])
+    bound, trials = norm.isf(cover.unseen(z)), 40_000
+    error = 4 * math.sqrt(COVER_MISSED / trials) + 4 * math.sqrt(COVER_MISSED / MODES)
+    assert 0 < bound < 11
+    for farthest, within in ((bound, True), (1.15 * bound, False)):
+        distance = farthest * np.sqrt(generator.random(trials))
+        missed = 1 - contains_run(z, isotropic(generator, trials, dimension), distance, curvature).mean()
+        assert (missed < COVER_MISSED + error) == within
+
+
+@pytest.mark.parametrize("dimension", [2, 4, 8])
+def test_next_runs_exclude_all_modes_with_few_runs(dimension):
+    """They also exclude modes that were not drawn for them; as many draws of the wide law do not."""
+    generator, probability = np.random.default_rng(1), 1e-5
+    cover, z = Cover.by_default(dimension), draw_wide(20, dimension, generator)
+    added = 0
+    while cover.unseen(z) > probability:
+        z, added = np.vstack([z, cover.next_runs(5, z, probability, generator)]), added + 5
+        assert added <= 80
+    wide = draw_wide(len(z), dimension, generator)
+    u = isotropic(generator, 20_000, dimension)
+    distance = norm.isf(probability) * np.sqrt(generator.random(len(u)))
+    covered, drawn = (contains_run(runs, u, distance, cover.curvature).mean() for runs in (z, wide))
+    assert drawn < 1 - 2 * COVER_MISSED < covered
+
+
+def with_hidden_disc(z):
+    """A half-plane at 4.5 and a disc opposite that is twelve times as probable."""
+    return np.minimum(4.5 - z[:, 0], np.hypot(z[:, 0] + 4.6, z[:, 1]) - 0.9)
+
+
+def test_a_hidden_part_is_found_unless_the_event_is_stated_to_have_none():
+    """With flags alone, some of the seeds that trust the statement miss the disc, and say nothing."""
+
+    def flags(z):
+        return with_hidden_disc(z) <= 0
+
+    exact = norm.sf(4.5) + ncx2.cdf(0.9**2, 2, 4.6**2)
+    ratios = {}
+    for stated in (False, True):
+        found = [
+            estimate(flags, 2, np.random.default_rng(seed), deterministic=True, upper_set=stated)
+            for seed in (4, 9)
+        ]
+        assert all(each.converged for each in found)
+        ratios[stated] = np.array([each.probability / exact for each in found])
+    assert (ratios[False] > 0.6).all()
+    assert (ratios[True] < 0.5).any()
+
+
+def test_defaults_follow_the_statement():
+    generator = np.random.default_rng(0)
+    assert Sampler(3, generator).certificate == Cover.by_default(3)
+    assert Sampler(3, generator, upper_set=True).certificate == BY_DEFAULT
+
+
+def test_runs_of_a_cover_have_no_weight_in_the_estimate_and_are_resumed():
+    event = standard_normal_event(lambda z: 4.0 - z[:, 0])
+    course = drive(new_sampler(2, 1), event)
+    progress = course.sampler.progress
+    of_cover = [not batch.runs for batch in progress.estimates]
+    assert any(of_cover)
+    assert not of_cover[-1]  # one batch is sampled afterwards
+    assert (
+        course.result.diagnostics["unseen_mode"]
+        <= course.sampler.certificate.share * course.result.probability
+    )
+    assert (course.result.tables["runs"]["phase"] == "cover").sum() == 10 * sum(of_cover)
+    place = of_cover.index(True)
+    batch = progress.batches[place]
+    assert (batch.weight == 0).all()
+    # An event where none was foreseen restarts the estimate.
+    unforeseen = dataclasses.replace(batch, aimed=np.zeros(10, bool))
+    assert estimate_batch(unforeseen, np.arange(10) == 3).surprising
+    assert not estimate_batch(
+        dataclasses.replace(batch, aimed=np.ones(10, bool)), np.ones(10, bool)
+    ).surprising
+    again = resumed(course.sampler)
+    assert numbers(again.estimate(STOPPING)) == numbers(course.result)
+    assert again.certificate == course.sampler.certificate
+    sampled = [each for each in progress.estimates if each.runs]
+    assert combine(sampled[-3:]).batches == 3
+
+
+def test_a_basin_of_the_scores_is_open_until_there_are_runs_near_its_minimum():
+    generator = np.random.default_rng(2)
+
+    def margin(z):
+        return np.minimum(4.0 - z[:, 0], np.linalg.norm(z - [-3.0, 2.0], axis=1) - 0.3)
+
+    # No run is in the disc, but the one next to it has the smallest score around.
+    z = draw_wide(60, 2, generator)
+    z = z[np.linalg.norm(z - [-3.0, 2.0], axis=1) > 1.0]
+    z = np.vstack([z, [[-3.0, 3.1], [5.0, 0.0]]])
+    happened, score, reach = margin(z) <= 0, margin(z), reach_of(ONE_PART)
+    found = open_basins(z, happened, score, reach)
+    assert len(z) - 2 in found
+    points = probe(5, np.array([len(z) - 2]), z, happened, score, generator)
+    assert margin(points).min() < score[-2]
+    close = np.vstack([z, z[-2] + [0.0, 0.9 * BASIN_CLOSED]])
+    assert len(z) - 2 not in open_basins(close, margin(close) <= 0, margin(close), reach)
+    assert not len(open_basins(z, happened, np.zeros(len(z)), reach))  # flags alone have no minima
+
+
+@pytest.mark.parametrize("wrong", [(0.0, 1.0), (1.0, 0.0), (1.0, np.inf)])
+def test_covers_that_mean_nothing_are_refused(wrong):
+    with pytest.raises(InputError, match="expected share above 0"):
+        Cover(*wrong)

@@ -1,0 +1,105 @@
+"""A cover: runs that are so dense that every simple part of the event would contain one of them.
+
+As in `certificate`, a mode lies beyond the plane that is perpendicular to its point x nearest to the origin,
+and contains the ball of radius 1 / curvature that touches this plane at x. If u is the direction and b the
+length of x, a run z is in this ball if
+
+    curvature (|z|^2 + b^2) / 2 + b <= (1 + curvature b) u.z
+
+A mode that contains a run would have been observed. All runs count, whatever they were made for.
+"""
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.special import chdtri, ndtr, ndtri
+
+from fewruns.arrays import Array, Flags
+from fewruns.constants import (
+    CANDIDATES,
+    COVER_MISSED,
+    COVER_REACH,
+    COVER_SHARE,
+    COVERED_AGAIN,
+    FARTHEST,
+    MODES,
+    ROUNDNESS,
+)
+from fewruns.errors import InputError
+from fewruns.two_phase import reach_of
+
+
+@dataclass(frozen=True)
+class Cover:
+    """The requirement that the runs exclude all unobserved modes above a probability.
+
+    Attributes
+    ----------
+    share
+        Largest allowed ratio of the probability of an unobserved mode to the estimate.
+    curvature
+        Largest curvature of the modes, one over a length in normal scores.
+
+    Examples
+    --------
+    >>> thorough = Cover(share=0.2, curvature=1.0)
+    """
+
+    share: float
+    curvature: float
+
+    def __post_init__(self) -> None:
+        if not (self.share > 0 and 0 < self.curvature < math.inf):
+            expected = "share above 0, curvature finite and above 0"
+            raise InputError("cover", seen=f"{self}", expected=expected, change="Correct the values.")
+
+    @classmethod
+    def by_default(cls, dimension: int) -> "Cover":
+        """Return the default cover for a number of inputs; modes are flatter if there are many."""
+        return cls(COVER_SHARE, ROUNDNESS / dimension**2.5)
+
+    def unseen(self, z: Array) -> float:
+        """Return the probability of the farthest modes up to which all but `COVER_MISSED` contain a run."""
+        dimension = z.shape[1]
+        u, b = modes(dimension, FARTHEST, np.random.Generator(np.random.PCG64(dimension)))
+        b = np.sort(b)
+        missed = np.cumsum(~self._met(z, u, b)) > COVER_MISSED * np.arange(1, MODES + 1)
+        return float(ndtr(-b[missed.argmax()] if missed.any() else -FARTHEST))
+
+    def next_runs(self, n: int, z: Array, probability: float, generator: np.random.Generator) -> Array:
+        """Return n points, shape (n, d), that exclude most modes at least as probable as ``probability``."""
+        dimension, farthest = z.shape[1], -float(ndtri(probability))
+        # Other modes than those of `unseen`, which would otherwise be excluded better than all others.
+        u, b = modes(dimension, farthest, generator)
+        if (met := self._met(z, u, b)).all():
+            met[:] = False
+        u, b = u[~met], b[~met]
+        # Candidates near the directions of these modes, at the radius that needs the least angle.
+        mode = generator.integers(len(u), size=CANDIDATES)
+        step = generator.normal(size=(CANDIDATES, dimension))
+        step *= (generator.random(CANDIDATES) / np.linalg.norm(step, axis=1))[:, None]
+        longest = np.sqrt(chdtri(dimension, np.exp(-max(COVER_REACH, reach_of(probability)))))
+        radius = np.minimum(np.sqrt(b[mode] ** 2 + 2 * b[mode] / self.curvature), longest)
+        points = u[mode] + step
+        points *= (radius / np.linalg.norm(points, axis=1))[:, None]
+        inside, need, chosen = self._contain(points, u, b), np.ones(len(u)), []
+        for _ in range(n):
+            chosen.append(int((inside @ need).argmax()))
+            need[inside[chosen[-1]]] *= COVERED_AGAIN
+        return points[chosen]
+
+    def _met(self, z: Array, u: Array, b: Array) -> Flags:
+        """Return whether each of t modes contains a run, shape (t,)."""
+        return self._contain(z, u, b).any(axis=0)
+
+    def _contain(self, z: Array, u: Array, b: Array) -> Flags:
+        """Return whether points z, (n, d), are in the modes of t directions and distances, shape (n, t)."""
+        k, square = self.curvature, (z * z).sum(1)[:, None]
+        return k * (square + b * b) / 2 + b <= (1 + k * b) * (z @ u.T)
+
+
+def modes(dimension: int, farthest: float, generator: np.random.Generator) -> tuple[Array, Array]:
+    """Return random modes, more of them the farther out: directions, (`MODES`, d), and distances."""
+    u = generator.normal(size=(MODES, dimension))
+    return u / np.linalg.norm(u, axis=1)[:, None], farthest * np.sqrt(generator.random(MODES))
