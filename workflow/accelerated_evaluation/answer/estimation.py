@@ -1,5 +1,6 @@
 """The estimate of a slow vehicle without a study: records, laws, few runs, and the answer in words."""
 
+import json
 import math
 import os
 from collections.abc import Iterator, Mapping, Sequence
@@ -23,7 +24,7 @@ from accelerated_evaluation.answer.evidence import Evidence, checked_answers
 from accelerated_evaluation.answer.extrapolation import extrapolation, in_words
 from accelerated_evaluation.answer.fitted_records import FittedRecords, read_records, records_named
 from accelerated_evaluation.answer.posterior import LEVEL
-from accelerated_evaluation.answer.words import answer_in_words, budget_in_words
+from accelerated_evaluation.answer.words import answer_in_words, budget_in_words, ratio_in_words
 from accelerated_evaluation.base.errors import InputError
 from accelerated_evaluation.base.files import write_csv
 from accelerated_evaluation.base.randomness import child_generator
@@ -70,8 +71,8 @@ class Estimated:
     request: Request
     evidence: Evidence
 
-    def write(self, folder: Path) -> None:
-        """Write all tables and the law to a folder."""
+    def write(self, folder: Path) -> pd.DataFrame:
+        """Write all tables and the law to a folder, and return the ratios to other vehicles."""
         tables = self.evidence.added_to(estimate_tables(self.answers, self.records))
         if self.records.account is not None:
             tables["account"] = self.records.account
@@ -81,6 +82,7 @@ class Estimated:
         self.records.write(folder / "encounters.parquet")
         if len(compared := self.compared(folder)):
             write_csv(folder / "compared.csv", compared)
+        return compared
 
     def compared(self, folder: Path) -> pd.DataFrame:
         """Return the ratios to other estimates and to references, one row each."""
@@ -89,15 +91,28 @@ class Estimated:
         others = compare_estimates(folder, list(self.request.compare)) if self.request.compare else None
         return pd.concat([others, pd.DataFrame(rows)], ignore_index=True)
 
-    def lines(self) -> list[str]:
-        """Return the answer in words."""
+    def lines(self, compared: pd.DataFrame | None = None) -> list[str]:
+        """Return the answer in words: what was asked first, and findings of the checks of records last."""
+        of_records = self.verdict.lines()
+        stops = [line for line in of_records if line.startswith("STOP")]
+        ratios = [] if compared is None else map(ratio_in_words, compared.to_dict("records"))
         return [
-            *self.verdict.lines(),
+            *stops,
             *(f"warning: {doubt}" for doubt in self.evidence.doubts),
             *(line for number, each in enumerate(self.answers) for line in self._lines_of(number, each)),
+            *ratios,
             self.evidence.in_words,
             *self._simulated(),
+            *of_records[len(stops) :],
         ]
+
+    def content(self, compared: pd.DataFrame) -> dict[str, Any]:
+        """Return the answer as a value for JSON: tables as lists of rows, and warnings as texts."""
+        tables = estimate_tables(self.answers, self.records)
+        shown = {name: tables[name] for name in ("answer", "budget", "estimate", "extrapolation")}
+        rows = {name: json.loads(table.to_json(orient="records")) for name, table in shown.items()}
+        rows["compared"] = json.loads(compared.to_json(orient="records"))
+        return rows | {"warnings": [*self.evidence.doubts, *self.verdict.lines()]}
 
     def _lines_of(self, number: int, answer: Answer) -> Iterator[str]:
         scenario, estimate = answer.problem.scenario, answer.notes["estimate"]
@@ -105,8 +120,12 @@ class Estimated:
             yield f"replicate {number}:"
         if not answer.converged:
             yield _not_settled(estimate.diagnostics.get("unseen_lapses", math.nan))
-        for row in answer.table(self.records.per_km).to_dict("records"):
+        table = answer.table(self.records.per_km)
+        is_known = table["median"].notna() | (table.index == 0)
+        for row in table[is_known].to_dict("records"):
             yield from answer_in_words(row, scenario.noun)
+        if not is_known.all():
+            yield f"not known from these runs: {', '.join(table.loc[~is_known, 'event'])}"
         if answer.crashes is not None:
             yield in_words(extrapolation(answer, self.records), answer.problem.scenario)
         yield from budget_in_words(answer.budget())

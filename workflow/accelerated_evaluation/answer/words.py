@@ -17,10 +17,26 @@ def answer_in_words(row: Mapping[str, Any], noun: str = "encounter") -> list[str
     per_km = "" if np.isnan(row["per_km"]) else f"; mean per kilometre {row['per_km']:.2g}"
     article = "an" if noun[0] in "aeiou" else "a"
     return [
-        f"{row['event']}: probability in {article} {noun} {row['median']:.3g} (median), "
+        f"{row['event']}: probability in {article} {noun} {row['median']:.3g} (median, {_one_in(row)}), "
         f"{row['probability']:.3g} (mean){per_km}",
         f"  intervals with data, laws and sampling: {'; '.join(intervals)}",
     ]
+
+
+def _one_in(row: Mapping[str, Any]) -> str:
+    """Return the median as one of so many encounters, with two significant digits."""
+    number = 1 / row["median"] if row["median"] > 0 else np.inf
+    return f"one in {float(f'{number:.2g}'):,.0f}" if np.isfinite(number) else "never"
+
+
+def ratio_in_words(row: Mapping[str, Any]) -> str:
+    """Return a row of the table ``compared`` as a line of text."""
+    if np.isnan(row["ratio"]):
+        return f"ratio to {row['other']}: not known from these runs"
+    return (
+        f"ratio to {row['other']}: {row['ratio']:.3g}, 80% interval {row['ratio_low80']:.3g} to "
+        f"{row['ratio_high80']:.3g}; safer with probability {row['safer']:.3g}"
+    )
 
 
 def _ends(row: Mapping[str, Any], level: float) -> str:

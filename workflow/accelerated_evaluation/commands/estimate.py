@@ -1,6 +1,7 @@
 """The subcommand ``estimate``, which estimates a crash probability from few simulations."""
 
 import argparse
+import json
 from pathlib import Path
 
 from accelerated_evaluation.commands import COMMANDS, add_accept
@@ -146,6 +147,9 @@ class EstimateAlone:
             help="vehicle that is fast to simulate, such as cc_human; the ratio to its crash probability is "
             "computed for each draw of the law from a crash map or many simulations, in some seconds",
         )
+        command.add_argument(
+            "--json", action="store_true", help="print the answer as JSON, for scripts, instead of words"
+        )
         add_accept(command)
 
     @staticmethod
@@ -163,5 +167,8 @@ class EstimateAlone:
         given = {name: value for name in names if (value := getattr(arguments, name)) not in (None, [])}
         found = estimate(resolved(config), Request(**given))
         folder = Path("results", config["study"], "estimate")
-        found.write(folder)
-        print(*found.lines(), f"tables: {folder}", sep="\n")
+        compared = found.write(folder)
+        if arguments.json:
+            print(json.dumps(found.content(compared), indent=1))
+        else:
+            print(*found.lines(compared), f"tables: {folder}", sep="\n")
