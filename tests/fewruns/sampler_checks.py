@@ -37,8 +37,8 @@ class Course:
     twice_controlled: float
 
 
-def new_sampler(dimension=2, seed=0, batch_size=10):
-    return Sampler(dimension, np.random.default_rng(seed), batch_size, fingerprint="half planes")
+def new_sampler(dimension=2, seed=0, batch_size=10, **settings):
+    return Sampler(dimension, np.random.default_rng(seed), batch_size, fingerprint="half planes", **settings)
 
 
 def drive(sampler, event, stopping=STOPPING):

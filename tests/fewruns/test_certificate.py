@@ -150,8 +150,8 @@ def test_runs_are_worth_the_draws_that_are_claimed(certify):
 
 def test_a_certificate_goes_on_after_the_interval_is_narrow():
     event = standard_normal_event(lambda z: 3.0 - z[:, 0])
-    plain = estimate(event, 1)
-    strict = estimate(event, 1, certificate=Certificate(share=0.5, curvature=0.2))
+    plain = estimate(event, 1, upper_set=True)
+    strict = estimate(event, 1, upper_set=True, certificate=Certificate(share=0.5, curvature=0.2))
     assert plain.converged
     assert strict.converged
     assert strict.simulations > plain.simulations

@@ -28,7 +28,7 @@ def runs_of(event, seed=100):
 
 def successors(predecessor, event=None, seeds=SEEDS):
     event = half_plane() if event is None else event
-    return [estimate(event, seed, predecessor=predecessor) for seed in range(seeds)]
+    return [estimate(event, seed, predecessor=predecessor, upper_set=True) for seed in range(seeds)]
 
 
 def ratios(results):

@@ -30,6 +30,7 @@ def sampler_of(event, enough, seed=0):
         fingerprint=event.fingerprint,
         deterministic=event.deterministic,
         enough_repeats=enough,
+        upper_set=True,
     )
 
 

@@ -164,7 +164,7 @@ def test_the_estimate_tells_of_all_runs(half_planes):
         np.testing.assert_array_equal(runs[["z_1", "z_2"]], progress.z)
         assert runs["event"].sum() == result.events
         phases = runs["phase"].drop_duplicates().tolist()
-        assert phases == [phase for phase in ("search", "learn", "estimate") if phase in phases]
+        assert phases == [phase for phase in ("search", "learn", "estimate", "cover") if phase in phases]
         search = runs[runs["phase"] == "search"]
         assert search["batch"].max() >= runs.loc[runs["event"], "batch"].min()
         assert (runs["phase"] == "estimate").sum() == result.estimating

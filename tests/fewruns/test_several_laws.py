@@ -26,7 +26,7 @@ def laws():
 
 @pytest.fixture(scope="module")
 def samplers():
-    return [drive(new_sampler(seed=seed), half_plane(LEVEL)).sampler for seed in range(SEEDS)]
+    return [drive(new_sampler(seed=seed, upper_set=True), half_plane(LEVEL)).sampler for seed in range(SEEDS)]
 
 
 @pytest.fixture(scope="module")
@@ -164,7 +164,7 @@ def test_any_emphasis_leaves_the_estimate_right_and_attracts_runs(samplers):
         return np.where(z @ [0.8, -0.6] > 0, 5.0, 0.2)
 
     def driven(seed):
-        sampler = new_sampler(seed=seed)
+        sampler = new_sampler(seed=seed, upper_set=True)
         sampler.emphasis = aside
         return drive(sampler, half_plane(LEVEL)).sampler
 

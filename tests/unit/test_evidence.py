@@ -189,7 +189,7 @@ def test_the_replays_are_compared_with_the_largest_known_end_of_the_replicates(m
         posterior = None if end is None else Posterior(np.array([end]), np.zeros(1, int))
         return Answer(problem, draws, {problem.event: posterior})
 
-    monkeypatch.setattr(evidence_module, "answer", answered)
+    monkeypatch.setattr(evidence_module, "evaluate", answered)
     replicates = len(ends)
     streams = lambda name: np.random.default_rng(1)  # noqa: E731
     records = SimpleNamespace(x=cut_ins(2000))

@@ -60,8 +60,8 @@ def test_a_scenario_that_does_not_exist_is_named():
     ("scenario", "quantity", "words"),
     [
         ("cut_in", "crash", "crash"),
-        ("cut_in", "impact_speed", "impact speed above 2 m/s"),
-        ("cut_in", "min_ttc", "min ttc at most 2 s"),
+        ("cut_in", "impact_speed", "impact above 2 m/s"),
+        ("cut_in", "min_ttc", "TTC at most 2 s"),
         ("left_turn", "impact_speed", "impact speed above 2 m/s"),
     ],
 )
