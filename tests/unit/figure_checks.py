@@ -20,7 +20,7 @@ import matplotlib as mpl
 import numpy as np
 import pandas as pd
 from accelerated_evaluation.publishing import figures
-from accelerated_evaluation.publishing.archive.provenance import described, origin_of
+from accelerated_evaluation.publishing.archive.provenance import described
 from accelerated_evaluation.publishing.figures.style import COLUMN_WIDTH, FORMATS, paper_style, save_figure
 from accelerated_evaluation.publishing.study import Study
 from accelerated_evaluation.scenarios.cut_in import CUT_IN
@@ -147,7 +147,7 @@ def main(results, published=None):
 def _differences(study, name, made, published):
     """Return the files of a figure whose bytes differ from those that a notebook published."""
     with TemporaryDirectory() as folder:
-        save_figure(*made, folder, name, described(name, origin_of(study)))
+        save_figure(*made, folder, name, described(name, study.name))
         files = [f"{name}.{ending}" for ending in (*FORMATS, "csv")]
         return [
             f"{file} has other bytes the second time"

@@ -14,7 +14,7 @@ def test_a_new_method_is_estimated_with_and_compared(finished):
     assert set(estimates.loc[estimates["method"] == "toy_method", "estimating"]) == {900}  # its own setting
     drawn = pd.read_csv(finished.folder / "figures/smoke/fig20_methods.csv")
     assert "toy_method" in set(drawn["method"])
-    assert "toy_method" in (finished.folder / "figures/smoke/tables/surrogate.md").read_text()
+    assert "toy method" in (finished.folder / "figures/smoke/tables/surrogate.md").read_text()
 
 
 def test_a_new_distribution_is_fitted_stored_and_shown(finished):
@@ -61,7 +61,7 @@ def test_a_new_source_is_read_and_a_new_law_fitted_and_simulated(finished, tmp_p
     assert law["kind"] == "toy_law"
     assert sum(law["counts"].values()) == len(rows)
     estimate = pd.read_csv(tmp_path / "results/toy/estimate/estimate.csv")
-    assert estimate["law"].tolist() == ["toy_law"]
+    assert estimate["law"].tolist() == ["a toy"]
     # The toy car crashes if closing_speed^2 / 6 >= range, so if TTC^-1 >= sqrt(6 R^-1).
     ranges = law["inverse_range"]["distribution"]
     (speeds,) = law["inverse_ttc"]["distributions"].values()

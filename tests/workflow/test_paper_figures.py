@@ -32,5 +32,5 @@ def test_a_notebook_draws_its_figures_at_both_widths(finished, tmp_path):
     for folder in folders:
         pdf = (folder / "fig03_cross_entropy_flow.pdf").read_bytes()
         assert b"STIXGeneral" in pdf
-        assert b"study: smoke" in pdf
+        assert b"of the study smoke" in pdf
     assert {path: path.stat().st_mtime_ns for path in figures.iterdir()} == before

@@ -24,11 +24,6 @@ OWN_TABLES = ["answer_draws", "vehicle", *(["risks"] if WITH_INJURIES else [])]
 OF_WAY = OF_FEW_RUNS if SLOW else OF_MAPS if OWN_MAP else ["crash_shares"]
 
 
-def tables_of_laws(*names):
-    """Paths of tables of the answer, by their names."""
-    return {name: result("laws", f"{name}.csv") for name in dict.fromkeys(names)}
-
-
 rule study_answer:
     """Weight the laws, draw from them, and compute the answer for the vehicle under test.
 

@@ -80,6 +80,11 @@ def result(*parts: str) -> str:
     return str(RESULTS.joinpath(*parts))
 
 
+def tables_of_laws(*names):
+    """Paths of tables of the answer, by their names."""
+    return {name: result("laws", f"{name}.csv") for name in dict.fromkeys(names)}
+
+
 def log_of(*parts: str) -> str:
     """Path of a log of this study."""
     return str(RESULTS.joinpath("logs", *parts))
