@@ -12,7 +12,7 @@ pytestmark = pytest.mark.studies
 ROOT = Path(__file__).resolve().parents[2]
 PARTS = ("article", "benchmarks", "config", "data", "docs", "notebooks", "profiles", "tests", "workflow")
 JOBS = {
-    "claims/Snakefile": {"run_sampler", "run_worlds", "study_study_laws", "vehicle"},
+    "claims/Snakefile": {"run_sampler", "run_worlds", "study_study_answer", "vehicle"},
     "motorway/Snakefile": {"drive", "count", "chain", "sum_counts", "summarize"},
     "samplers/Snakefile": {"run", "reference", "summarise"},
     "samplers/vehicles.smk": {"run", "compare"},

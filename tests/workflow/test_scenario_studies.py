@@ -37,7 +37,7 @@ def test_a_study_of_a_scenario_completes_and_a_second_run_does_nothing(project, 
     done = project.run(*([] if name == "left_turn" else only), config="mini.yaml")
     assert done.returncode == 0, done.stdout + done.stderr
     results, figures = (project.folder / folder / name for folder in ("results", "figures"))
-    answer = pd.read_csv(results / "laws/answer.csv")
+    answer = pd.read_csv(results / "laws/answer.csv").dropna(subset="median")  # rare events of few runs
     assert (answer["low80"] <= answer["median"]).all()
     assert (answer["median"] <= answer["high80"]).all()
     agreement = pd.read_csv(results / "scenario/agreement.csv").set_index("kind")

@@ -64,13 +64,14 @@ def ways_among_runs(
     """Divide the crashes among weighted runs into groups, for a vehicle without a crash map.
 
     Crashes are drawn from the runs that crashed, by their shares of the crash probability, and are divided
-    into groups by k-means. Each group is represented by the crash nearest to its centre.
+    into groups by k-means of the initial values, each divided by its standard deviation. Each group is
+    represented by the crash nearest to its centre.
 
     Parameters
     ----------
     crashes
         Table of the runs that crashed: initial values, and ``share``, the part of the crash probability that
-        the run represents; see `averaged.Course.crashes`.
+        the run represents; see `by_few_runs.crashes_table`.
     probability
         The crash probability.
     vehicle
@@ -90,15 +91,16 @@ def ways_among_runs(
         return pd.DataFrame(columns=SHOWN)
     drawn = counted.iloc[generator.choice(len(counted), DRAWN, p=counted["share"] / counted["share"].sum())]
     place = tuple(drawn[name].to_numpy() for name in PLACE)
-    z = drawn[["z_1", "z_2", "z_3"]].to_numpy()
-    groups = _grouped(place, z, min(WAYS, len(counted)), probability, generator)
+    x = np.column_stack(place)
+    scaled = x / np.maximum(x.std(axis=0), np.finfo(float).tiny)  # each variable by its spread
+    groups = _grouped(place, scaled, min(WAYS, len(counted)), probability, generator)
     return _tabulated(groups, "crash", vehicle)
 
 
 def _grouped(
     place: tuple[Array, ...], z: Array, ways: int, probability: float, generator: np.random.Generator
 ) -> pd.DataFrame:
-    """Divide crashes with normal scores z into groups, each with its nearest crash and its probability."""
+    """Divide crashes with coordinates z into groups, each with its nearest crash and its probability."""
     middles, group = kmeans2(z, ways, minit="++", seed=generator, missing="warn")
     rows = []
     for number, middle in enumerate(middles):
