@@ -110,7 +110,7 @@ def test_a_replicate_without_an_estimate_is_described_next_to_one_with_an_estima
         Answer(problem, as_draws(LAW), {CRASH: posterior}, converged=posterior is not None, notes=notes)
         for posterior in (own, None)
     ]
-    silent = SimpleNamespace(lines=list, doubts=[], in_words="", per_km=None)
+    silent = SimpleNamespace(stop_lines=list, warning_lines=list, doubts=[], in_words="", per_km=None)
     lines = Estimated(answers, silent, silent, None, {}, Request(replicates=2), silent).lines()
     assert sum(line.startswith("variance of the logarithm") for line in lines) == 1
     second = lines[lines.index("replicate 1:") :]

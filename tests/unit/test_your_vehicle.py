@@ -101,10 +101,10 @@ def test_an_example_gives_a_crash_probability(clone, capsys, family, kind):
         assert "store" not in reported[0]
     else:
         kept = runs + int(pd.read_csv(folder / "replays.csv")["replayed"].iloc[-1])
-        simulated = int(re.search(r"simulated: (\d+); taken from the store: 0;", reported[0])[1])
-        assert kept <= simulated <= kept + 40  # with repetitions
-        assert f"kept: {kept} in results/vehicles/" in reported[0]
-        assert re.search(rf"simulated: 0; taken from the store: \d+; kept: {kept} ", reported[1])
+        # Some runs are repeated in this process, and as many in another one; neither are kept again.
+        stored = f"simulated: {kept + 16}; taken from the store: 0; kept: {kept} in results/vehicles/"
+        assert stored in reported[0]
+        assert f"simulated: 0; taken from the store: {kept + 8}; kept: {kept} " in reported[1]
 
 
 def test_the_command_can_be_tried_by_hand(clone):

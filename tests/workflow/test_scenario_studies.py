@@ -37,7 +37,10 @@ def test_a_study_of_a_scenario_completes_and_a_second_run_does_nothing(project, 
     done = project.run(*([] if name == "left_turn" else only), config="mini.yaml")
     assert done.returncode == 0, done.stdout + done.stderr
     results, figures = (project.folder / folder / name for folder in ("results", "figures"))
-    answer = pd.read_csv(results / "laws/answer.csv").dropna(subset="median")  # rare events of few runs
+    answer = pd.read_csv(results / "laws/answer.csv")
+    is_rare = answer["event"] == "impact speed above 10 m/s"  # may not happen in so few simulations
+    assert answer.loc[~is_rare, "median"].notna().all()
+    answer = answer.dropna(subset="median")
     assert (answer["low80"] <= answer["median"]).all()
     assert (answer["median"] <= answer["high80"]).all()
     agreement = pd.read_csv(results / "scenario/agreement.csv").set_index("kind")
