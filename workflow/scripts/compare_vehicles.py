@@ -4,13 +4,10 @@ from functools import partial
 
 import pandas as pd
 from accelerated_evaluation.answer.answer import evaluate
-from accelerated_evaluation.answer.by_map import Map
-from accelerated_evaluation.answer.by_simulations import Simulations
 from accelerated_evaluation.answer.fitted_records import stored_records
-from accelerated_evaluation.answer.study_tables import comparison_tables
+from accelerated_evaluation.answer.study_tables import comparison_tables, fast_way
 from accelerated_evaluation.base.files import read_json, write_csv
 from accelerated_evaluation.base.randomness import child_generator
-from accelerated_evaluation.crash_map.maps import read_crash_map
 from accelerated_evaluation.laws.draws import as_draws
 from accelerated_evaluation.laws.files import read_law
 from accelerated_evaluation.problem import Problem
@@ -28,9 +25,7 @@ if __name__ == "__main__":
         simulations = params.simulations | {"workers": snakemake.threads}
         with all_loaded(params.vehicles, simulations, scenario) as vehicles:
             for name, vehicle in vehicles.items():
-                way = Simulations(params.scenario["simulations"])
-                if name in maps:
-                    way = Map(read_crash_map(maps[name]), records.data)
+                way = fast_way(records, params.scenario["simulations"], maps.get(name))
                 problem = Problem(scenario, draws.proposal, vehicle, scenario.events[0])
                 answers[name] = evaluate(problem, draws, way, generator=stream("references", name))
         own = {name: pd.read_csv(path) for name, path in files.items() if name in params.own}

@@ -3,16 +3,12 @@
 from functools import partial
 
 from accelerated_evaluation.answer.by_few_runs import FewRuns
-from accelerated_evaluation.answer.by_map import Map
-from accelerated_evaluation.answer.by_simulations import Simulations
 from accelerated_evaluation.answer.fitted_records import stored_records
 from accelerated_evaluation.answer.law_study import LawStudy
-from accelerated_evaluation.answer.study_tables import answer_tables
+from accelerated_evaluation.answer.study_tables import answer_tables, fast_way
 from accelerated_evaluation.base.files import read_json, write_csv
 from accelerated_evaluation.base.randomness import child_generator
-from accelerated_evaluation.crash_map.maps import read_crash_map
 from accelerated_evaluation.laws.files import write_law
-from accelerated_evaluation.methods.surrogate import Surrogate
 from accelerated_evaluation.problem import Problem
 from accelerated_evaluation.records.report import read_report
 from accelerated_evaluation.records.verdict import Verdict
@@ -29,11 +25,8 @@ if __name__ == "__main__":
         records = stored_records(scenario, files.encounters, params.support, read_json(files.exposure))
         study = LawStudy.of(records, params.draws, stream, next(iter(files.family), None), fastest)
         draws = study.draws(stream("draws"))
-        way = Simulations(settings["scenario"]["simulations"])
-        if params.slow:
-            way = FewRuns(Surrogate.stopping(settings), settings["surrogate"]["batch_size"])
-        for path in files.map:
-            way = Map(read_crash_map(path), records.data)
+        fast = fast_way(records, settings["scenario"]["simulations"], *files.map)
+        way = FewRuns.configured(settings) if params.slow else fast
         events, half_width = events_of(scenario, params.events), settings["importance_sampling"]["beta"]
         simulations = params.simulations | {"workers": snakemake.threads}
         with loaded_for(settings["vehicle"], simulations, scenario) as vehicle:

@@ -142,7 +142,7 @@ class Answer:
 class Way(Protocol):
     """A way to compute an answer: `Map`, `Simulations` or `FewRuns`."""
 
-    def evaluate(
+    def answer(
         self, problem: Problem, draws: Draws, events: Sequence[Event], generator: np.random.Generator
     ) -> Answer:
         """Compute the answer for the event of a problem, and for further events."""

@@ -6,7 +6,7 @@ import os
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, replace
-from functools import partial
+from functools import cached_property, partial
 from pathlib import Path
 from typing import Any
 
@@ -18,10 +18,10 @@ from accelerated_evaluation.answer.by_few_runs import SHARE, FewRuns, Shown
 from accelerated_evaluation.answer.by_map import Map
 from accelerated_evaluation.answer.by_simulations import Simulations
 from accelerated_evaluation.answer.choice import ANSWER, FILE, choose_draws
-from accelerated_evaluation.answer.comparison import compare, compare_estimates, require_estimate
+from accelerated_evaluation.answer.comparison import compare_estimates, compared_table, require_estimate
 from accelerated_evaluation.answer.estimate_tables import estimate_tables
 from accelerated_evaluation.answer.evidence import Evidence, checked_answers
-from accelerated_evaluation.answer.extrapolation import extrapolation, in_words
+from accelerated_evaluation.answer.extrapolation import in_words
 from accelerated_evaluation.answer.fitted_records import FittedRecords, read_records, records_named
 from accelerated_evaluation.answer.posterior import LEVEL
 from accelerated_evaluation.answer.words import answer_in_words, budget_in_words, ratio_in_words
@@ -33,7 +33,7 @@ from accelerated_evaluation.crash_map.maps import Grid
 from accelerated_evaluation.laws.draws import Draws
 from accelerated_evaluation.laws.files import read_verdict, write_law
 from accelerated_evaluation.laws.smooth.family import DistinctRecords
-from accelerated_evaluation.methods.surrogate import Surrogate, read_predecessor
+from accelerated_evaluation.methods.surrogate import read_predecessor
 from accelerated_evaluation.methods.surrogate_words import chance_in_words, unseen_in_words
 from accelerated_evaluation.problem import Problem
 from accelerated_evaluation.records.checks import Records
@@ -71,12 +71,17 @@ class Estimated:
     request: Request
     evidence: Evidence
 
-    def write(self, folder: Path) -> pd.DataFrame:
-        """Write all tables and the law to a folder, and return the ratios to other vehicles."""
+    @cached_property
+    def tables(self) -> dict[str, pd.DataFrame]:
+        """All tables by name, with the doubts about the estimate and the verdict on the records."""
         tables = self.evidence.added_to(estimate_tables(self.answers, self.records))
         if self.records.account is not None:
             tables["account"] = self.records.account
-        for name, table in self.verdict.added_to_answers(tables).items():
+        return self.verdict.added_to_answers(tables)
+
+    def write(self, folder: Path) -> pd.DataFrame:
+        """Write all tables and the law to a folder, and return the ratios to other vehicles."""
+        for name, table in self.tables.items():
             write_csv(folder / f"{name}.csv", table)
         write_law(folder / "law.json", self.answers[0].draws.law, self.records.table, self.verdict)
         self.records.write(folder / "encounters.parquet")
@@ -86,32 +91,29 @@ class Estimated:
 
     def compared(self, folder: Path) -> pd.DataFrame:
         """Return the ratios to other estimates and to references, one row each."""
-        own = self.answers[0].posterior
-        rows = [{"other": name} | compare(own, other.posterior) for name, other in self.references.items()]
+        posteriors = {name: other.posterior for name, other in self.references.items()}
+        rows = compared_table({"": self.answers[0].posterior, **posteriors})
         others = compare_estimates(folder, list(self.request.compare)) if self.request.compare else None
-        return pd.concat([others, pd.DataFrame(rows)], ignore_index=True)
+        return pd.concat([others, rows], ignore_index=True) if len(rows) else pd.DataFrame(others)
 
     def lines(self, compared: pd.DataFrame | None = None) -> list[str]:
         """Return the answer in words: what was asked first, and findings of the checks of records last."""
-        of_records = self.verdict.lines()
-        stops = [line for line in of_records if line.startswith("STOP")]
         ratios = [] if compared is None else map(ratio_in_words, compared.to_dict("records"))
         return [
-            *stops,
+            *self.verdict.stop_lines(),
             *(f"warning: {doubt}" for doubt in self.evidence.doubts),
             *(line for number, each in enumerate(self.answers) for line in self._lines_of(number, each)),
             *ratios,
             self.evidence.in_words,
             *self._simulated(),
-            *of_records[len(stops) :],
+            *self.verdict.warning_lines(),
         ]
 
     def content(self, compared: pd.DataFrame) -> dict[str, Any]:
         """Return the answer as a value for JSON: tables as lists of rows, and warnings as texts."""
-        tables = estimate_tables(self.answers, self.records)
-        shown = {name: tables[name] for name in ("answer", "budget", "estimate", "extrapolation")}
-        rows = {name: json.loads(table.to_json(orient="records")) for name, table in shown.items()}
-        rows["compared"] = json.loads(compared.to_json(orient="records"))
+        names = ("answer", "budget", "estimate", "extrapolation")
+        tables = {name: self.tables[name] for name in names} | {"compared": compared}
+        rows = {name: json.loads(table.to_json(orient="records")) for name, table in tables.items()}
         return rows | {"warnings": [*self.evidence.doubts, *self.verdict.lines()]}
 
     def _lines_of(self, number: int, answer: Answer) -> Iterator[str]:
@@ -127,7 +129,8 @@ class Estimated:
         if not is_known.all():
             yield f"not known from these runs: {', '.join(table.loc[~is_known, 'event'])}"
         if answer.crashes is not None:
-            yield in_words(extrapolation(answer, self.records), answer.problem.scenario)
+            beyond = self.tables["extrapolation"]
+            yield in_words(beyond[beyond["replicate"] == number], scenario)
         yield from budget_in_words(answer.budget())
         yield f"law of {scenario.noun}s: {answer.draws.proposal.description}"
         verdict = "converged" if answer.converged else "not converged"
@@ -169,8 +172,7 @@ def estimate(config: Mapping[str, Any], request: Request) -> Estimated:
         draws = choose_draws(request.law, records, config)
         problem = Problem(scenario, draws.proposal, vehicle, event)
         known = None if request.predecessor is None else read_predecessor(request.predecessor, problem)
-        stopping, batch_size = Surrogate.stopping(config), config["surrogate"]["batch_size"]
-        way = FewRuns(stopping, batch_size, request.sampling_share, known, show)
+        way = FewRuns.configured(config, share=request.sampling_share, predecessor=known, on_batch=show)
         further = events_of(scenario, config["answer"]["events"])
         streams = partial(child_generator, config["seed"], "laws")  # as in the study of a slow vehicle
         answers, evidence = checked_answers(

@@ -89,6 +89,12 @@ def parts_by_distance(records: Array, events: Array) -> Parts:
     }
 
 
+def parts_of(records: FittedRecords, x: Array) -> Parts:
+    """Return which encounters x, (m, d), are in each part, by the distance that fits the records."""
+    divide = parts_by_speed if isinstance(records.data, DistinctRecords) else parts_by_distance
+    return divide(records.x, x)
+
+
 def rank_scores(records: Array, x: Array) -> Array:
     """Return normal scores of x, (m, d), by the ranks of each variable among the records, (n, d).
 
@@ -110,11 +116,10 @@ def extrapolation(
     ``replayed`` says for each record whether it ends in the event if the vehicle replays it, shape (n,). The
     table is that of `extrapolation_table`; it is empty if no event is known.
     """
-    parts = parts_by_speed if isinstance(records.data, DistinctRecords) else parts_by_distance
     if answer.crashes is None or answer.posterior is None:
         return pd.DataFrame(columns=["part"])
-    found = parts(records.x, answer.crashes.x)
-    of_records = None if replayed is None else parts(records.x, records.x[replayed])
+    found = parts_of(records, answer.crashes.x)
+    of_records = None if replayed is None else parts_of(records, records.x[replayed])
     return extrapolation_table(found, answer.crash_weights, records.size, of_records)
 
 
@@ -124,7 +129,7 @@ def drawn_crashes(answer: Answer, records: FittedRecords, generator: np.random.G
     if answer.crashes is None or not answer.crashes.weights.any():
         return pd.DataFrame(columns=[*names, "part"])
     x = answer.crashes.x[generator.choice(len(answer.crashes.x), DRAWN, p=answer.crashes.shares)]
-    parts = (parts_by_speed if isinstance(records.data, DistinctRecords) else parts_by_distance)(records.x, x)
+    parts = parts_of(records, x)
     part = np.select([parts[name] for name in DISJOINT], DISJOINT, "")
     return pd.DataFrame(x, columns=names).assign(part=part)
 

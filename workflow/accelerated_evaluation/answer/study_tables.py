@@ -1,5 +1,6 @@
 """The tables of a study's answer, for all scenarios and for all ways in which an answer is computed."""
 
+import os
 from collections.abc import Callable, Mapping, Sequence
 
 import numpy as np
@@ -31,6 +32,7 @@ from accelerated_evaluation.answer.law_study import LawStudy
 from accelerated_evaluation.answer.map_tables import MapTables
 from accelerated_evaluation.answer.posterior import budget
 from accelerated_evaluation.answer.restricted import restricted
+from accelerated_evaluation.crash_map.maps import read_crash_map
 from accelerated_evaluation.laws.draws import Draws
 from accelerated_evaluation.problem import Problem
 from accelerated_evaluation.scenarios.protocol import Event
@@ -89,13 +91,20 @@ def answer_tables(
     tables["crash_places"] = drawn_crashes(own, records, streams("crash places"))
     if isinstance(study.family, JointFamily):
         tables["laws"] = study.family.table(study.weights)
-    else:
+    elif not isinstance(way, Map):  # the table of a map also has crashes and near misses
         tables["calibration"] = calibration_table(study)
     if isinstance(way, Map):
         tables |= _map_tables(own, study, way, streams)
     if isinstance(way, Simulations):
         tables |= _simulation_tables(own, study, way, events, streams)
     return tables
+
+
+def fast_way(
+    records: FittedRecords, simulations: int, crash_map: str | os.PathLike | None = None
+) -> Map | Simulations:
+    """Return the way for a fast vehicle: by the file of its crash map, or by so many simulations."""
+    return Simulations(simulations) if crash_map is None else Map(read_crash_map(crash_map), records.data)
 
 
 def own_tables(own: Answer, records: FittedRecords, half_width: float) -> Tables:

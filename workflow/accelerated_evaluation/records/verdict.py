@@ -95,15 +95,19 @@ class Verdict:
 
     def lines(self) -> list[str]:
         """Return a line of text for each ``stop`` and one line for all warnings; no lines if all is fine."""
+        return [*self.stop_lines(), *self.warning_lines()]
+
+    def stop_lines(self) -> list[str]:
+        """Return a line of text for each ``stop``."""
         notes = {name: " (accepted by name)" for name in self.accepted}
-        stops = [
+        return [
             f"STOP{notes.get(name, '')}: {name} of the records: {seen}" for name, seen in self.stops.items()
         ]
-        names, advice = (
-            ", ".join(self.warnings),
-            "`accelerated-evaluation inspect` names the rows of the records",
-        )
-        return [*stops, *([f"warning: {names}; {advice}"] if names else [])]
+
+    def warning_lines(self) -> list[str]:
+        """Return one line of text for all warnings, if there are any."""
+        advice = "`accelerated-evaluation inspect` names the rows of the records"
+        return [f"warning: {', '.join(self.warnings)}; {advice}"] if self.warnings else []
 
     @property
     def in_short(self) -> str:
