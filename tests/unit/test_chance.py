@@ -111,7 +111,13 @@ def test_a_replicate_without_an_estimate_is_described_next_to_one_with_an_estima
         for posterior in (own, None)
     ]
     silent = SimpleNamespace(stop_lines=list, warning_lines=list, doubts=[], in_words="", per_km=None)
-    lines = Estimated(answers, silent, silent, None, {}, Request(replicates=2), silent).lines()
+    found = Estimated(answers, silent, silent, None, {}, Request(replicates=2), silent)
+    lines = found.lines()
+    detailed = found.lines(verbose=True)
+    assert [line for line in detailed if line in lines] == lines
+    for words in ("a part of the event that no run has met", "interval of the sampling alone", "repeats: none"):
+        assert sum(words in line for line in detailed) == 2
+        assert not any(words in line for line in lines)
     assert sum(line.startswith("variance of the logarithm") for line in lines) == 1
     second = lines[lines.index("replicate 1:") :]
     assert second[1].startswith("NOT CONVERGED")

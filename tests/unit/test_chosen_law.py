@@ -184,6 +184,7 @@ def test_an_answer_that_has_not_converged_says_so_first(folder, monkeypatch, cap
     )
     assert cli.main(["estimate", "--config", "motorway.yaml", "--config", "chance.yaml"]) == 0
     lines = capsys.readouterr().out.splitlines()
+    assert len(lines) <= 12
     answer = next(k for k, line in enumerate(lines) if line.startswith("crash: probability in a cut-in"))
     row = pd.read_csv("results/motorway/estimate/estimate.csv").iloc[0]
     assert row["converged"] == deterministic

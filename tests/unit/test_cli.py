@@ -1,4 +1,6 @@
+import os
 import re
+import shlex
 import subprocess
 import sys
 from pathlib import Path
@@ -7,6 +9,7 @@ import numpy as np
 import pandas as pd
 import pytest
 from accelerated_evaluation import cli
+from accelerated_evaluation.commands import COMMANDS
 from accelerated_evaluation.commands import simulate as simulate_command
 from accelerated_evaluation.vehicles import AccAeb
 from accelerated_evaluation.vehicles.checks import INPUTS, OUTCOMES
@@ -196,11 +199,36 @@ def test_help_is_complete(capsys):
         assert all(word in text for word in words)
 
 
-@pytest.mark.parametrize("name", ["compare", "crate", "extract", "inspect", "paper", "replay", "simulate"])
-def test_help_of_a_subcommand_has_an_example(name, capsys):
+STEPS = [f"campaign {step}" for step in ("new", "ask", "tell", "status")]
+
+
+@pytest.mark.parametrize("name", [*COMMANDS, *STEPS])
+def test_help_of_a_subcommand_has_an_example_whose_options_exist(name, capsys):
     with pytest.raises(SystemExit):
-        cli.main([name, "--help"])
-    assert re.search(rf"^  accelerated-evaluation {name} \S", capsys.readouterr().out, re.MULTILINE)
+        cli.main([*name.split(), "--help"])
+    text = capsys.readouterr().out.replace("\\\n", " ")
+    examples = re.findall(r"^  accelerated-evaluation (.*)", text, re.MULTILINE)
+    assert any(example.startswith(f"{name} ") for example in examples)
+    for example in examples:
+        cli.parser().parse_args(shlex.split(example))
+
+
+@pytest.mark.parametrize(
+    ("line", "expected"),
+    [
+        ("accelerated-evaluation est", {"estimate"}),
+        ("accelerated-evaluation campaign s", {"status"}),
+        ("accelerated-evaluation estimate --pre", {"--predecessor"}),
+    ],
+)
+def test_the_shell_completes_subcommands_and_options(line, expected, tmp_path):
+    found = tmp_path / "completions"
+    asks = {"_ARGCOMPLETE": "1", "COMP_LINE": line, "COMP_POINT": str(len(line)), "_ARGCOMPLETE_SHELL": "bash"}
+    asks |= {"_ARGCOMPLETE_STDOUT_FILENAME": str(found), "_ARGCOMPLETE_IFS": "\n"}
+    subprocess.run(
+        [sys.executable, "-m", "accelerated_evaluation.cli"], env=os.environ | asks, check=True, timeout=60
+    )
+    assert {word.strip() for word in found.read_text().split("\n")} == expected
 
 
 @pytest.mark.parametrize(

@@ -1,5 +1,6 @@
 """Replays of records: how often the event happened there, and what that says about an estimate."""
 
+from dataclasses import fields, replace
 from itertools import pairwise
 from types import SimpleNamespace
 
@@ -26,6 +27,7 @@ from accelerated_evaluation.scenarios.left_turn import LEFT_TURN
 from accelerated_evaluation.vehicles import Outcomes, load_vehicle
 from accelerated_evaluation.vehicles.events import CRASH
 from accelerated_evaluation.vehicles.external.watched import WatchedVehicle
+from fewruns.predecessor import Predecessor
 from law_folder import LAW
 from normal_law import left_turn_law
 from scipy.stats import binom, poisson
@@ -48,6 +50,9 @@ def test_a_slow_vehicle_replays_a_sample_of_each_stratum():
     found = replayed(lambda x: np.zeros(x.shape[1], bool))
     assert found.records.tolist() == [20, 180, 1800, 18_000]
     assert found.sampled.tolist() == [*SIZES]
+    few = np.random.default_rng(2).uniform(size=(3, 1000))
+    small = replay(lambda x: x[0] < 0.01, few, few[0], np.random.default_rng(3), is_slow=True)
+    assert small.sampled.tolist() == [1, 9, 40, 50]  # a small stratum leaves its share to the last one
     nearness = found.encounters[0]
     ends = np.split(nearness, np.cumsum(SIZES)[:-1])
     assert all(nearer.max() < farther.min() for nearer, farther in pairwise(ends))
@@ -177,6 +182,78 @@ def test_replays_with_events_guide_the_sampler_and_others_do_not():
     np.testing.assert_allclose(points(known.z), replays.encounters.T, rtol=1e-6)
     np.testing.assert_array_equal(known.happened, replays.flags)
     assert known_runs(replayed(lambda x: np.zeros(x.shape[1], bool)), points) is None
+
+
+def in_a_band(car, scenario, name, low, high, outcomes):
+    """Return a car that also crashes, in a thin band of one variable, with outcomes that do not lead there."""
+    place = scenario.names.index(name)
+
+    def simulate(*columns):
+        found = car.simulate(*columns)
+        fails = (columns[place] > low) & (columns[place] < high)
+        made = {key: np.where(fails, value, getattr(found, key)) for key, value in outcomes.items()}
+        return replace(found, crash=found.crash | fails, **made)
+
+    return SimpleNamespace(simulate=simulate, deterministic=True)
+
+
+BANDS = {
+    "left_turn": (LEFT_TURN, left_turn_law(), ("turning_speed_mps", 7.0, 7.1), {"clearance": -0.1}),
+    "cut_in": (CUT_IN, LAW, ("closing_speed", 0.5, 0.51), {"min_range": 0.0, "impact_speed": 0.5}),
+}
+
+
+@pytest.mark.parametrize("name", BANDS)
+def test_no_answer_that_the_records_contradict_has_converged(name, monkeypatch):
+    """The sampler has found all events of the car but those of a thin band, and says that it has converged."""
+    scenario, law, band, outcomes = BANDS[name]
+    x = law.from_normal_scores(np.random.default_rng(5).standard_normal((2000, 3)))
+    sound = SimpleNamespace(simulate=lambda *columns: never(scenario, columns), deterministic=True)
+    small = Posterior(np.array([1e-5]), np.zeros(1, int))
+
+    def claimed(problem, draws, *_, **__):
+        return Answer(problem, draws, {problem.event: small})
+
+    monkeypatch.setattr(evidence_module, "evaluate", claimed)
+
+    def checked(car):
+        problem = Problem(scenario, law, car, scenario.events[0])
+        streams = lambda name: np.random.default_rng(6)  # noqa: E731
+        (answer,), found = checked_answers(
+            problem, as_draws(law), SimpleNamespace(x=x), FewRuns(), (), streams
+        )
+        return answer.converged, found
+
+    faulty = in_a_band(sound, scenario, *band, outcomes)
+    converged, found = checked(faulty)
+    assert not converged
+    inside = scenario.to_inputs(x)[:, scenario.names.index(band[0])]
+    assert len(found.crashed) == np.count_nonzero((inside > band[1]) & (inside < band[2])) > 0
+    assert found.crashed[band[0]].between(*band[1:]).all()
+    assert scenario.described(found.crashed.iloc[0]) in found.doubts[0]
+    assert checked(sound)[0]
+    # Without the records in the band, nothing contradicts the answer.
+    x = x[~((inside > band[1]) & (inside < band[2]))]
+    assert checked(faulty)[0]
+
+
+def never(scenario, columns):
+    """Return the outcomes of encounters without a crash."""
+    n = len(columns[0])
+    flags = {"crash": np.zeros(n, bool), "ended": np.ones(n, bool)}
+    names = [each.name for each in fields(scenario.outcome_type)]
+    return scenario.outcome_type(**{each: flags.get(each, np.full(n, 5.0)) for each in names})
+
+
+def test_replays_guide_the_sampler_in_addition_to_a_predecessor():
+    points = left_turn_law().from_normal_scores
+    x = points(np.random.default_rng(7).standard_normal((500, 3)))
+    replays = replay(lambda x: x[1] > np.median(x[1]), x.T, x[:, 0], np.random.default_rng(8), is_slow=True)
+    other = Predecessor(np.zeros((2, 3)), np.array([True, False]))
+    found = known_runs(replays, points, other)
+    np.testing.assert_array_equal(found.z[:2], other.z)
+    assert found.happened.tolist() == [True, False, *replays.flags]
+    assert known_runs(replayed(lambda x: np.zeros(x.shape[1], bool)), points, other) is other
 
 
 @pytest.mark.parametrize(("ends", "upper"), [((0.1, None, 0.2), 0.2), ((None,), 1.0)])

@@ -82,7 +82,7 @@ def test_an_example_gives_a_crash_probability(clone, capsys, family, kind):
     if family.exists():
         shutil.copy(family, kept)
     block = next(block for block in COMMANDS if f"estimate --config my_{kind}.yaml" in block)
-    words = [*block.split()[1:], "--config", "fewer.yaml"]
+    words = [*block.split()[1:], "--config", "fewer.yaml", "--verbose"]
     tables, reported = [], []
     for _ in range(1 if kind == "class" else 2):  # the second time the store is full
         assert cli.main(words) == 0

@@ -4,6 +4,8 @@ import argparse
 import sys
 from collections.abc import Sequence
 
+import argcomplete
+
 from accelerated_evaluation.base.errors import StudyError, unusable
 from accelerated_evaluation.commands import COMMANDS
 
@@ -24,7 +26,9 @@ def main(argv: Sequence[str] | None = None) -> int:
     int
         Exit status: 0, 2 after bad input, or 130 if the command was stopped from the keyboard.
     """
-    arguments = _parser().parse_args(argv)
+    own = parser()
+    argcomplete.autocomplete(own)  # if the shell asks for completions, this prints them and ends
+    arguments = own.parse_args(argv)
     try:
         arguments.run(arguments)
     except (StudyError, OSError) as error:
@@ -36,12 +40,13 @@ def main(argv: Sequence[str] | None = None) -> int:
     return 0
 
 
-def _parser() -> argparse.ArgumentParser:
-    parser = argparse.ArgumentParser(
+def parser() -> argparse.ArgumentParser:
+    """Return the parser of the command with all subcommands."""
+    own = argparse.ArgumentParser(
         prog="accelerated-evaluation",
         description="Crash probability of automated vehicles in cut-ins by accelerated evaluation.",
     )
-    commands = parser.add_subparsers(title="commands", metavar="COMMAND", required=True)
+    commands = own.add_subparsers(title="commands", metavar="COMMAND", required=True)
     for name, command in COMMANDS.items():
         subparser = commands.add_parser(
             name,
@@ -52,7 +57,7 @@ def _parser() -> argparse.ArgumentParser:
         )
         command.add_arguments(subparser)
         subparser.set_defaults(run=command.run)
-    return parser
+    return own
 
 
 if __name__ == "__main__":

@@ -11,6 +11,7 @@ from pathlib import Path
 from typing import Any
 
 import pandas as pd
+from fewruns import Estimate
 from tqdm import tqdm
 
 from accelerated_evaluation.answer.answer import Answer, Way, evaluate
@@ -96,16 +97,20 @@ class Estimated:
         others = compare_estimates(folder, list(self.request.compare)) if self.request.compare else None
         return pd.concat([others, rows], ignore_index=True) if len(rows) else pd.DataFrame(others)
 
-    def lines(self, compared: pd.DataFrame | None = None) -> list[str]:
-        """Return the answer in words: what was asked first, and findings of the checks of records last."""
+    def lines(self, compared: pd.DataFrame | None = None, *, verbose: bool = False) -> list[str]:
+        """Return the answer in words: what was asked first, and with ``verbose`` also all that is known of it."""
         ratios = [] if compared is None else map(ratio_in_words, compared.to_dict("records"))
         return [
             *self.verdict.stop_lines(),
             *(f"warning: {doubt}" for doubt in self.evidence.doubts),
-            *(line for number, each in enumerate(self.answers) for line in self._lines_of(number, each)),
+            *(
+                line
+                for number, each in enumerate(self.answers)
+                for line in self._lines_of(number, each, verbose=verbose)
+            ),
             *ratios,
             self.evidence.in_words,
-            *self._simulated(),
+            *(self._simulated() if verbose else []),
             *self.verdict.warning_lines(),
         ]
 
@@ -116,35 +121,53 @@ class Estimated:
         rows = {name: json.loads(table.to_json(orient="records")) for name, table in tables.items()}
         return rows | {"warnings": [*self.evidence.doubts, *self.verdict.lines()]}
 
-    def _lines_of(self, number: int, answer: Answer) -> Iterator[str]:
+    def _lines_of(self, number: int, answer: Answer, *, verbose: bool) -> Iterator[str]:
         scenario, estimate = answer.problem.scenario, answer.notes["estimate"]
         if len(self.answers) > 1:
             yield f"replicate {number}:"
         if not answer.converged:
-            yield _not_settled(estimate.diagnostics.get("unseen_lapses", math.nan))
-        table = answer.table(self.records.per_km)
-        is_known = table["median"].notna() | (table.index == 0)
-        for row in table[is_known].to_dict("records"):
-            yield from answer_in_words(row, scenario.noun)
-        if not is_known.all():
-            yield f"not known from these runs: {', '.join(table.loc[~is_known, 'event'])}"
+            yield self._not_converged(estimate)
+        yield from self._probabilities(answer, verbose=verbose)
         if answer.crashes is not None:
             beyond = self.tables["extrapolation"]
             yield in_words(beyond[beyond["replicate"] == number], scenario)
         yield from budget_in_words(answer.budget())
         yield f"law of {scenario.noun}s: {answer.draws.proposal.description}"
         verdict = "converged" if answer.converged else "not converged"
-        known = "not known yet" if math.isnan(estimate.probability) else f"{estimate.probability:.3g}"
-        yield (
-            f"{scenario.event_in_words(answer.problem.event)} under this law: probability {known}, "
-            f"{1 - estimate.alpha:.0%} interval of the sampling alone {estimate.low:.2g} to "
-            f"{estimate.high:.2g}; {verdict} after {estimate.simulations:,} encounters, "
-            f"{estimate.events:,} of them with the event"
-        )
-        yield unseen_in_words(estimate.probability, estimate.diagnostics)
-        yield chance_in_words(estimate.diagnostics)
+        yield f"{verdict} after {estimate.simulations:,} simulations, {estimate.events:,} of them with the event"
         if answer.notes["not_ended"]:
             yield f"warning: {answer.notes['not_ended']:,} runs did not end, and count as without the event"
+        if verbose:
+            known = "not known yet" if math.isnan(estimate.probability) else f"{estimate.probability:.3g}"
+            yield (
+                f"{scenario.event_in_words(answer.problem.event)} under this law: probability {known}, "
+                f"{1 - estimate.alpha:.0%} interval of the sampling alone {estimate.low:.2g} to "
+                f"{estimate.high:.2g}"
+            )
+            yield unseen_in_words(estimate.probability, estimate.diagnostics)
+            yield chance_in_words(estimate.diagnostics)
+
+    def _probabilities(self, answer: Answer, *, verbose: bool) -> Iterator[str]:
+        """Return the main event in words, and with ``verbose`` the other events."""
+        table = answer.table(self.records.per_km)
+        is_known = table["median"].notna() | (table.index == 0)
+        for row in table[is_known].to_dict("records")[: None if verbose else 1]:
+            yield from answer_in_words(row, answer.problem.scenario.noun)
+        if verbose and not is_known.all():
+            yield f"not known from these runs: {', '.join(table.loc[~is_known, 'event'])}"
+
+    def _not_converged(self, estimate: Estimate) -> str:
+        """Return the reason why an estimate has not converged, and what to do."""
+        if self.evidence.doubts:
+            reason = "see the warning above"
+        elif not math.isnan(bound := estimate.diagnostics.get("unseen_lapses", math.nan)):
+            reason = f"lapses that no run has shown can add up to {bound:.1g}, which the upper ends contain"
+        else:
+            reason = (
+                "more simulations may change it, or may find further parts of the event; increase "
+                "surrogate.maximum_calls"
+            )
+        return f"NOT CONVERGED: {reason}; --verbose prints more"
 
     def _simulated(self) -> list[str]:
         if (vehicle := self.vehicle) is None:
@@ -250,12 +273,3 @@ def _progress() -> Iterator[Shown]:
             bar.set_postfix_str(text)
 
         yield show
-
-
-def _not_settled(unseen_lapses: float) -> str:
-    reason = "more simulations may change it, or may find further parts of the event"
-    if not math.isnan(unseen_lapses):
-        reason = (
-            f"lapses that no run has shown can add up to {unseen_lapses:.1g}, which the upper ends contain"
-        )
-    return f"NOT CONVERGED: {reason}; see the last lines"

@@ -1,7 +1,7 @@
 """What runs that no sampler has chosen say about an estimate: repetitions elsewhere, replays of records."""
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 import pandas as pd
@@ -23,6 +23,8 @@ from accelerated_evaluation.vehicles.external.slow import SlowVehicle
 from accelerated_evaluation.vehicles.external.watched import WatchedVehicle
 from accelerated_evaluation.vehicles.loading import load_vehicle
 
+SHOWN = 3  # number of records with the event that a message names
+
 
 @dataclass(frozen=True)
 class Evidence:
@@ -38,12 +40,18 @@ class Evidence:
         The replayed records.
     difference
         How a run differs when it is repeated in another process; None if all repetitions agree.
+    crashed
+        The replayed records with the event, by the variables of the scenario.
+    examples
+        The first of these records in words.
     """
 
     event: str
     upper: float
     replays: Replays
     difference: str | None
+    crashed: pd.DataFrame = field(default_factory=pd.DataFrame)
+    examples: Sequence[str] = ()
 
     @property
     def doubts(self) -> list[str]:
@@ -62,8 +70,8 @@ class Evidence:
         )
 
     def added_to(self, tables: Mapping[str, pd.DataFrame]) -> dict[str, pd.DataFrame]:
-        """Return tables with ``replays``; doubts are added, and nothing has then converged."""
-        found = {**tables, "replays": self.replays.table(self.upper)}
+        """Return tables with those of the replays; doubts are added, and nothing has then converged."""
+        found = {**tables, "replays": self.replays.table(self.upper), "replayed_events": self.crashed}
         if not self.doubts:
             return found
         return {
@@ -85,8 +93,9 @@ class Evidence:
             f"the records contradict the estimate (p = {p_value:.1g}, level {LEVEL:g}): {self.event} "
             f"in {self.replays.happened:,} of {count:,} replayed records; expected at most "
             f"{self.upper * total:.2g} in all {total:,} records. The estimate cannot be trusted: the sampler "
-            "missed a part of the event, or the law does not describe the records. Inspect these records "
-            "with the command replay, and correct the vehicle if it should not have the event in them."
+            "missed a part of the event, or the law does not describe the records. Simulate some of these "
+            f"records again ({'; '.join(self.examples)}), and correct the vehicle if it should not have the "
+            "event in them. The table replayed_events.csv contains all of them."
         )
 
 
@@ -133,7 +142,7 @@ def checked_answers(
     problem
         The scenario, the vehicle and its main event.
     draws, records, way, events
-        As in `answer.evaluate`; the replays guide the way, unless it has a predecessor.
+        As in `answer.evaluate`. The replays guide the sampler, in addition to its predecessor.
     streams
         Returns the random stream with a given name.
     replicates
@@ -142,8 +151,8 @@ def checked_answers(
     watched = WatchedVehicle(problem.vehicle, problem.scenario)
     problem = replace(problem, vehicle=watched, law=draws.proposal)
     replays = replays_of(watched, records.x, problem.event, streams("replays"))
-    if way.predecessor is None:
-        way = replace(way, predecessor=known_runs(replays, draws.proposal.from_normal_scores))
+    known = known_runs(replays, draws.proposal.from_normal_scores, way.predecessor)
+    way = replace(way, predecessor=known)
     answers = [
         evaluate(problem, draws, way, events, generator=streams(f"replicate {number}"))
         for number in range(replicates)
@@ -156,8 +165,12 @@ def checked_answers(
     return answers, evidence
 
 
-def known_runs(replays: Replays, from_normal_scores: Callable[[Array], Array]) -> Predecessor | None:
-    """Return the replays as known runs for the sampler; None without an event among them.
+def known_runs(
+    replays: Replays,
+    from_normal_scores: Callable[[Array], Array],
+    predecessor: Predecessor | None = None,
+) -> Predecessor | None:
+    """Return the replays as known runs for the sampler, with those of a predecessor; None without an event.
 
     Parameters
     ----------
@@ -165,12 +178,18 @@ def known_runs(replays: Replays, from_normal_scores: Callable[[Array], Array]) -
         The replayed records.
     from_normal_scores
         The map of the law that is sampled, from normal scores to encounters, both of shape (n, d).
+    predecessor
+        Runs of a similar vehicle, if there are any.
     """
     if not replays.flags.any() or len(replays.encounters) > FEW:
-        return None
+        return predecessor
     z, is_found = normal_scores(from_normal_scores, replays.encounters.T)
-    flags = replays.flags[is_found]
-    return Predecessor(z[is_found], flags) if flags.any() else None
+    z, flags = z[is_found], replays.flags[is_found]
+    if not flags.any():
+        return predecessor
+    if predecessor is not None:
+        z, flags = np.vstack([predecessor.z, z]), np.append(predecessor.happened, flags)
+    return Predecessor(z, flags)
 
 
 def evidence_on(vehicle: WatchedVehicle, replays: Replays, event: Event, upper: float) -> Evidence:
@@ -190,5 +209,13 @@ def evidence_on(vehicle: WatchedVehicle, replays: Replays, event: Event, upper: 
     found = None
     if not vehicle.differed:  # otherwise the sampler knows that the outcomes vary
         found = difference_elsewhere(vehicle.vehicle, vehicle.encounters, vehicle.outcomes, event)
-    named = vehicle.scenario.event_in_words(event)
-    return Evidence(named, upper, replays, None if found is None else str(found))
+    scenario = vehicle.scenario
+    crashed = scenario.to_inputs(replays.with_event.T)
+    return Evidence(
+        scenario.event_in_words(event),
+        upper,
+        replays,
+        None if found is None else str(found),
+        pd.DataFrame(crashed, columns=list(scenario.names)),
+        [scenario.described(each) for each in crashed[:SHOWN]],
+    )

@@ -19,7 +19,7 @@ from accelerated_evaluation.base.arrays import Array
 
 LEVEL = 0.01  # significance level of the comparison with the estimate
 # The records are sorted by how near another vehicle came to the event. The strata end at these shares, and a
-# slow vehicle replays so many records of each.
+# slow vehicle replays so many records of each. What a small stratum cannot use, the last one receives.
 SHARES, SIZES = (0.001, 0.01, 0.1, 1.0), (20, 30, 40, 10)
 SIMILAR = 10  # number of similar records that are replayed after each event,
 FOLLOWED = 40  # and their largest number in total
@@ -39,21 +39,28 @@ class Replays:
         Number of distinct records in each stratum, the nearest to the event first.
     sampled, events
         Number of records that were drawn at random from each stratum, and of the events among them.
-    happened, replayed
-        Number of events in all replayed records, and number of these records. Besides the sampled ones there
-        may be others, which are similar to records with the event.
+    replayed
+        Number of all replayed records. Besides the sampled ones there may be others, which are similar to
+        records with the event.
     encounters, flags
         The records of the stratified sample and those similar to its events, shape (d, n), and whether they
         ended with the event, shape (n,). They guide the sampler.
+    with_event
+        The replayed records with the event, shape (d, happened).
     """
 
     records: NDArray[np.intp]
     sampled: NDArray[np.intp]
     events: NDArray[np.intp]
-    happened: int
     replayed: int
     encounters: Array
     flags: NDArray[np.bool_]
+    with_event: Array
+
+    @property
+    def happened(self) -> int:
+        """Number of events in all replayed records."""
+        return self.with_event.shape[1]
 
     def p_value(self, upper: float) -> float:
         """Return the probability of so many events if the event has at most the probability ``upper``.
@@ -111,6 +118,7 @@ def replay(
     ends = np.unique(np.ceil(np.array(SHARES) * len(order)).astype(int))
     strata = np.split(order, ends[:-1])
     sizes = [min(size, len(rows)) for size, rows in zip(SIZES[-len(strata) :], strata, strict=True)]
+    sizes[-1] = min(len(strata[-1]), sum(SIZES) - sum(sizes[:-1]))
     drawn = [
         np.sort(generator.choice(rows, size, replace=False)) for rows, size in zip(strata, sizes, strict=True)
     ]
@@ -125,14 +133,14 @@ def replay(
     if is_fast:
         everything = _all(happens, records)
         one = np.array([len(everything)])
-        return Replays(one, one, np.array([everything.sum()]), int(everything.sum()), one[0], *known)
+        return Replays(one, one, np.array([everything.sum()]), one[0], *known, records[:, everything])
     return Replays(
         np.array([len(rows) for rows in strata]),
         np.array(sizes),
         np.array([part.sum() for part in np.split(happened, np.cumsum(sizes)[:-1])]),
-        int(known[1].sum()),
         len(known[1]),
         *known,
+        known[0][:, known[1]],
     )
 
 

@@ -31,7 +31,14 @@ Estimate the probability of an event for a real vehicle, from as few runs on a p
   campaign status  print the estimate, its interval, the number of runs still needed, and whether to stop
 
 The complete state of a campaign is in one readable file, CAMPAIGN.json. Keep a copy of it.
-docs/campaign.md shows a campaign from start to end."""
+docs/campaign.md shows a campaign from start to end.
+
+example, after `make study`:
+  accelerated-evaluation campaign new campaign.json \\
+      --law results/spmd/laws/draws.json --encounters results/spmd/encounters.parquet
+  accelerated-evaluation campaign ask campaign.json to_drive
+  accelerated-evaluation campaign tell campaign.json to_drive/runs.csv
+  accelerated-evaluation campaign status campaign.json"""
 
 TABLE = """\
 The table has one row for each run, and empty columns to be filled in on the track:
@@ -45,25 +52,41 @@ In another scenario, its own outcomes can be measured; `accelerated-evaluation s
 NEW = f"""\
 Begin a campaign and write its file.
 
-{LAW}"""
+{LAW}
+
+examples: a campaign within the limits of a proving ground; another scenario
+  accelerated-evaluation campaign new campaign.json \\
+      --law results/spmd/laws/draws.json --encounters results/spmd/encounters.parquet \\
+      --half-width 0.2 --confidence 0.8 --host-speed-max 50
+  accelerated-evaluation campaign new turns.json \\
+      --scenario left_turn --law results/left_turn/laws/draws.json"""
 
 ASK = f"""\
 Write the runs to drive next into FOLDER: runs.csv, and for cut-ins run_0001.xosc and so on with their road.
 If outcomes of earlier runs are still missing, these runs are written again.
 
-{TABLE}"""
+{TABLE}
+
+example:
+  accelerated-evaluation campaign ask campaign.json to_drive --batch-size 15"""
 
 TELL = f"""\
 Read outcomes from the table that `ask` wrote, or from any table with the columns run and crash. Rows without
 a crash flag are ignored. If a table contradicts the runs or itself, none of its rows is accepted.
 
-{TABLE}"""
+{TABLE}
+
+example:
+  accelerated-evaluation campaign tell campaign.json to_drive/runs.csv"""
 
 
 STATUS = """\
 Print the status of the campaign. If the campaign was begun under a law with draws, the answer under all draws
 is reported as well. For a campaign that was begun under a single law, --under names a law with draws: the
-runs are reweighted for each draw, and a warning is printed if they are not suitable for these laws."""
+runs are reweighted for each draw, and a warning is printed if they are not suitable for these laws.
+
+example:
+  accelerated-evaluation campaign status campaign.json --under results/STUDY/estimate/law.json"""
 
 
 @COMMANDS.add("campaign")

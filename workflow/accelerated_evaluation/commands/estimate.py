@@ -44,15 +44,20 @@ files written to results/STUDY/estimate/:
                   --reference)
   crashes.csv     the simulations that crashed, with their shares of the crash probability
   extrapolation.csv  how far the predicted events lie beyond the records
-  replays.csv     how often the vehicle had the event when it replayed records
+  replays.csv     how often the vehicle had the event when it replayed records; replayed_events.csv: in which
   estimate.csv    probability, ci_low, ci_high, simulations under the law that was sampled, for each replicate
   runs.csv        every simulation: its encounter, its phase, and whether it crashed
   account.csv     the number of records that each filter has removed
   law.json        the law that was sampled, with its draws, for `campaign new` and `export`
   encounters.parquet  the encounter table to which the law was fitted
 
-example:
-  accelerated-evaluation estimate --config my_vehicle.yaml --reference cc_human"""
+examples: the answer and its ratio to a careful human; under another law and for a near miss; the ratio to an
+earlier version, whose runs save simulations; another scenario, with its default vehicle and records
+  accelerated-evaluation estimate --config my_vehicle.yaml --reference cc_human
+  accelerated-evaluation estimate --config my_vehicle.yaml --law 'two kinds 0.95' --event min_ttc=1
+  accelerated-evaluation estimate --config new.yaml --compare results/OLD/estimate \\
+      --predecessor results/OLD/estimate/runs.csv
+  accelerated-evaluation estimate --scenario left_turn --verbose"""
 
 
 def _count(text: str) -> int:
@@ -148,6 +153,12 @@ class EstimateAlone:
             "computed for each draw of the law from a crash map or many simulations, in some seconds",
         )
         command.add_argument(
+            "--verbose",
+            action="store_true",
+            help="also print further events, the sampling alone, bounds on what no run has shown, repeated runs, "
+            "and stored outcomes",
+        )
+        command.add_argument(
             "--json", action="store_true", help="print the answer as JSON, for scripts, instead of words"
         )
         add_accept(command)
@@ -171,4 +182,4 @@ class EstimateAlone:
         if arguments.json:
             print(json.dumps(found.content(compared), indent=1))
         else:
-            print(*found.lines(compared), f"tables: {folder}", sep="\n")
+            print(*found.lines(compared, verbose=arguments.verbose), f"tables: {folder}", sep="\n")

@@ -23,7 +23,11 @@ weights, and README.md, which explains how to compute the crash probability and 
 of a vehicle. For scenarios other than the cut-in (--scenario), there are no OpenSCENARIO files. If the law
 has draws, weights.csv has the weights under at most 100 of them.
 
-{LAW}"""
+{LAW}
+
+example, after `make study`:
+  accelerated-evaluation export cut_ins \\
+      --law results/spmd/laws/draws.json --encounters results/spmd/encounters.parquet"""
 
 
 @COMMANDS.add("export")

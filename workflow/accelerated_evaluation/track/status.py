@@ -151,7 +151,7 @@ def _estimate(found: Estimate, noun: str) -> str:
 
 def _advice(status: Status) -> str:
     if status.may_stop:
-        return "yes"
+        return "yes, if there is no unseen part (no recorded encounter was driven, as a check)"
     if "unseen_lapses" in status.estimate.diagnostics:
         return "no; these runs cannot exclude rare lapses, see the lines above"
     if status.needed is None:
