@@ -34,7 +34,7 @@ from accelerated_evaluation.laws.draws import Draws
 from accelerated_evaluation.laws.files import read_verdict, write_law
 from accelerated_evaluation.laws.smooth.family import DistinctRecords
 from accelerated_evaluation.methods.surrogate import read_predecessor
-from accelerated_evaluation.methods.surrogate_words import chance_in_words, unseen_in_words
+from accelerated_evaluation.methods.surrogate_words import chance_in_words, unseen_in_words, weights_in_words
 from accelerated_evaluation.problem import Problem
 from accelerated_evaluation.records.checks import Records
 from accelerated_evaluation.records.verdict import Verdict, verdict_on
@@ -141,6 +141,7 @@ class Estimated:
             f"{estimate.high:.2g}; {verdict} after {estimate.simulations:,} encounters, "
             f"{estimate.events:,} of them with the event"
         )
+        yield weights_in_words(estimate.diagnostics)
         yield unseen_in_words(estimate.probability, estimate.diagnostics)
         yield chance_in_words(estimate.diagnostics)
         if answer.notes["not_ended"]:
