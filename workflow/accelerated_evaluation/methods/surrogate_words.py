@@ -29,8 +29,8 @@ def weights_in_words(diagnostics: Mapping[str, float]) -> str:
     if k <= limit:
         return f"{words}; Pareto k-hat {k:.2f}, at most {limit:.2f}, so no single weight dominates"
     return (
-        f"{words}; warning: Pareto k-hat {k:.2f}, expected at most {limit:.2f} for this number of events. A "
-        "few large weights may dominate, and the interval may be too narrow; use more simulations"
+        f"{words}; Pareto k-hat {k:.2f}, above its threshold {limit:.2f} for this number of events, so a few "
+        "large weights may dominate, and the interval may be too narrow"
     )
 
 
