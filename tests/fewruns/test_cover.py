@@ -140,6 +140,28 @@ def test_a_basin_of_the_scores_is_open_until_there_are_runs_near_its_minimum():
     assert not len(open_basins(z, happened, np.zeros(len(z)), reach))  # flags alone have no minima
 
 
+def followed(seed, dimension, radius):
+    """Whether the basins of the scores are followed into a ball that no run has met."""
+    generator, centre = np.random.default_rng(seed), -4.7 * np.eye(dimension)[0]
+
+    def margin(z):
+        return np.minimum(4.2 - z[:, 0], np.linalg.norm(z - centre, axis=1) - radius)
+
+    z = np.vstack([draw_wide(60, dimension, generator, reach_of(1e-5)), 5 * np.eye(dimension)[:1]])
+    z, first = z[np.linalg.norm(z - centre, axis=1) > radius + 0.1], len(z)
+    while len(basins := open_basins(z, margin(z) <= 0, margin(z), reach_of(1e-5))):
+        z = np.vstack([z, probe(5, basins, z, margin(z) <= 0, margin(z), generator)])
+        assert len(z) < first + 100
+    return (np.linalg.norm(z - centre, axis=1) <= radius).any()
+
+
+@pytest.mark.parametrize(("dimension", "radius"), [(2, 0.5), (3, 0.5), (3, 1.0)])
+def test_basins_are_followed_into_balls_that_are_too_small_for_the_cover(dimension, radius):
+    """Most balls were missed when the points of a batch were at the same place, and closed their basin."""
+    assert 1 / radius > Cover.by_default(dimension).curvature
+    assert sum(followed(seed, dimension, radius) for seed in range(8)) >= 7
+
+
 @pytest.mark.parametrize("wrong", [(0.0, 1.0), (1.0, 0.0), (1.0, np.inf)])
 def test_covers_that_mean_nothing_are_refused(wrong):
     with pytest.raises(InputError, match="expected share above 0"):

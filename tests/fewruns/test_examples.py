@@ -16,7 +16,7 @@ import pytest
 from scipy import stats
 from scipy.integrate import quad
 
-GUIDE = Path(__file__).resolve().parents[2] / "docs" / "sampler.md"
+DOCS = Path(__file__).resolve().parents[2] / "docs"
 MODULES = sorted(set(fewruns._HOME.values()))
 
 
@@ -33,7 +33,7 @@ def test_every_public_function_and_class_has_an_example():
 
 
 def test_the_guide_runs_from_top_to_bottom(tmp_path):
-    blocks = re.findall(r"```python\n(.*?)```", GUIDE.read_text(encoding="utf-8"), re.DOTALL)
+    blocks = re.findall(r"```python\n(.*?)```", (DOCS / "sampler.md").read_text(encoding="utf-8"), re.DOTALL)
     names: dict = {}
     with contextlib.chdir(tmp_path), contextlib.redirect_stdout(io.StringIO()):
         exec(blocks[0], names)
@@ -48,6 +48,17 @@ def test_the_guide_runs_from_top_to_bottom(tmp_path):
     sums = stats.norm.sf((6 - names["means"]) / np.sqrt(2))
     assert np.abs(np.log(names["found"].probabilities / sums)).max() < 0.7
     assert names["sampler"].has_converged(names["goal"])
+
+
+def test_the_same_limit_state_in_openturns(capsys):
+    pytest.importorskip("openturns", reason="needs the extra peers")
+    (block,) = re.findall(r"```python\n(.*?)```", (DOCS / "method.md").read_text(encoding="utf-8"), re.DOTALL)
+    exec(block, {})
+    probability, variation, calls = map(float, capsys.readouterr().out.split())
+    resistance, load = stats.norm(7, 1), stats.lognorm(0.3, scale=1.5)
+    exact = quad(lambda s: resistance.cdf(s) * load.pdf(s), 0, 20, points=[1.5, 4, 7])[0]
+    assert probability == pytest.approx(exact, rel=4 * variation)
+    assert calls == 1200
 
 
 def test_all_public_names_are_found_and_others_are_not():

@@ -7,7 +7,7 @@ import pytest
 from accelerated_evaluation.base.errors import InputError
 from accelerated_evaluation.methods import METHODS
 from accelerated_evaluation.methods.surrogate import Surrogate, rules_for, sampler_of
-from accelerated_evaluation.methods.surrogate_words import chance_in_words, unseen_in_words
+from accelerated_evaluation.methods.surrogate_words import chance_in_words, unseen_in_words, weights_in_words
 from accelerated_evaluation.problem import Problem
 from accelerated_evaluation.scenarios.cut_in import CUT_IN
 from accelerated_evaluation.scenarios.left_turn import LEFT_TURN
@@ -65,6 +65,16 @@ def test_a_vehicle_that_says_nothing_is_drawn_from_the_law_and_one_that_says_so_
         found = Surrogate().estimate(Problem(CUT_IN, LAW, vehicle), GOAL, np.random.default_rng(1))
         assert found.converged
         assert found.diagnostics["law_draws"] == draws
+
+
+def test_a_sentence_warns_of_a_heavy_tail_of_weights():
+    found = {"effective_events": 23.44, "pareto_k": 0.31, "pareto_k_limit": 0.42}
+    assert "as informative as 23.4 events" in weights_in_words(found)
+    assert "so no single weight dominates" in weights_in_words(found)
+    heavy = weights_in_words(found | {"pareto_k": 0.43})
+    assert "k-hat 0.43, above its threshold 0.42" in heavy
+    assert "no single" not in heavy
+    assert "too few" in weights_in_words(found | {"pareto_k": math.nan})
 
 
 def test_sentences_name_what_the_runs_cannot_exclude():

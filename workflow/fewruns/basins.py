@@ -1,7 +1,8 @@
 """Basins: places away from the known event at which the scores have a minimum, and may have an event nearby.
 
 A cover excludes wide parts of the event. The scores also show parts that are too narrow for it: a run with a
-smaller score than all runs around it may be next to such a part. More runs near it then show whether it is.
+smaller score than all runs around it may be next to such a part. It is followed until a later run near it is
+not closer to the event. Earlier runs near it prove nothing, because they may all be on one side of it.
 """
 
 import numpy as np
@@ -13,7 +14,7 @@ from fewruns.wide_laws import rarity
 
 
 def open_basins(z: Array, happened: Flags, score: Array, reach: float) -> Indices:
-    """Return the runs that are local minima of the scores, and have no other run near them.
+    """Return the runs that are local minima of the scores, and have no later run near them.
 
     A local minimum has a smaller score than its 2 d nearest runs, none of which is an event. Runs beyond the
     rarity ``reach`` are left out. With many inputs there are no neighbours, and so no basins.
@@ -24,8 +25,8 @@ def open_basins(z: Array, happened: Flags, score: Array, reach: float) -> Indice
     outcome, distance = graded(happened, score), _distances(z)
     nearest = np.argsort(distance, axis=1)[:, : 2 * d]
     is_lowest = (outcome[:, None] < outcome[nearest]).all(axis=1)
-    is_alone = distance.min(axis=1) > BASIN_CLOSED
-    return np.flatnonzero(is_lowest & is_alone & ~happened & (rarity(z) <= reach))
+    is_last = ~np.triu(distance <= BASIN_CLOSED).any(axis=1)
+    return np.flatnonzero(is_lowest & is_last & ~happened & (rarity(z) <= reach))
 
 
 def probe(
@@ -33,19 +34,24 @@ def probe(
 ) -> Array:
     """Return n points, shape (n, d), near the basins in turn, where a regression predicts small scores.
 
-    They are at most as far from the run in the basin as its nearest run.
+    They are at most as far from the run in the basin as its nearest run, or at most 2 `BASIN_CLOSED`: a step
+    down a slope then ends in the open. They are `BASIN_CLOSED` apart, because points at the same place would
+    close the basin of each other without having shown that the scores become larger beyond them.
     """
     outcome, d = graded(happened, score), z.shape[1]
     surrogate = GradedSurrogate(d)
     surrogate.fit(z, outcome, learn=True)
-    length = _distances(z).min(axis=1)
-    points = []
+    length = np.maximum(_distances(z).min(axis=1), 2 * BASIN_CLOSED)
+    points = np.empty((0, d))
     for basin in np.resize(basins[np.argsort(outcome[basins])], n):
         step = generator.normal(size=(CANDIDATES // n, d))
         step *= length[basin] / np.linalg.norm(step, axis=1, keepdims=True)
         near = z[basin] + step * generator.random((len(step), 1)) ** (1 / d)
-        points.append(near[surrogate.expect(near)[0].argmin()])
-    return np.array(points)
+        apart = np.linalg.norm(near[:, None] - points, axis=2).min(axis=1, initial=np.inf)
+        apart = np.minimum(apart, BASIN_CLOSED)
+        near = near[apart >= apart.max()]  # all of them, unless the basin is full of points
+        points = np.vstack([points, near[surrogate.expect(near)[0].argmin()]])
+    return points
 
 
 def _distances(z: Array) -> Array:

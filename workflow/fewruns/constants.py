@@ -146,7 +146,7 @@ MODES, FARTHEST, COVER_MISSED = 10_000, 11.0, 0.005
 # Largest rarity of the runs that exclude modes.
 COVER_REACH = 30.0
 
-# A local minimum of the scores is examined until there is another run at this distance, in normal scores.
+# A local minimum of the scores is followed until there is a later run at this distance, in normal scores.
 BASIN_CLOSED = 0.5
 
 # Need to exclude a mode once more, in choosing the runs of a batch, where 1 is the need to exclude it once.

@@ -24,6 +24,7 @@ from fewruns.estimates import Estimate, Stopping
 from fewruns.lapses import LapseBounds
 from fewruns.progress import Progress
 from fewruns.two_phase import reach_of
+from fewruns.weights import effective_number, largest_pareto_k, pareto_k
 from fewruns.wide_laws import bound_without_event
 
 if TYPE_CHECKING:
@@ -182,6 +183,21 @@ def combined_estimate(progress: Progress, stopping: Stopping) -> tuple[Combined 
     return (combined, interval) if usable else (None, (0.0, 1.0))
 
 
+def event_ratios(progress: Progress) -> Array:
+    """Return the importance ratios of the events in the stored batches of the estimate, shape (events,).
+
+    Up to a common factor, they are the weights of these runs in the estimate without a control variate.
+    """
+    counted = _counted(progress)[-len(progress.batches) :] if progress.batches else []
+    batches = progress.batches[len(progress.batches) - len(counted) :]
+    ratios = [
+        estimate.importance * batch.weight / batch.inclusion
+        for estimate, batch in zip(counted, batches, strict=True)
+    ]
+    joined = np.concatenate([np.empty(0), *ratios])
+    return joined[progress.happened[len(progress.z) - len(joined) :] & (joined > 0)]
+
+
 def tabulate_runs(progress: Progress, batch_size: int) -> "pd.DataFrame":
     """Tabulate all simulations: ``run`` and ``batch`` from 1, ``phase``, ``z_1`` and so on, ``event``."""
     import pandas as pd  # imported here, because it takes half a second
@@ -216,16 +232,19 @@ def _runs_table(batch: ArrayLike, phase: ArrayLike, z: Array, happened: Flags) -
 def _diagnostics(
     progress: Progress, combined: Combined | None, certificate: Certificate | Cover
 ) -> dict[str, float]:
-    """Return relative standard errors (NaN without an estimate), and bounds on unobserved parts."""
+    """Return relative errors (NaN without an estimate), health of the weights, and unobserved parts."""
     errors, probability = (math.nan, math.nan), 0.0
     if combined is not None:
         probability = combined.probability
         errors = np.sqrt([combined.observed_variance, combined.predicted_variance]) / probability
-    unseen = _unseen(progress, probability, certificate)
+    unseen, ratios = _unseen(progress, probability, certificate), event_ratios(progress)
     return {
         "batches": 0 if combined is None else combined.batches,
         "observed_error": float(errors[0]),
         "predicted_error": float(errors[1]),
+        "effective_events": float(effective_number(ratios)),
+        "pareto_k": pareto_k(ratios),
+        "pareto_k_limit": largest_pareto_k(len(ratios)),
         "wide_draws": unseen.runs,
         "unseen_mode": unseen.mode,
         "unseen_any": unseen.anything,

@@ -18,6 +18,7 @@ from fewruns.emphasis import Emphasis
 from fewruns.progress import Progress
 from fewruns.sampler import Sampler
 from fewruns.two_phase import TwoPhaseBatch
+from fewruns.weights import effective_number
 
 INNER = (0.1, 0.9)  # quantile levels between which laws are used for the shared error
 SMALLEST = 1e-3  # lower bound of the estimate of a law, as a share of the mean; estimates may be negative
@@ -173,8 +174,7 @@ class SeveralLaws:
     def effective_events(self, progress: Progress) -> Array:
         """Return the effective number of events (sum w)^2 / sum w^2 under each law (Kish 1965)."""
         runs, weights = self.weights(progress)
-        of_events = weights * progress.happened[runs]
-        return of_events.sum(axis=1) ** 2 / np.maximum((of_events**2).sum(axis=1), np.finfo(float).tiny)
+        return effective_number(weights * progress.happened[runs])
 
     def weights(self, progress: Progress) -> tuple[Indices, Array]:
         """Return the runs of the batches of `counted`, shape (n,), and their weights under each law, (K, n).

@@ -35,7 +35,7 @@ from accelerated_evaluation.laws.draws import Draws
 from accelerated_evaluation.laws.files import read_verdict, write_law
 from accelerated_evaluation.laws.smooth.family import DistinctRecords
 from accelerated_evaluation.methods.surrogate import read_predecessor
-from accelerated_evaluation.methods.surrogate_words import chance_in_words, unseen_in_words
+from accelerated_evaluation.methods.surrogate_words import chance_in_words, unseen_in_words, weights_in_words
 from accelerated_evaluation.problem import Problem
 from accelerated_evaluation.records.checks import Records
 from accelerated_evaluation.records.verdict import Verdict, verdict_on
@@ -144,6 +144,7 @@ class Estimated:
                 f"{1 - estimate.alpha:.0%} interval of the sampling alone {estimate.low:.2g} to "
                 f"{estimate.high:.2g}"
             )
+            yield weights_in_words(estimate.diagnostics)
             yield unseen_in_words(estimate.probability, estimate.diagnostics)
             yield chance_in_words(estimate.diagnostics)
 

@@ -1,4 +1,4 @@
-"""Sentences about what the runs of the sampler cannot exclude."""
+"""Sentences about the weights of the runs of the sampler, and about what the runs cannot exclude."""
 
 import math
 from collections.abc import Mapping
@@ -17,6 +17,20 @@ def unseen_in_words(probability: float, diagnostics: Mapping[str, float]) -> str
     return (
         f"a part of the event that no run has met: at most {bounds[0]:.1g} if a half-space, "
         f"{bounds[1]:.1g} if of any shape ({1 - UNSEEN_ALPHA:.0%} confidence){relative}"
+    )
+
+
+def weights_in_words(diagnostics: Mapping[str, float]) -> str:
+    """Return a sentence about the effective number of events and the tail of their weights."""
+    effective, k, limit = (diagnostics[name] for name in ("effective_events", "pareto_k", "pareto_k_limit"))
+    words = f"weights of the events: as informative as {effective:.1f} events of equal weight"
+    if math.isnan(k):
+        return f"{words}; these are too few for Pareto k-hat"
+    if k <= limit:
+        return f"{words}; Pareto k-hat {k:.2f}, at most {limit:.2f}, so no single weight dominates"
+    return (
+        f"{words}; Pareto k-hat {k:.2f}, above its threshold {limit:.2f} for this number of events, so a few "
+        "large weights may dominate, and the interval may be too narrow"
     )
 
 
