@@ -223,7 +223,12 @@ def test_help_of_a_subcommand_has_an_example_whose_options_exist(name, capsys):
 )
 def test_the_shell_completes_subcommands_and_options(line, expected, tmp_path):
     found = tmp_path / "completions"
-    asks = {"_ARGCOMPLETE": "1", "COMP_LINE": line, "COMP_POINT": str(len(line)), "_ARGCOMPLETE_SHELL": "bash"}
+    asks = {
+        "_ARGCOMPLETE": "1",
+        "COMP_LINE": line,
+        "COMP_POINT": str(len(line)),
+        "_ARGCOMPLETE_SHELL": "bash",
+    }
     asks |= {"_ARGCOMPLETE_STDOUT_FILENAME": str(found), "_ARGCOMPLETE_IFS": "\n"}
     subprocess.run(
         [sys.executable, "-m", "accelerated_evaluation.cli"], env=os.environ | asks, check=True, timeout=60

@@ -43,21 +43,11 @@ class Strip:
 
     A strip is an interval of one variable, the range or the lead speed. Values of a speed divide it into
     cells.
-
-    Attributes
-    ----------
-    counted
-        The speed that divides the interval: `CLOSING` for an interval of the range, or `HOST` for an interval
-        of the lead speed.
-    interval
-        Ends of the interval of the range [m] or of the lead speed [m/s]; both ends are included.
-    speeds
-        The lower ends of the cells [m/s]; the last cell has no upper end.
     """
 
-    counted: str
-    interval: tuple[float, float]
-    speeds: tuple[float, ...]
+    counted: str  # the speed that divides the interval: `CLOSING` for a range, `HOST` for a lead speed
+    interval: tuple[float, float]  # ends of the range [m] or of the lead speed [m/s], both included
+    speeds: tuple[float, ...]  # lower ends of the cells [m/s]; the last cell has no upper end
 
     @property
     def names(self) -> list[str]:
@@ -87,13 +77,7 @@ class Strip:
 
 
 def strips(support: Support = SUPPORT) -> list[Strip]:
-    """Return all cells of range and closing speed, and of lead speed and host speed.
-
-    Parameters
-    ----------
-    support
-        Limits of the records; cells outside of them are left out.
-    """
+    """Return all cells of range and closing speed, and of lead and host speed, within the limits."""
     within = [(ends, speeds) for ends, speeds in CELLS.items() if ends[0] < support.range_max]
     near = [
         Strip(CLOSING, (low, high if (low, high) != within[-1][0] else support.range_max), speeds)
@@ -158,24 +142,10 @@ def _expected(law: GivenLaw, ends: list[Array]) -> list[float]:
 def near_miss_counts(
     recorded: Mapping[str, int], probability: Mapping[str, float], size: int
 ) -> pd.DataFrame:
-    """Return a table of recorded and expected numbers of near misses.
+    """Return a table of recorded and expected numbers of near misses, with a row for each.
 
-    Parameters
-    ----------
-    recorded
-        Number of distinct recorded cut-ins that end in the near miss if the vehicle replays them, by the name
-        of the near miss.
-    probability
-        Probability of each near miss under the law.
-    size
-        Number of distinct recorded cut-ins.
-
-    Returns
-    -------
-    pandas.DataFrame
-        One row for each near miss: its name (``where``), the ``recorded`` number, and the ``expected``
-        number, which is the probability times the number of records. The column ``counted`` says that the
-        records were replayed.
+    The recorded numbers are those of distinct cut-ins that end in the near miss if the vehicle replays them.
+    The expected number is the probability times the number of records, ``size``.
     """
     rows = [(name, REPLAYED, count, size * probability[name]) for name, count in recorded.items()]
     return pd.DataFrame(rows, columns=["where", "counted", "recorded", "expected"])
@@ -184,17 +154,9 @@ def near_miss_counts(
 def with_limits(counts: pd.DataFrame) -> pd.DataFrame:
     """Add Poisson limits to recorded and expected numbers.
 
-    Parameters
-    ----------
-    counts
-        Table with the columns ``recorded`` and ``expected``.
-
-    Returns
-    -------
-    pandas.DataFrame
-        The table with the further columns ``low`` and ``high``, the 5 and 95 % quantiles of the Poisson
-        distribution with the expected number as its mean; ``within``, whether the recorded number is between
-        them; and ``p_value``, the two-sided mid-p value of the recorded number.
+    ``low`` and ``high`` are the 5 and 95 % quantiles of the Poisson distribution with the expected number as
+    its mean, ``within`` says whether the recorded number is between them, and ``p_value`` is its two-sided
+    mid-p value.
     """
     expected = counts["expected"].to_numpy()
     low, high = (poisson.ppf(level, expected) for level in LIMITS)
@@ -205,21 +167,9 @@ def with_limits(counts: pd.DataFrame) -> pd.DataFrame:
 
 
 def mid_p(recorded: ArrayLike, expected: ArrayLike) -> Array:
-    """Return two-sided mid-p values of Poisson counts.
+    """Return two-sided mid-p values of Poisson counts with given means.
 
     A mid-p value includes half of the probability of the recorded count itself.
-
-    Parameters
-    ----------
-    recorded
-        Counts.
-    expected
-        Means of the Poisson distributions, of the same shape.
-
-    Returns
-    -------
-    numpy.ndarray
-        The mid-p values, of the same shape as the counts.
     """
     recorded, expected = np.asarray(recorded), np.asarray(expected, dtype=float)
     half = poisson.pmf(recorded, expected) / 2

@@ -21,18 +21,11 @@ SHOWN = (Member(), *(Member(KNOT, shape) for shape in ("exponential", "generalis
 
 @dataclass(frozen=True)
 class NearMisses:
-    """Crashes and near misses of the replayed records.
+    """Crashes and near misses of the replayed records."""
 
-    Attributes
-    ----------
-    recorded
-        Number of distinct records that end in each event if the vehicle replays them, by the name of the
-        event.
-    probabilities
-        Probability of each event, by its name, under each law.
-    """
-
+    # Number of distinct records that end in each event if the vehicle replays them.
     recorded: Mapping[str, int]
+    # Probability of each event, by its name, under each law.
     probabilities: Mapping[str, Mapping[str, float]]
 
 
@@ -46,22 +39,9 @@ def calibration_table(study: LawStudy, near: NearMisses | None = None) -> pd.Dat
 
     The numbers are those of cut-ins in cells, of range and closing speed or of lead speed and host speed. The
     expected numbers are those under laws that were fitted without the block of the records; only those of
-    near misses are under laws that were fitted to all records.
-
-    Parameters
-    ----------
-    study
-        The laws with their weights.
-    near
-        Crashes and near misses of the replayed records, each of which is a further row; None if the records
-        are not replayed.
-
-    Returns
-    -------
-    pandas.DataFrame
-        One row for each law and cell: ``law``; the cell ``where``; the speed that divides the cells,
-        ``counted``; the numbers ``recorded`` and ``expected``; the 5 and 95 % Poisson quantiles ``low`` and
-        ``high``; ``within``, whether the recorded number is between these; and its mid-p value ``p_value``.
+    near misses are under laws that were fitted to all records. The table has a row for each law and cell, and
+    for each event of ``near``, which is None if the records are not replayed: the cell ``where``, the speed
+    that divides the cells (``counted``), and the columns of `with_limits`.
     """
     smooth, records = study.smooth, study.smooth.records
     recorded = recorded_counts(records)

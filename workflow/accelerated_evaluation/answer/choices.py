@@ -27,21 +27,8 @@ def choice_table(
 ) -> pd.DataFrame:
     """Tabulate the crash probability for other choices of laws, weights, priors and splines.
 
-    Parameters
-    ----------
-    study
-        The laws of the answer with their weights.
-    lines
-        Lines of the crash map, thinned to the probable ones.
-    draws
-        Number of draws of the posterior for each choice.
-    generator
-        Source of all randomness, which is the same for all choices.
-
-    Returns
-    -------
-    pandas.DataFrame
-        One row for each ``choice``, with the columns of `posterior.summarise`.
+    There is a row for each choice, with the columns of `posterior.summarise`. All choices have the same
+    random numbers. The lines of the crash map are thinned to the probable ones.
     """
 
     def row(choice: str, own: LawStudy, on: CrashLines = lines) -> dict[str, str | float]:

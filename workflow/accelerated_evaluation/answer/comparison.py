@@ -113,23 +113,10 @@ def posterior_of(table: pd.DataFrame) -> Posterior | None:
 def compare_estimates(own: Path, others: list[Path]) -> pd.DataFrame:
     """Compare an estimate with other estimates, by the files that the command ``estimate`` wrote.
 
-    Parameters
-    ----------
-    own, others
-        Folders of the estimates. Of several replicates, the first is used.
-
-    Returns
-    -------
-    pandas.DataFrame
-        One row for each other estimate: its folder ``other``; the median ``ratio`` of the probabilities,
-        first by other; the ends ``ratio_low80`` and ``ratio_high80`` of its 80 % interval; and ``safer``, the
-        probability that the first vehicle has the smaller probability; and ``other_converged``, whether the
-        other estimate has converged.
-
-    Raises
-    ------
-    InputError
-        If a folder has no draws or damaged ones, or has draws of another law or for another event.
+    There is a row for each other estimate. ``ratio`` is the median of the probabilities divided by those of
+    the other estimate, with an 80 % interval, and ``safer`` is the probability that the first vehicle has the
+    smaller one. Of several replicates, the first is used. InputError is raised if a folder has no draws or
+    damaged ones, or has draws of another law or for another event.
     """
     rows = []
     for other in others:

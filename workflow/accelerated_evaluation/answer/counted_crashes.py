@@ -35,23 +35,9 @@ OUTPUT += ("in_hundred_car", "probability_of_so_few", "verdict", "comparable", "
 
 
 def read_events(path: str | Path) -> pd.DataFrame:
-    """Read the event table of the 100-Car study.
+    """Read the event table of the 100-Car study (``data/crash_counts/README.md``), a row for each event.
 
-    Parameters
-    ----------
-    path
-        Tab-separated text file of the study, described in ``data/crash_counts/README.md``.
-
-    Returns
-    -------
-    pandas.DataFrame
-        One row for each crash or near-crash, with the columns ``event``, ``severity``, ``incident``,
-        ``precipitating_event`` and ``evasive_manoeuvre``.
-
-    Raises
-    ------
-    InputError
-        If the file cannot be read, or is not this table.
+    InputError is raised if the file cannot be read, or is not this table.
     """
     expected = "the event table of the 100-Car study, as data/crash_counts/README.md describes it"
     try:
@@ -74,15 +60,7 @@ def read_events(path: str | Path) -> pd.DataFrame:
 def count_events(events: pd.DataFrame) -> pd.DataFrame:
     """Count the crashes and near-crashes of the 100-Car study after a lane change or behind a slower vehicle.
 
-    Parameters
-    ----------
-    events
-        Table of `read_events`.
-
-    Returns
-    -------
-    pandas.DataFrame
-        Columns ``what`` (the kind of encounter), ``severity`` (crash or near-crash) and ``count``.
+    The columns are ``what`` (the kind of encounter), ``severity`` (crash or near-crash) and ``count``.
     """
     cause, striking = events["precipitating_event"].fillna(""), events["incident"] == "Rear-end, striking"
     in_front = cause.str.fullmatch(r"Other vehicle lane change - (?:left|right) in front of subject")
@@ -102,14 +80,9 @@ def count_events(events: pd.DataFrame) -> pd.DataFrame:
 
 
 def poisson_limits(count: int, level: float = LEVEL) -> tuple[float, float]:
-    """Return the exact lower and upper confidence limit of the mean of a Poisson distribution (Garwood 1936).
+    """Return exact confidence limits of the mean of a Poisson distribution (Garwood 1936).
 
-    Parameters
-    ----------
-    count
-        The observed count.
-    level
-        Confidence level; the interval covers the mean with at least this probability.
+    They cover the mean with at least the probability ``level``.
     """
     tail = (1 - level) / 2
     low = float(gamma.ppf(tail, count)) if count else 0.0
@@ -119,19 +92,8 @@ def poisson_limits(count: int, level: float = LEVEL) -> tuple[float, float]:
 def counted_rows(counts: pd.DataFrame, published: pd.DataFrame) -> pd.DataFrame:
     """Return the counted rates per million miles, with exact Poisson limits.
 
-    Parameters
-    ----------
-    counts
-        Counts of the 100-Car study, from `count_events`.
-    published
-        Table of published rates, ``data/crash_counts/published_rates.csv``.
-
-    Returns
-    -------
-    pandas.DataFrame
-        One row for each count: source ``who``; ``kind`` (counted); kind of crash ``what``; ``million_miles``
-        and ``count``; the rate ``per_million_miles`` with 95 % limits ``low95`` and ``high95``, NaN for
-        sources that estimate their counts from samples; and the texts ``comparable`` and ``reference``.
+    The limits are NaN for sources that estimate their counts from samples. The texts ``comparable`` and
+    ``reference`` say whether a row is comparable, and where it is from.
     """
     own = counts.assign(
         source=HUNDRED_CAR,
@@ -163,18 +125,7 @@ def replayed_row(near_crashes: int) -> pd.DataFrame:
     """Return the crash rate of the careful driver of UN R157 in near-crashes that were recorded on roads.
 
     The rate is the share of crashes among the near-crashes of SHRP 2 that this driver replayed, times the
-    near-crashes of the 100-Car study.
-
-    Parameters
-    ----------
-    near_crashes
-        Number of near-crashes of cut-ins in the 100-Car study.
-
-    Returns
-    -------
-    pandas.DataFrame
-        One row with the columns of `predicted_rows`, except those of the verdict. The 95 % limits are those
-        of the share (Clopper and Pearson 1934).
+    near-crashes of the 100-Car study. The 95 % limits are those of the share (Clopper and Pearson 1934).
     """
     tail = (1 - LEVEL) / 2
     low, high = (
@@ -196,25 +147,10 @@ def predicted_rows(vehicles: pd.DataFrame, cut_ins_per_km: float | None, counted
 
     A prediction is contradicted if the probability of at most ``counted`` crashes is below 5 %, even at the
     lower end of the 95 % interval of the prediction. A prediction of fewer crashes than were counted is not
-    contradicted, because a vehicle may be safer than the drivers of the 100-Car study.
-
-    Parameters
-    ----------
-    vehicles
-        Table ``vehicles`` of a study: the crash probability of a cut-in for each vehicle, with its interval.
-    cut_ins_per_km
-        Recorded closing cut-ins per kilometre [1/km]; None if the distance is unknown.
-    counted
-        Number of crashes in the 100-Car study, by the definition of a cut-in that includes the most.
-
-    Returns
-    -------
-    pandas.DataFrame
-        One row for each vehicle: ``who``; ``kind`` (predicted); ``what``; the rate ``per_million_miles`` with
-        its 95 % limits ``low95`` and ``high95``; ``in_hundred_car``, the number of crashes that is expected
-        in the distance of the 100-Car study; ``probability_of_so_few``, the probability of at most
-        ``counted`` crashes at the lower limit; ``verdict``; and the texts ``comparable`` and ``reference``.
-        Empty if the distance of the records is unknown.
+    contradicted, because a vehicle may be safer than the drivers of the 100-Car study. The number ``counted``
+    is by the definition of a cut-in that includes the most crashes. ``in_hundred_car`` is the expected number
+    of crashes in the distance of the 100-Car study, and ``probability_of_so_few`` the probability of at most
+    ``counted`` crashes at the lower limit. There are no rows if ``cut_ins_per_km`` [1/km] is unknown.
     """
     if cut_ins_per_km is None:
         return pd.DataFrame()
@@ -246,28 +182,10 @@ def compare_with_counts(
     events: pd.DataFrame,
     published: pd.DataFrame,
 ) -> pd.DataFrame:
-    """Tabulate predicted and counted crash rates.
+    """Tabulate predicted, replayed and counted crash rates per million miles with 95 % limits.
 
-    Parameters
-    ----------
-    vehicles, exposure
-        Tables of the study of laws: the crash probability of a cut-in for each vehicle with its interval, and
-        the rate of cut-ins per kilometre.
-    events
-        Crashes and near-crashes of the 100-Car study, from `read_events`.
-    published
-        Table of published rates, ``data/crash_counts/published_rates.csv``.
-
-    Returns
-    -------
-    pandas.DataFrame
-        Columns ``who`` (vehicle or source); ``kind`` (counted, replayed or predicted); ``what`` (kind of
-        crash); ``million_miles`` and ``count`` of counted rows, and the crashes of the replay; the rate
-        ``per_million_miles`` with its 95 % limits ``low95`` and ``high95``. Other rows than counted ones have
-        ``in_hundred_car``, the number of crashes that is expected in the distance of the 100-Car study, and
-        predicted ones ``probability_of_so_few``, the probability of at most the counted number at the lower
-        limit of the prediction, and ``verdict``. The columns ``comparable`` and ``reference`` say in words
-        whether a row is comparable, and where it is from.
+    See `counted_rows`, `replayed_row` and `predicted_rows`; the tables of vehicles and exposure are those of
+    the study of laws.
     """
     counts = count_events(events)
     most = count_of(counts, LANE_CHANGE, "crash")
@@ -279,26 +197,12 @@ def compare_with_counts(
 
 
 def cut_in_rate(exposure: pd.DataFrame) -> float | None:
-    """Return the recorded closing cut-ins per kilometre [1/km]; None if the distance is not known.
-
-    Parameters
-    ----------
-    exposure
-        Table of `exposure.exposure_table`: rates of cut-ins and of events, per kilometre and per hour.
-    """
+    """Return the recorded closing cut-ins per kilometre [1/km]; None if the distance is not known."""
     rows = exposure[(exposure["event"] == "cut-in") & (exposure["per"] == "kilometre")]
     return None if rows.empty else float(rows["mean"].iloc[0])
 
 
 def count_of(counts: pd.DataFrame, what: str, severity: str) -> int:
-    """Return the number of crashes or of near-crashes after one kind of encounter in the 100-Car study.
-
-    Parameters
-    ----------
-    counts
-        Table of `count_events`, with the columns ``what``, ``severity`` and ``count``.
-    what, severity
-        Kind of encounter, and ``crash`` or ``near-crash``.
-    """
+    """Return the number of crashes or of near-crashes after one kind of encounter in the 100-Car study."""
     row: Mapping[tuple[str, str], int] = counts.set_index(["what", "severity"])["count"]
     return int(row[what, severity])

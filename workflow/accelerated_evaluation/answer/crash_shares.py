@@ -35,27 +35,12 @@ def crash_shares(
 ) -> pd.DataFrame:
     """Return the crash probability in intervals of the absolute value of one variable, by crude Monte Carlo.
 
-    The scenario specifies the variable and the edges of the intervals (`Scenario.divided_by`).
-
-    Parameters
-    ----------
-    scenario, law, vehicle
-        The scenario, whose outcomes must contain an impact speed; a law of its encounters; and a vehicle that
-        is fast to simulate.
-    generator
-        Source of randomness.
-    simulations
-        Number of encounters that are drawn and simulated.
-
-    Returns
-    -------
-    pandas.DataFrame
-        One row for each interval; no rows if the scenario specifies no variable. Columns: ``variable``; the
-        ends ``at_least`` and ``below`` of the interval (the last end is infinite); ``encounters`` and
-        ``crashes``, the shares of all encounters and of all crashes in the interval; ``crash_probability`` of
-        an encounter in the interval; ``impact_speed`` [m/s], the median over the crashes in the interval; and
-        ``probability_above``, the crash probability of an encounter with a value of at least ``at_least``,
-        with its ``standard_error``.
+    The scenario specifies the variable and the edges of the intervals (`Scenario.divided_by`). The outcomes
+    must contain an impact speed. A row has the ends of the interval, the last of which is infinite; the
+    shares of all ``encounters`` and of all ``crashes`` in the interval; the ``crash_probability`` of an
+    encounter in it; the median ``impact_speed`` [m/s] of its crashes; and ``probability_above``, the crash
+    probability of an encounter with a value of at least ``at_least``, with its ``standard_error``. There are
+    no rows if the scenario specifies no variable.
     """
     if scenario.divided_by is None:
         return pd.DataFrame(columns=list(COLUMNS))

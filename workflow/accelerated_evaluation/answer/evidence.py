@@ -28,30 +28,14 @@ SHOWN = 3  # number of records with the event that a message names
 
 @dataclass(frozen=True)
 class Evidence:
-    """Evidence for or against an estimate.
+    """Evidence for or against an estimate."""
 
-    Attributes
-    ----------
-    event
-        The event in words.
-    upper
-        The largest probability that the estimate allows: the upper end of its widest interval.
-    replays
-        The replayed records.
-    difference
-        How a run differs when it is repeated in another process; None if all repetitions agree.
-    crashed
-        The replayed records with the event, by the variables of the scenario.
-    examples
-        The first of these records in words.
-    """
-
-    event: str
-    upper: float
+    event: str  # the event in words
+    upper: float  # largest probability that the estimate allows: the upper end of its widest interval
     replays: Replays
-    difference: str | None
-    crashed: pd.DataFrame = field(default_factory=pd.DataFrame)
-    examples: Sequence[str] = ()
+    difference: str | None  # how a run differs when it is repeated in another process; None if all agree
+    crashed: pd.DataFrame = field(default_factory=pd.DataFrame)  # the replayed records with the event
+    examples: Sequence[str] = ()  # the first of these records in words
 
     @property
     def doubts(self) -> list[str]:
@@ -102,19 +86,7 @@ class Evidence:
 def replays_of(
     vehicle: WatchedVehicle, records: Array, event: Event, generator: np.random.Generator
 ) -> Replays:
-    """Replay records with the vehicle under test; those near the event of the default vehicle come first.
-
-    Parameters
-    ----------
-    vehicle
-        The vehicle under test.
-    records
-        The distinct records to which the laws were fitted, as points of the law, shape (n, d).
-    event
-        The event.
-    generator
-        Source of randomness for the choice of records.
-    """
+    """Replay records of shape (n, d); those near the event of the default vehicle come first."""
     scenario, car = vehicle.scenario, vehicle.vehicle
     known = load_vehicle(scenario.default_vehicle, scenario)
     return replay(
@@ -137,16 +109,8 @@ def checked_answers(
 ) -> tuple[list[Answer], Evidence]:
     """Compute answers from few runs, and check them by replays of records and by runs in other processes.
 
-    Parameters
-    ----------
-    problem
-        The scenario, the vehicle and its main event.
-    draws, records, way, events
-        As in `answer.evaluate`. The replays guide the sampler, in addition to its predecessor.
-    streams
-        Returns the random stream with a given name.
-    replicates
-        Number of independent answers. If there is evidence against them, none counts as converged.
+    The replays guide the sampler, in addition to its predecessor. If there is evidence against the replicates,
+    which are independent, none counts as converged.
     """
     watched = WatchedVehicle(problem.vehicle, problem.scenario)
     problem = replace(problem, vehicle=watched, law=draws.proposal)
@@ -170,17 +134,7 @@ def known_runs(
     from_normal_scores: Callable[[Array], Array],
     predecessor: Predecessor | None = None,
 ) -> Predecessor | None:
-    """Return the replays as known runs for the sampler, with those of a predecessor; None without an event.
-
-    Parameters
-    ----------
-    replays
-        The replayed records.
-    from_normal_scores
-        The map of the law that is sampled, from normal scores to encounters, both of shape (n, d).
-    predecessor
-        Runs of a similar vehicle, if there are any.
-    """
+    """Return the replays, and the runs of a predecessor, as known runs for the sampler; None without an event."""
     if not replays.flags.any() or len(replays.encounters) > FEW:
         return predecessor
     z, is_found = normal_scores(from_normal_scores, replays.encounters.T)
@@ -195,16 +149,7 @@ def known_runs(
 def evidence_on(vehicle: WatchedVehicle, replays: Replays, event: Event, upper: float) -> Evidence:
     """Repeat the runs of an estimate elsewhere, and compare the estimate with the replays.
 
-    Parameters
-    ----------
-    vehicle
-        The vehicle under test, with the runs of the estimate.
-    replays
-        Its replays of the records.
-    event
-        The event.
-    upper
-        Upper end of the widest interval of the estimate.
+    ``upper`` is the upper end of the widest interval of the estimate.
     """
     found = None
     if not vehicle.differed:  # otherwise the sampler knows that the outcomes vary

@@ -42,21 +42,12 @@ SPEEDS = np.concatenate([np.arange(0, 24, 0.5), np.arange(24, 60, 1.0), np.arang
 
 @dataclass(frozen=True)
 class DrawnLaws:
-    """Draws of the law of cut-ins: the draws of the answer, and further draws of rarely drawn members.
+    """Draws of the law of cut-ins: the draws of the answer, and further draws of rarely drawn members."""
 
-    Attributes
-    ----------
-    laws
-        Distributions of the range and of the closing speed, for each draw; those of the answer come first.
-    member
-        Index of the member of the family for each draw, shape (draws,).
-    answered
-        Number of draws of the answer.
-    """
-
+    # Distributions of range and closing speed of each draw; those of the answer come first.
     laws: Sequence[tuple[SmoothHazard, SpeedLaw]]
-    member: NDArray[np.int_]
-    answered: int
+    member: NDArray[np.int_]  # index of the member of the family for each draw, (draws,)
+    answered: int  # number of draws of the answer
 
     @classmethod
     def of(cls, study: LawStudy, draws: MeanLaw, more: np.random.Generator) -> "DrawnLaws":
@@ -77,36 +68,16 @@ class DrawnLaws:
 
 @dataclass(frozen=True)
 class Cell:
-    """Rectangular cells of lead speed and square root of the range.
+    """Rectangular cells of lead speed and square root of the range."""
 
-    Attributes
-    ----------
-    lead_speed
-        Lower and upper end [m/s], shape (n, 2).
-    root
-        Square roots of R / R_max at the farther and the nearer end, shape (n, 2).
-    share
-        Share of the recorded lead speeds between the ends, shape (n,).
-    support
-        Limits of the records.
-    """
-
-    lead_speed: Array
-    root: Array
-    share: Array
+    lead_speed: Array  # lower and upper end [m/s], (n, 2)
+    root: Array  # square roots of R / R_max at the farther and the nearer end, (n, 2)
+    share: Array  # share of the recorded lead speeds between the ends, (n,)
     support: Support
 
     @classmethod
     def all(cls, lead_speeds: Array, support: Support) -> "Cell":
-        """Return all cells with recorded lead speeds, ordered so that consecutive cells are neighbours.
-
-        Parameters
-        ----------
-        lead_speeds
-            The recorded lead speeds [m/s].
-        support
-            Limits of the records, which are divided into `CELLS` times `CELLS` cells.
-        """
+        """Return all cells with recorded lead speeds, ordered so that consecutive cells are neighbours."""
         row, column = np.divmod(np.arange(CELLS**2), CELLS)
         column = np.where(row % 2, CELLS - 1 - column, column)
         edges = np.linspace(*support.lead_speeds, CELLS + 1)
@@ -125,24 +96,16 @@ class Cell:
     def at(self, across: Array | float, along: Array | float) -> tuple[Array, Array]:
         """Return the lead speed [m/s] and range [m] of a point in each cell, shape (n,) each.
 
-        Parameters
-        ----------
-        across, along
-            Position of the point as a share of the side of the cell, from 0 to 1: for the lead speed, and for
-            the square root of the range, where 0 is the farther end.
+        Its position is given as a share of the side of the cell, from 0 to 1: across for the lead speed, and
+        along for the square root of the range, where 0 is the farther end.
         """
         speed = self.lead_speed[:, 0] + across * np.diff(self.lead_speed)[:, 0]
         return speed, self.support.range_max * (self.root[:, 0] + along * np.diff(self.root)[:, 0]) ** 2
 
     def probability(self, places: Places, ranges: SmoothHazard) -> Array:
-        """Return the probability that lead speed and range of a cut-in are in each cell, shape (n,).
+        """Return the probability of each cell, shape (n,).
 
-        Parameters
-        ----------
-        places
-            A pair of lead speed and range in each cell, at which the distribution of the range is evaluated.
-        ranges
-            Distribution of the range given the lead speed.
+        The distribution of the range is evaluated at one place in each cell.
         """
         cumulative, touches = places.range_hazards(ranges), self.root[:, 1] > 0
         far = cumulative.at(-2 * np.log(self.root[:, 0]))
@@ -153,25 +116,13 @@ class Cell:
 
 @dataclass(frozen=True)
 class ExploredLines:
-    """Lines on which any vehicle is simulated, with the mean law along them; arrays of shape (lines,).
+    """Lines on which any vehicle is simulated, with the mean law along them; arrays of shape (lines,)."""
 
-    Attributes
-    ----------
-    lead_speed, range_
-        Lead speed [m/s] and range [m] of each line.
-    probability
-        Probability under the mean law that each line represents.
-    distance
-        Sum of the squared normal scores of v_L, and of R given v_L.
-    closing_speed
-        Closing speeds [m/s] at the cumulative hazards `NODES`, shape (lines, DEPTH + 1).
-    """
-
-    lead_speed: Array
-    range_: Array
-    probability: Array
-    distance: Array
-    closing_speed: Array
+    lead_speed: Array  # m/s
+    range_: Array  # m
+    probability: Array  # probability under the mean law that each line represents
+    distance: Array  # sum of the squared normal scores of v_L, and of R given v_L
+    closing_speed: Array  # m/s at the cumulative hazards `NODES`, (lines, DEPTH + 1)
 
 
 def explored_lines(
@@ -183,18 +134,7 @@ def explored_lines(
 ) -> ExploredLines:
     """Draw the lines of the explorer, and tabulate the mean law of the answer along them.
 
-    Parameters
-    ----------
-    drawn
-        Draws of the law.
-    lead_speeds
-        The recorded lead speeds [m/s].
-    support
-        Limits of the records.
-    pilots
-        Vehicles whose crashes determine where more lines are drawn.
-    generator
-        Source of the random start of the systematic sample of lines.
+    More lines are drawn where the pilots crash, by a systematic sample with a random start.
     """
     cells = Cell.all(lead_speeds, support)
     chance = _chances(cells, drawn.laws[: drawn.answered : max(1, drawn.answered // PILOT_DRAWS)], pilots)
@@ -242,23 +182,9 @@ def _chances(cells: Cell, laws: Sequence[tuple[SmoothHazard, SpeedLaw]], pilots:
 
 
 def mean_law(cells: Cell, places: Places, laws: Sequence[tuple[SmoothHazard, SpeedLaw]]) -> Array:
-    """Return the probability that a cut-in is in a cell and its closing speed exceeds each of `SPEEDS`.
+    """Return P(cut-in in a cell, closing speed above each of `SPEEDS`), averaged over laws, (cells, speeds).
 
-    The probabilities are averaged over the given laws.
-
-    Parameters
-    ----------
-    cells
-        The cells.
-    places
-        A pair of lead speed and range in each cell, at which the laws are evaluated.
-    laws
-        Distributions of the range and of the closing speed.
-
-    Returns
-    -------
-    numpy.ndarray
-        Probabilities, shape (cells, speeds).
+    The laws are evaluated at one place in each cell.
     """
     count = cells.share.size
     parts = [slice(first, first + PART) for first in range(0, count, PART)]
@@ -271,19 +197,9 @@ def mean_law(cells: Cell, places: Places, laws: Sequence[tuple[SmoothHazard, Spe
 
 
 def closing_speeds(survival: Array, hazards: Array) -> Array:
-    """Return the closing speeds [m/s] at given cumulative hazards, by linear interpolation.
+    """Return the closing speeds [m/s], (n, k), at k cumulative hazards, by linear interpolation.
 
-    Parameters
-    ----------
-    survival
-        Probabilities of closing speeds above each of `SPEEDS`, shape (n, speeds); see `mean_law`.
-    hazards
-        Cumulative hazards, shape (k,).
-
-    Returns
-    -------
-    numpy.ndarray
-        Closing speeds, shape (n, k).
+    The survival probabilities at `SPEEDS` have the shape (n, speeds); see `mean_law`.
     """
     hazard = -np.log(np.maximum(survival / survival[:, :1], np.finfo(float).tiny))
     return np.array([np.interp(hazards, own, SPEEDS) for own in hazard])

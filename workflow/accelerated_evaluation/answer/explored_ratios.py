@@ -26,17 +26,7 @@ LIMITS = (-12.0, 8.0)
 def log_ratios(drawn: DrawnLaws, support: Support) -> Array:
     """Return the logarithms of the ratio of each draw to the mean law of the answer, at the stored nodes.
 
-    Parameters
-    ----------
-    drawn
-        Draws of the law.
-    support
-        Limits of the records.
-
-    Returns
-    -------
-    numpy.ndarray
-        Shape (draws, nodes of v_L, nodes of the square root of R, levels of the cumulative hazard).
+    The axes are draws, v_L, square root of R, and cumulative hazard.
     """
     speeds, roots = (
         np.linspace(*support.lead_speeds, COARSE[0]),

@@ -26,18 +26,10 @@ TINY = 1e-9  # tail probability outside the interval in which a quantile is sear
 
 @dataclass(frozen=True)
 class Rate:
-    """Posterior distribution of the rate of an event, Gamma(count + 1/2, exposure).
-
-    Attributes
-    ----------
-    count
-        Number of observed events.
-    exposure
-        Distance [km] or time [h] in which they were observed.
-    """
+    """Posterior distribution of the rate of an event, Gamma(count + 1/2, exposure)."""
 
     count: int
-    exposure: float
+    exposure: float  # distance [km] or time [h] in which the events were observed
 
     @property
     def law(self) -> gamma:
@@ -45,13 +37,7 @@ class Rate:
         return gamma(self.count + JEFFREYS, scale=1 / self.exposure)
 
     def mean(self, probabilities: Array) -> float:
-        """Return the posterior mean of the rate of a sub-event, such as the crashes among the cut-ins.
-
-        Parameters
-        ----------
-        probabilities
-            Draws of the probability that an event is also the sub-event, shape (n,).
-        """
+        """Return the posterior mean of the rate of a sub-event, whose probability has the given draws."""
         return float(self.law.mean() * probabilities.mean())
 
     def quantile(self, level: float, probabilities: Array) -> float:
@@ -60,13 +46,6 @@ class Rate:
         Let p_i be the draws of the probability of the sub-event, and G the posterior distribution function of
         the rate of the event. The quantile is the root x of mean_i G(x / p_i) = level. A draw p_i = 0 stands
         for a rate of 0.
-
-        Parameters
-        ----------
-        level
-            Level of the quantile, between 0 and 1.
-        probabilities
-            Draws of the probability that an event is also the sub-event, shape (n,).
         """
         law, positive = self.law, probabilities[probabilities > 0]
         zero = 1 - positive.size / probabilities.size
@@ -81,17 +60,9 @@ class Rate:
         return float(np.exp(brentq(excess, *np.log(ends), xtol=1e-12)))
 
     def summary(self, probabilities: Array) -> dict[str, float]:
-        """Summarise the rate of a sub-event, such as the crashes among the cut-ins.
+        """Return mean, median and interval ends ``low50`` to ``high95`` of the rate of a sub-event.
 
-        Parameters
-        ----------
-        probabilities
-            Draws of the probability that the event is also the sub-event, shape (n,).
-
-        Returns
-        -------
-        dict
-            ``mean``, ``median`` and the interval ends ``low50`` to ``high95``, in the unit of the rate.
+        The sub-event, such as a crash among the cut-ins, has the given draws of its probability.
         """
         row = {"mean": self.mean(probabilities), "median": self.quantile(0.5, probabilities)}
         for level in LEVELS:
@@ -103,23 +74,10 @@ class Rate:
 def exposure_table(
     posteriors: Mapping[str, Posterior], cut_ins: int, exposure: Mapping[str, float | None]
 ) -> pd.DataFrame:
-    """Tabulate the rates of cut-ins and of events, per kilometre and per hour, if the exposure is known.
+    """Tabulate the rates of cut-ins and of events [1/km and 1/h], if the exposure is known.
 
-    Parameters
-    ----------
-    posteriors
-        Draws of the probability of each event per cut-in, by event.
-    cut_ins
-        Number of distinct closing cut-ins within the limits.
-    exposure
-        ``kilometres`` and ``hours`` in which they were recorded; None if unknown.
-
-    Returns
-    -------
-    pandas.DataFrame
-        Columns ``event``, ``per`` (kilometre or hour), and the ``mean``, ``median`` and interval ends
-        ``low50`` to ``high95`` of the rate [1/km or 1/h]. The event ``cut-in`` is the rate of the cut-ins
-        themselves. There is no row if the exposure is unknown.
+    The columns are ``event``, ``per``, ``mean``, ``median`` and interval ends; the event ``cut-in`` is the
+    rate of the cut-ins themselves.
     """
     rows = []
     for key, unit in UNITS.items():

@@ -71,13 +71,6 @@ def fit_or_read(path: str | os.PathLike, records: DistinctRecords) -> SmoothFami
 
     The family is read from its file. It is fitted, and the file is written, if there is no file, if the file
     was made for other records or by other code, or if it is damaged.
-
-    Parameters
-    ----------
-    path
-        The family file.
-    records
-        Distinct cut-ins, in the order of the records.
     """
     try:
         return read_family(path, records)
@@ -113,17 +106,7 @@ def write_family(path: str | os.PathLike, scored: SmoothFamily) -> None:
 def read_family(path: str | os.PathLike, records: DistinctRecords) -> SmoothFamily:
     """Read a scored family from a file of `write_family`.
 
-    Parameters
-    ----------
-    path
-        The family file.
-    records
-        The records to which the family was fitted.
-
-    Raises
-    ------
-    InputError
-        If the file is missing or damaged, or was made for other records or by other code.
+    InputError is raised if the file is missing or damaged, or was made for other records or by other code.
     """
     change = "Run the study, which fits the family of laws again."
     try:

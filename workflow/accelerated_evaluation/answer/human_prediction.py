@@ -70,11 +70,6 @@ class BrakingHuman:
 
     With this driver, a crash map can have severe braking as an event: it is the event that the "impact speed"
     exceeds a threshold. In a crash the deceleration is infinite, so severe braking includes every crash.
-
-    Attributes
-    ----------
-    human
-        The driver.
     """
 
     human: Human
@@ -84,72 +79,29 @@ class BrakingHuman:
         return self.human.draw_inner(size, generator)
 
     def inner_weights(self, inner: Array, draws: int, generator: np.random.Generator) -> Array:
-        """Return the weights of drivers under draws of the distribution of their parameters.
+        """Return weights of n drivers under draws of the distribution of their parameters, (draws, n).
 
-        Parameters
-        ----------
-        inner
-            Parameters of n drivers, as from `draw_inner`.
-        draws
-            Number of draws of the distribution of the parameters, which is not known exactly.
-        generator
-            Source of all randomness.
-
-        Returns
-        -------
-        numpy.ndarray
-            Weights with a mean of 1 over the draws, shape (draws, n).
+        The weights have a mean of 1 over the draws.
         """
         return self.human.inner_weights(inner, draws, generator)
 
     def simulate_given(
         self, lead_speed: Array, range_: Array, closing_speed: Array, inner: Array
     ) -> Outcomes:
-        """Simulate n cut-ins with given drivers.
+        """Simulate n cut-ins with given drivers, one row of ``inner`` (see `draw_inner`) each.
 
-        Parameters
-        ----------
-        lead_speed, range_, closing_speed
-            Initial values [m/s], [m] and [m/s], shape (n,).
-        inner
-            Parameters of the driver in each cut-in, as from `draw_inner`, n rows.
-
-        Returns
-        -------
-        Outcomes
-            The n outcomes. The impact speed is replaced by the largest deceleration [m/s^2] of the driver,
-            which is infinite in a crash.
+        The impact speed is replaced by the largest deceleration [m/s^2], which is infinite in a crash.
         """
         outcomes, largest = self.human.braking_given(lead_speed, range_, closing_speed, inner)
         return replace(outcomes, impact_speed=np.where(outcomes.crash, np.inf, largest))
 
     def simulate(self, lead_speed: Array, range_: Array, closing_speed: Array) -> Outcomes:
-        """Simulate n cut-ins, each with a randomly drawn driver, and return their outcomes.
-
-        Parameters
-        ----------
-        lead_speed, range_, closing_speed
-            Initial values [m/s], [m] and [m/s], shape (n,).
-
-        Returns
-        -------
-        Outcomes
-            The n outcomes. The impact speed is replaced by the largest deceleration [m/s^2] of the driver,
-            which is infinite in a crash.
-        """
+        """Simulate n cut-ins, each with a randomly drawn driver; see `simulate_given` for the outcomes."""
         return self.simulate_given(lead_speed, range_, closing_speed, self.human.draw_next(len(lead_speed)))
 
 
 def predictive_limits(means: Array, levels: tuple[float, float] = LIMITS) -> tuple[int, int]:
-    """Return quantiles of a count whose distribution is Poisson with an uncertain mean.
-
-    Parameters
-    ----------
-    means
-        Draws of the mean, shape (draws,).
-    levels
-        Levels of the lower and the upper quantile.
-    """
+    """Return quantiles of a count whose distribution is Poisson with an uncertain mean, given by draws."""
     top = int(poisson.isf(1e-6, means.max())) + 1
     below = poisson.cdf(np.arange(top)[:, None], means).mean(axis=1)
     low, high = np.searchsorted(below, levels)
@@ -158,48 +110,23 @@ def predictive_limits(means: Array, levels: tuple[float, float] = LIMITS) -> tup
 
 @dataclass(frozen=True)
 class HumanPrediction:
-    """The prediction of crashes and near-crashes of human drivers.
-
-    Attributes
-    ----------
-    study
-        The laws of the records with their weights, one for each draw.
-    grid
-        Cells and resolution of the crash maps.
-    cut_ins_per_km
-        Recorded closing cut-ins per kilometre [1/km]; None if the distance is unknown.
-    draws
-        The draws of the law.
-    of_maps
-        Random generator of the crash maps. With the generator of the other maps of the study, the driver has
-        the same map as there.
-    generator
-        Source of all other randomness.
-    """
+    """The prediction of crashes and near-crashes of human drivers."""
 
     study: LawStudy
     grid: Grid
-    cut_ins_per_km: float | None
+    cut_ins_per_km: float | None  # recorded closing cut-ins [1/km]; None if the distance is unknown
     draws: Draws
+    # For the crash maps: with the generator of the study's maps, the driver has the same map as there.
     of_maps: np.random.Generator
-    generator: np.random.Generator
+    generator: np.random.Generator  # for all other randomness
 
     def table(self, counts: pd.DataFrame) -> pd.DataFrame:
         """Tabulate the predicted and the counted numbers of crashes and near-crashes.
 
-        Parameters
-        ----------
-        counts
-            Counts of the 100-Car study, from `count_events`.
-
-        Returns
-        -------
-        pandas.DataFrame
-            Columns ``driver`` (the human driver, or a variant of it); ``event``; ``probability`` of the event
-            in a cut-in; ``expected`` number of events in the distance of the 100-Car study, with the 90 %
-            limits of the count ``low90`` and ``high90``; ``counted`` number; ``probability_of_so_few``, the
-            probability of at most the counted number; and ``verdict``. Variants are computed only with the
-            law of the largest weight, and have no limits.
+        There is a row for each event and driver, or variant of the driver: the ``probability`` of the event
+        in a cut-in; the ``expected`` number in the distance of the 100-Car study with 90 % limits of the
+        count; the ``counted`` number, the probability of at most so many, and the ``verdict``. Variants are
+        computed only with the law of the largest weight, and have no limits.
         """
         counted = {
             "crash": count_of(counts, CUT_IN, "crash"),

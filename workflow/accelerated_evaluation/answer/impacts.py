@@ -18,21 +18,8 @@ def impact_share(z: Array, outcomes: Outcomes, threshold: float) -> Callable[[Ar
 
     The impact speeds of the crashes are regressed on a quadratic function of the normal scores, with normal
     residuals. The predictions are used only for a control variate, so they need not be exact. With fewer than
-    `FEWEST` crashes, the predicted probability is 1 everywhere.
-
-    Parameters
-    ----------
-    z
-        Normal scores of all runs (coordinates in which the law is standard normal), shape (n, d).
-    outcomes
-        Their outcomes.
-    threshold
-        Impact speed [m/s] that has to be exceeded.
-
-    Returns
-    -------
-    callable
-        Function of normal scores, shape (m, d), that returns probabilities, shape (m,).
+    `FEWEST` crashes, the predicted probability is 1 everywhere. The function takes normal scores of shape (m,
+    d), and returns probabilities of shape (m,). The threshold is in m/s.
     """
     if outcomes.crash.sum() < FEWEST:
         return lambda points: np.ones(len(points))

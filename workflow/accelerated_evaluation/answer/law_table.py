@@ -34,20 +34,9 @@ THIN_CRPS = 20  # outside of the region, only one in this number of records ente
 
 
 def regions(records: DistinctRecords, vehicle: Vehicle) -> dict[str, Array]:
-    """Return the boundaries of all regions in which the laws are scored.
+    """Return the closing speed [m/s] above which each record is in a region, by name of the region.
 
-    Parameters
-    ----------
-    records
-        The distinct cut-ins.
-    vehicle
-        The vehicle whose simulated time to collision defines some of the regions.
-
-    Returns
-    -------
-    dict
-        Closing speed [m/s] above which a cut-in is in the region, for the lead speed and range of each
-        record, shape (records,), by the name of the region.
+    The vehicle is the one whose simulated time to collision defines some of the regions.
     """
     inside = {f"inverse_ttc_{q:g}": q * records.range_ for q in INVERSE_TTC}
     for ttc in SIMULATED_TTC:
@@ -68,25 +57,10 @@ def score_laws(
 ) -> tuple[dict[str, dict[str, Array]], dict[str, Array]]:
     """Score the laws of the family, and other laws, on held-out records.
 
-    The scores are computed for several regions of the cut-ins; `regions` returns them by name. If another law
-    cannot be fitted, a warning is given, and the law has no scores.
-
-    Parameters
-    ----------
-    study
-        The laws with its weights.
-    vehicle
-        The vehicle whose simulated time to collision defines some of the regions.
-    others
-        Functions that fit the other laws to records, by name.
-
-    Returns
-    -------
-    scores : dict
-        Held-out log scores by law and region, shape (records,).
-    crps : dict
-        Negative threshold-weighted CRPS (continuous ranked probability score) by law, in the first region,
-        shape (records,).
+    The result is the held-out log scores by law and region (`regions`), and the negative threshold-weighted
+    CRPS (continuous ranked probability score) by law in the first region, each of shape (records,).
+    ``others`` has functions that fit the other laws to records. If one cannot be fitted, a warning is given,
+    and the law has no scores.
     """
     fitter, family = study.smooth.fitter, study.smooth.family
     inside = regions(fitter.records, vehicle)
@@ -119,20 +93,7 @@ def score_laws(
 def compare_laws(study: LawStudy, vehicle: Vehicle, lines: CrashLines) -> pd.DataFrame:
     """Score the laws of the family and the paper's law, and tabulate them with their crash probabilities.
 
-    Parameters
-    ----------
-    study
-        The laws with its weights.
-    vehicle
-        The car under test.
-    lines
-        Lines of its crash map: pairs of lead speed and range, with the closing speeds at which it crashes.
-
-    Returns
-    -------
-    pandas.DataFrame
-        One row for each law, with the columns of `law_table`: gains in the held-out scores, weight, crash
-        probability, and whether the law is rejected.
+    The columns are those of `law_table`.
     """
     found = lines.probabilities(study.smooth.family, study.smooth.members)
     crash = {member.name: probability for member, probability in found.items()}
@@ -148,26 +109,11 @@ def law_table(
     """Tabulate the gain of each law over the paper's law, its weight, and whether it is rejected.
 
     A law is rejected if its density is zero at a held-out record, or if in some region its score is below
-    that of the best law by more than `ERRORS` standard errors of their difference.
-
-    Parameters
-    ----------
-    study
-        The laws with its weights.
-    scores, crps
-        Held-out log scores by law and region, and negative threshold-weighted CRPS by law, of each record,
-        shape (records,).
-    probabilities
-        Crash probabilities of the laws of the family.
-
-    Returns
-    -------
-    pandas.DataFrame
-        Columns ``law``; for each region the gain in the held-out log score over the paper's law [nats];
-        ``behind``, the largest difference to the best law of a region, in standard errors; ``impossible``,
-        the number of held-out records with zero density; ``crps_gain``, the relative reduction of the CRPS;
-        the mean ``weight``; the weight by ``stacking``; the crash ``probability``; and ``refused``, whether
-        the law is rejected.
+    that of the best law by more than `ERRORS` standard errors of their difference. For each region, the
+    column is the gain in the held-out log score over the paper's law [nats]. ``behind`` is the largest
+    difference to the best law of a region in standard errors, ``impossible`` the number of held-out records
+    with zero density, and ``crps_gain`` the relative reduction of the CRPS. ``weight`` is the mean weight,
+    ``stacking`` the weight by stacking, and ``refused`` says whether the law is rejected.
     """
     mean_weights, names = study.mean_weights, list(study.names)
     stacked = stacking_weights(study.family.scores, study.family.resampled)
@@ -196,12 +142,7 @@ def law_table(
 def errors_behind(best: Array, other: Array) -> float:
     """Return the difference of two total scores, divided by its standard error.
 
-    The result is 0 if the scores are equal, and infinite if a score is not finite.
-
-    Parameters
-    ----------
-    best, other
-        Scores of the best law and of another law at each record, shape (records,).
+    It is 0 if the scores are equal, and infinite if a score is not finite.
     """
     difference = best - other
     if not np.all(np.isfinite(difference)):

@@ -46,34 +46,21 @@ NONE = 3.0  # upper 95 % limit of the mean of a Poisson distribution if the coun
 
 @dataclass(frozen=True)
 class Means:
-    """Estimated crash probabilities with a constant and with a changing lead speed.
+    """Estimated crash probabilities with a constant and with a changing lead speed."""
 
-    Attributes
-    ----------
-    still, moved
-        Crash probability if the lead vehicle keeps its speed, and if it changes its speed.
-    covariance
-        Covariance matrix of the two estimates, shape (2, 2).
-    limit
-        One-sided upper 95 % limit of ``moved``. If there was no crash with a changing lead speed, the limit
-        follows from the Poisson limit of a count of 0 and the largest possible weight.
-    """
-
-    still: float
-    moved: float
-    covariance: Array
+    still: float  # crash probability if the lead vehicle keeps its speed
+    moved: float  # crash probability if it changes its speed
+    covariance: Array  # of the two estimates, (2, 2)
+    # One-sided upper 95 % limit of `moved`; without a crash, from the Poisson limit of a count of 0 and the
+    # largest possible weight.
     limit: float
 
     @classmethod
     def of(cls, terms: Array, largest: float) -> "Means":
-        """Return the means of independent terms, with their covariance.
+        """Return the means of independent terms, shape (2, n), with their covariance.
 
-        Parameters
-        ----------
-        terms
-            Terms with a constant (first row) and with a changing lead speed (second row), shape (2, n).
-        largest
-            Largest possible value of a term.
+        The rows are those with a constant and with a changing lead speed, and ``largest`` is the largest
+        possible value of a term.
         """
         size = terms.shape[1]
         still, moved = terms.mean(axis=1).tolist()
@@ -87,15 +74,7 @@ class Means:
         return float(np.sqrt(self.covariance[1, 1]))
 
     def together(self, other: "Means", share: float) -> "Means":
-        """Return the estimates for cut-ins of two kinds together.
-
-        Parameters
-        ----------
-        other
-            Estimates for the other kind of cut-ins, which are independent of these.
-        share
-            Share of the other kind among all cut-ins.
-        """
+        """Return the estimates for cut-ins of two independent kinds, of which the other has this share."""
         own = 1 - share
         return Means(
             own * self.still + share * other.still,
@@ -118,45 +97,19 @@ class Means:
 
 @dataclass(frozen=True)
 class MovingProblem:
-    """A vehicle, a law of cut-ins and a law of lead motion, for which the crash probability is estimated.
-
-    Attributes
-    ----------
-    vehicle
-        The vehicle.
-    crash_map
-        Crash map of the vehicle for a lead vehicle that keeps its speed.
-    records
-        Recorded closing cut-ins.
-    ranges
-        Distribution of the range given the lead speed.
-    law
-        Distribution of the closing speed given the lead speed and the range.
-    motion
-        The law of lead motion.
-    """
+    """A vehicle, a law of cut-ins and a law of lead motion, for which the crash probability is estimated."""
 
     vehicle: MovingVehicle
-    crash_map: CrashMap
-    records: DistinctRecords
-    ranges: SmoothHazard
-    law: SpeedLaw
+    crash_map: CrashMap  # for a lead vehicle that keeps its speed
+    records: DistinctRecords  # recorded closing cut-ins
+    ranges: SmoothHazard  # of the range given the lead speed
+    law: SpeedLaw  # of the closing speed given lead speed and range
     motion: LeadMotion
 
     def closing(self, generator: np.random.Generator) -> Means:
         """Estimate the crash probability of a closing cut-in with a constant and a changing lead speed.
 
         Lead speeds, ranges and motions are drawn and weighted; the closing speed is stratified.
-
-        Parameters
-        ----------
-        generator
-            Source of all randomness.
-
-        Returns
-        -------
-        Means
-            The two probabilities with their covariance.
         """
         records = self.records
         lines = CrashLines.of(with_first_crashes(self.crash_map), records.lead_speed, support=records.support)
@@ -184,18 +137,6 @@ class MovingProblem:
 
         Recorded cut-ins are drawn with replacement; those with short ranges are drawn preferentially, and the
         terms are weighted accordingly.
-
-        Parameters
-        ----------
-        recorded
-            Recorded opening cut-ins.
-        generator
-            Source of all randomness.
-
-        Returns
-        -------
-        Means
-            The two probabilities with their covariance.
         """
         nearness = 1 / recorded.range_
         chance = (1 / recorded.size + nearness / nearness.sum()) / 2

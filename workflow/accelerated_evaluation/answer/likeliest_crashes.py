@@ -27,28 +27,9 @@ def ways_to_crash(
     Crashes are drawn from the law and divided into groups by k-means in normal scores (coordinates in which
     the law is standard normal), so that all variables have the same scale. Each group is represented by the
     crash nearest to its centre, and has a share of the crash probability. The groups together contain all
-    crashes.
-
-    Parameters
-    ----------
-    lines
-        Lines of the crash map: pairs of lead speed and range, with the closing speeds at which the vehicle
-        crashes.
-    law
-        Law of the cut-ins.
-    vehicle
-        The car under test.
-    generator
-        Source of all randomness.
-
-    Returns
-    -------
-    pandas.DataFrame
-        One row for each group, the most probable first: ``kind`` is "crash", ``number`` is counted from 1,
-        and ``probability`` is that of the group; the other columns are the initial values ``lead_speed``
-        [m/s], ``range`` [m] and ``closing_speed`` [m/s], and the outcome ``crash``, ``min_range`` [m],
-        ``min_ttc`` [s] and ``impact_speed`` [m/s] of the representative crash. There are no rows if the
-        vehicle never crashes, or if the probability underflows.
+    crashes. A row has the ``probability`` of the group and the initial values and the outcome of its
+    representative; the most probable group comes first. There are no rows if the vehicle never crashes, or if
+    the probability underflows.
     """
     masses = lines.masses(law.ranges, law.speeds)
     if not masses.any():
@@ -65,26 +46,9 @@ def ways_among_runs(
 
     Crashes are drawn from the runs that crashed, by their shares of the crash probability, and are divided
     into groups by k-means of the initial values, each divided by its standard deviation. Each group is
-    represented by the crash nearest to its centre.
-
-    Parameters
-    ----------
-    crashes
-        Table of the runs that crashed: initial values, and ``share``, the part of the crash probability that
-        the run represents; see `by_few_runs.crashes_table`.
-    probability
-        The crash probability.
-    vehicle
-        The vehicle under test, which simulates the representatives again.
-    generator
-        Source of all randomness.
-
-    Returns
-    -------
-    pandas.DataFrame
-        One row for each group, with its ``probability`` and the initial values and outcome of its
-        representative crash, in the columns of `ways_to_crash`; there are at most as many groups as crashes
-        with a positive share.
+    represented by the crash nearest to its centre. ``share`` in ``crashes`` is the part of the crash
+    probability that a run represents (see `by_few_runs.crashes_table`). The columns are those of
+    `ways_to_crash`, and there are at most as many groups as crashes with a positive share.
     """
     counted = crashes[crashes["share"] > 0]
     if counted.empty:
@@ -114,17 +78,10 @@ def _grouped(
 
 
 def normal_scores(law: DependentLaw, lead_speed: Array, range_: Array, closing_speed: Array) -> Array:
-    """Return the normal scores of cut-ins, shape (n, 3).
+    """Return the normal scores of cut-ins, coordinates in which the law is standard normal, shape (n, 3).
 
-    Normal scores are coordinates in which the law is standard normal. The three scores are those of the lead
-    speed v_L, of the range R given v_L, and of the closing speed C given v_L and R.
-
-    Parameters
-    ----------
-    law
-        Law of the cut-ins.
-    lead_speed, range_, closing_speed
-        v_L [m/s], R [m] and C [m/s], shape (n,).
+    They are those of the lead speed v_L [m/s], of the range R [m] given v_L, and of the closing speed [m/s]
+    given v_L and R.
     """
     recorded = np.sort(np.concatenate([speeds.values for _, speeds in law.lead_speeds.items()]))  # noqa: PD011
     rank = (np.searchsorted(recorded, lead_speed, side="left") + 0.5) / (recorded.size + 1)
@@ -134,21 +91,10 @@ def normal_scores(law: DependentLaw, lead_speed: Array, range_: Array, closing_s
 
 
 def nearest_records(records: DistinctRecords, vehicle: Vehicle) -> pd.DataFrame:
-    """Find the distinct records that come nearest to a crash when the vehicle replays them.
+    """Find the `WAYS` distinct records that come nearest to a crash when the vehicle replays them.
 
-    Parameters
-    ----------
-    records
-        The distinct cut-ins.
-    vehicle
-        The vehicle.
-
-    Returns
-    -------
-    pandas.DataFrame
-        One row for each of `WAYS` records, with the columns of `ways_to_crash`: ``kind`` is "record", and
-        ``probability`` is NaN. Crashes come first, in the order of falling impact speed, and then the other
-        records by their score, which decreases towards a crash.
+    The columns are those of `ways_to_crash`, with NaN as probability. Crashes come first, in the order of
+    falling impact speed, and then the other records by their score, which decreases towards a crash.
     """
     place = records.lead_speed, records.range_, records.closing_speed
     outcomes = vehicle.simulate(*place)
@@ -158,21 +104,9 @@ def nearest_records(records: DistinctRecords, vehicle: Vehicle) -> pd.DataFrame:
 
 
 def traces_of(shown: pd.DataFrame, vehicle: Vehicle) -> pd.DataFrame:
-    """Simulate the encounters of a table, and return the states of both cars over time.
+    """Simulate the encounters of a table, and return the states of both cars over time (`traces.COLUMNS`).
 
-    Parameters
-    ----------
-    shown
-        Table of `ways_to_crash` or `nearest_records`.
-    vehicle
-        The vehicle.
-
-    Returns
-    -------
-    pandas.DataFrame
-        One row for each time step, with the ``kind`` and ``number`` of the encounter, the time [s], and the
-        positions [m], speeds [m/s], host acceleration [m/s^2] and range [m] (all columns: `traces.COLUMNS`).
-        There are no rows if the vehicle does not report its states over time.
+    There are no rows if the vehicle does not report its states over time.
     """
     parts = [pd.DataFrame(columns=["kind", "number", *COLUMNS])]
     if hasattr(vehicle, "trace"):

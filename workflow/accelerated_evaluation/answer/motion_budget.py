@@ -13,25 +13,9 @@ def motion_budget(moving: pd.DataFrame, vehicle: str, together: float) -> pd.Dat
     not known whether cars that have just changed lane change their speed as much as other cars. The changes
     of speed are therefore multiplied by a scale that is uniform from 0 to 1. The logarithm of the factor, as
     a function of the scale, is interpolated by a parabola through its values at 0, 1/2 and 1. Its variance is
-    the contribution.
-
-    Parameters
-    ----------
-    moving
-        Crash probabilities of vehicles with a constant and a changing lead speed, and their ratio, the factor
-        (`motion_tables.motion_table`).
-    vehicle
-        Name of the vehicle.
-    together
-        The ``factor``, exp(standard deviation of the log probability), of all other sources together.
-
-    Returns
-    -------
-    pandas.DataFrame
-        One row: ``source``; ``factor``, exp(standard deviation of the logarithm); ``variance_share``; and
-        ``effect``. The ``variance_share`` is relative to the variance of all other sources together, and
-        ``effect`` is the factor of the probability for the scale 1. There is no row if the vehicle is not in
-        the table or never crashes.
+    the contribution. ``together`` is the factor, exp(standard deviation of the log probability), of all other
+    sources together. The ``variance_share`` is relative to their variance, and ``effect`` is the factor of
+    the probability for the scale 1. There is no row if the vehicle is not in the table or never crashes.
     """
     own = moving[(moving["vehicle"] == vehicle) & (moving["gap"] == "closing")]
     own = own[(own["factor"] > 0) & (own["factor_half"] > 0)]

@@ -33,28 +33,13 @@ def motion_table(
 ) -> pd.DataFrame:
     """Tabulate the crash probabilities of vehicles if the lead vehicle changes its speed as in NGSIM.
 
-    Parameters
-    ----------
-    vehicles, maps
-        The vehicles by name, and their crash maps. Vehicles that cannot be simulated with a changing lead
-        speed are left out.
-    study
-        The laws; the law with the largest weight is used.
-    opening
-        Recorded opening cut-ins. If there are fewer than `FEWEST`, closing cut-ins with the opposite sign of
-        the closing speed are used instead.
-    generator
-        Source of all randomness. All vehicles get the same random numbers.
-
-    Returns
-    -------
-    pandas.DataFrame
-        One row for each vehicle and kind of cut-in. Columns: ``vehicle``; the kind of cut-in ``gap``
-        (closing, opening or all) and its share ``cut_ins``; the crash probability with a constant lead speed,
-        ``exact`` (from the crash map, only for closing cut-ins) and ``constant`` (estimated); the crash
-        probability with a changing lead speed, ``moving``, with ``standard_error`` and upper 95 % limit
-        ``high95``; ``factor``, moving divided by constant, with ``factor_error``; and ``factor_half``, the
-        factor if all changes of speed are halved.
+    The law with the largest weight is used, and all vehicles get the same random numbers. Vehicles that
+    cannot be simulated with a changing lead speed are left out. If there are fewer than `FEWEST` opening
+    cut-ins, closing ones with the opposite sign of the closing speed are used instead. The row of a vehicle
+    and kind of cut-in (``gap``) has the crash probability with a constant lead speed, ``exact`` (from the
+    crash map, only for closing cut-ins) and ``constant`` (estimated); with a changing lead speed, ``moving``;
+    ``factor``, moving divided by constant; and ``factor_half``, the factor if all changes of speed are
+    halved.
     """
     records, family = study.smooth.records, study.smooth.family
     law = study.smooth.speeds(study.heaviest)

@@ -48,23 +48,9 @@ def near_miss_table(
 ) -> pd.DataFrame:
     """Tabulate the 95 % intervals of events with and without the variation between blocks of records.
 
-    Parameters
-    ----------
-    posteriors
-        Draws of the probability of each event, by name.
-    replayed
-        Whether each record ends in the event if the vehicle replays it, by name, shape (records,).
-    critical
-        Whether each record is near the events, as in the region in which laws are scored, shape (records,).
-    generator
-        Source of the random factors, which are the same for all events.
-
-    Returns
-    -------
-    pandas.DataFrame
-        One row for each ``event``: the number ``recorded``; its ``dispersion_5000`` and ``dispersion_15000``
-        in blocks of so many records; the ends ``low95`` and ``high95`` of the answer, and
-        ``clustered_low95`` and ``clustered_high95`` with the variation between blocks.
+    ``critical`` marks the records near the events, as in the region in which laws are scored.
+    ``dispersion_5000`` and ``dispersion_15000`` are those in blocks of so many records, and the limits with
+    the variation between blocks begin with ``clustered``. The random factors are the same for all events.
     """
     factors = level_factors(critical, len(next(iter(posteriors.values())).probabilities), generator)
     rows = []

@@ -147,19 +147,8 @@ def answer_row(posterior: Posterior | None) -> dict[str, float]:
 def budget(posterior: Posterior, sampling_deviation: float) -> pd.DataFrame:
     """Divide the variance of the logarithm of a probability among its sources.
 
-    Parameters
-    ----------
-    posterior
-        Draws of the probability.
-    sampling_deviation
-        Relative standard deviation of an estimator of the probability.
-
-    Returns
-    -------
-    pandas.DataFrame
-        One row for each ``source``: ``data`` (mean variance of the draws within a law), ``choice of law``
-        (variance between the means of the laws), ``sampling``, and ``together``. The columns are ``factor``,
-        exp(standard deviation of the logarithm), and ``variance_share``.
+    These are ``data`` (mean variance of the draws within a law), ``choice of law`` (variance between the
+    means of the laws), ``sampling`` (the relative deviation of an estimator), and ``together``.
     """
     variances = log_variances(posterior) | {"sampling": float(np.log1p(sampling_deviation**2))}
     return shares(variances)
@@ -170,16 +159,6 @@ def log_variances(posterior: Posterior) -> dict[str, float]:
 
     ``data`` is the variance among the draws of the same law, averaged over the laws. ``choice of law`` is the
     rest of the variance. Both parts are NaN if the probability is 0 in a draw.
-
-    Parameters
-    ----------
-    posterior
-        Draws of the probability, and the law to which each draw belongs.
-
-    Returns
-    -------
-    dict
-        The two variances, by source.
     """
     with np.errstate(divide="ignore"):
         logs = pd.Series(np.log(posterior.probabilities))
@@ -195,18 +174,8 @@ def shares(variances: Mapping[str, float]) -> pd.DataFrame:
     """Tabulate the variances of a logarithm by source, with their shares of the total variance.
 
     If a variance is NaN, the event does not happen under some draw, so its logarithm has no variance. All
-    factors are then 1, and all shares NaN.
-
-    Parameters
-    ----------
-    variances
-        Variances of independent contributions to the logarithm, by source.
-
-    Returns
-    -------
-    pandas.DataFrame
-        One row for each source and one for all ``together``: ``source``; ``factor``, exp(standard deviation);
-        and ``variance_share``.
+    factors are then 1, and all shares NaN. The row ``together`` is for all sources, and ``factor`` is
+    exp(standard deviation).
     """
     total = sum(variances.values())
     if np.isnan(total):
@@ -225,19 +194,8 @@ def shrunk_estimates(estimates: Array, own: Array) -> Array:
     then A = V - mean of e_k^2, but at least `LEAST_BETWEEN` V. The distance of each logarithm from the median
     is multiplied by sqrt(A / (A + e_k^2)). This is a constrained empirical Bayes estimate (Louis 1984) for
     probabilities whose logarithms are normal around the median. An estimate with a very large error is almost
-    replaced by the median; in the mean of e_k^2 an error above 1 counts as 1.
-
-    Parameters
-    ----------
-    estimates
-        Positive estimates of the probabilities, shape (K,).
-    own
-        Relative error of each estimate, without the error that all estimates share, shape (K,).
-
-    Returns
-    -------
-    numpy.ndarray
-        The shrunk estimates, shape (K,).
+    replaced by the median; in the mean of e_k^2 an error above 1 counts as 1. The relative errors ``own``
+    leave out the error that all estimates share.
     """
     logs = np.log(estimates)
     middle, variance = np.median(logs), logs.var()

@@ -26,38 +26,17 @@ FORESEEN = (1e-3, 1e-5)  # shares of the cut-ins with a given range that have a 
 
 
 def shown_lead_speeds(lead_speeds: Array) -> list[float]:
-    """Return the lead speeds [m/s] for which a figure shows lines of preventable cut-ins.
-
-    These lead speeds are quantiles of the recorded ones, rounded to integers.
-
-    Parameters
-    ----------
-    lead_speeds
-        Recorded lead speeds [m/s].
-    """
+    """Return the lead speeds [m/s] of a figure, which are rounded quantiles of the recorded ones."""
     return np.round(np.quantile(lead_speeds, QUANTILES)).tolist()
 
 
 def preventable(vehicles: Mapping[str, Vehicle], law: DependentLaw, lead_speeds: Array) -> pd.DataFrame:
     """Compute the closing speeds at which vehicles crash, and quantiles of the law, by range.
 
-    Parameters
-    ----------
-    vehicles
-        The vehicles by name.
-    law
-        Law of the cut-ins.
-    lead_speeds
-        Recorded lead speeds [m/s].
-
-    Returns
-    -------
-    pandas.DataFrame
-        Columns ``lead_speed`` [m/s], ``name``, ``kind`` (vehicle or law), ``range`` [m], ``first`` and
-        ``always`` [m/s]. For a vehicle, ``first`` is the smallest closing speed at which it crashes, and
-        ``always`` the smallest one from which on it always crashes; both are NaN if there is none. They
-        differ if the crash set has holes. For the law, both are the closing speed that the share ``name`` of
-        the cut-ins with this range exceeds.
+    For a vehicle, ``first`` is the smallest closing speed [m/s] at which it crashes, and ``always`` the
+    smallest one from which on it always crashes; both are NaN if there is none. They differ if the crash set
+    has holes. For the law, both are the closing speed that the share ``name`` of the cut-ins with this range
+    exceeds.
     """
     parts = []
     for lead_speed in shown_lead_speeds(lead_speeds):

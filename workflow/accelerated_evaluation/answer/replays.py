@@ -31,31 +31,16 @@ Happens = Callable[[Array], NDArray[np.bool_]]
 
 @dataclass(frozen=True)
 class Replays:
-    """The records that a vehicle has replayed.
+    """The records that a vehicle has replayed."""
 
-    Attributes
-    ----------
-    records
-        Number of distinct records in each stratum, the nearest to the event first.
-    sampled, events
-        Number of records that were drawn at random from each stratum, and of the events among them.
-    replayed
-        Number of all replayed records. Besides the sampled ones there may be others, which are similar to
-        records with the event.
-    encounters, flags
-        The records of the stratified sample and those similar to its events, shape (d, n), and whether they
-        ended with the event, shape (n,). They guide the sampler.
-    with_event
-        The replayed records with the event, shape (d, happened).
-    """
-
-    records: NDArray[np.intp]
-    sampled: NDArray[np.intp]
-    events: NDArray[np.intp]
-    replayed: int
+    records: NDArray[np.intp]  # number of distinct records in each stratum, the nearest to the event first
+    sampled: NDArray[np.intp]  # number of records drawn at random from each stratum
+    events: NDArray[np.intp]  # number of events among those
+    replayed: int  # number of all replayed records, some of which are similar to records with the event
+    # The records of the stratified sample and those similar to its events, (d, n); they guide the sampler.
     encounters: Array
-    flags: NDArray[np.bool_]
-    with_event: Array
+    flags: NDArray[np.bool_]  # whether they ended with the event, (n,)
+    with_event: Array  # the replayed records with the event, (d, happened)
 
     @property
     def happened(self) -> int:
@@ -98,21 +83,10 @@ def replay(
 ) -> Replays:
     """Replay a stratified sample of the records, and all of them if the vehicle is fast.
 
-    If the vehicle has the event in some of the sample, similar records are replayed, too.
-
-    Parameters
-    ----------
-    happens
-        Function that returns whether the vehicle has the event in n encounters, shape (d, n).
-    records
-        The distinct records, shape (d, N).
-    nearness
-        How near each record comes to the event, shape (N,); a smaller value is nearer.
-    generator
-        Source of randomness.
-    is_slow
-        Whether the vehicle is known to be slow. Otherwise the time of the sample decides, so that the number
-        of replayed records may depend on the computer.
+    If the vehicle has the event in some of the sample, similar records are replayed, too. ``happens`` returns
+    whether the vehicle has the event in encounters of shape (d, n). A smaller nearness is nearer to the
+    event. If the vehicle is not known to be slow, the time of the sample decides, so that the number of
+    replayed records may depend on the computer.
     """
     order = np.argsort(nearness, kind="stable")
     ends = np.unique(np.ceil(np.array(SHARES) * len(order)).astype(int))

@@ -31,25 +31,9 @@ def compare_methods(
 ) -> dict[str, pd.DataFrame]:
     """Estimate the probability of an event under single laws by several methods.
 
-    Parameters
-    ----------
-    scenario, vehicle
-        The scenario and the vehicle.
-    laws
-        The laws by name.
-    config
-        A complete configuration: its seed, its event, and the settings of the methods.
-    methods
-        Names of the methods, some of `METHODS_OF_SCORES`.
-    predecessor
-        Path of the table of the runs of a similar vehicle under the same law, for the surrogate-guided
-        method.
-
-    Returns
-    -------
-    dict
-        ``estimates``, with a row for each law, method and replicate, and the event in words; and ``runs``,
-        with a row for each simulation of the surrogate-guided method.
+    The result has ``estimates``, with a row for each law, method and replicate, and ``runs``, with a row for
+    each simulation of the surrogate-guided method. A table of runs of a similar vehicle under the same law is
+    its predecessor.
     """
     event = event_named(config["scenario"]["event"], scenario)
     parts: dict[str, list[pd.DataFrame]] = {"estimates": [], "runs": []}
@@ -71,20 +55,10 @@ def compare_methods(
 
 
 def read_verdicts(scenario: Scenario, paths: Sequence[str]) -> pd.DataFrame:
-    """Read tables of published verdicts (crash or no crash in an encounter) as one table.
+    """Read tables of published verdicts as one table, which is empty without a path.
 
-    Parameters
-    ----------
-    scenario
-        The scenario.
-    paths
-        Paths of the tables; without any path, the result is an empty table.
-
-    Returns
-    -------
-    pandas.DataFrame
-        The variables of the scenario, ``crash`` (0 or 1), and ``fragile`` (1 if rounding decides about the
-        crash), as `agreement` needs them.
+    It has the variables of the scenario, ``crash`` (0 or 1), and ``fragile`` (1 if rounding decides about the
+    crash).
     """
     columns = [*scenario.names, "crash", "fragile"]
     parts = [pd.read_csv(path, usecols=columns) for path in paths]
@@ -94,20 +68,9 @@ def read_verdicts(scenario: Scenario, paths: Sequence[str]) -> pd.DataFrame:
 def agreement(scenario: Scenario, vehicle: Vehicle, verdicts: pd.DataFrame) -> pd.DataFrame:
     """Compare the outcomes of a vehicle with published verdicts on the same encounters.
 
-    Parameters
-    ----------
-    scenario, vehicle
-        The scenario and the vehicle.
-    verdicts
-        The variables of the scenario, ``crash`` (0 or 1), and ``fragile`` (1 if rounding decides about the
-        crash).
-
-    Returns
-    -------
-    pandas.DataFrame
-        One row for the firm and one for the fragile verdicts (``kind``), with the numbers of ``verdicts``; of
-        those that ``agree``; of those in which only our vehicle crashes (``we_crash``) or only the published
-        one (``we_are_safe``); and of our simulations that ended at their time limit (``not_ended``).
+    There is one row for the firm and one for the fragile verdicts, with their number, and the numbers of
+    those that ``agree``; of those in which only our vehicle crashes (``we_crash``) or only the published one
+    (``we_are_safe``); and of our simulations that ended at their time limit (``not_ended``).
     """
     outcomes = vehicle.simulate(*(verdicts[name].to_numpy(float) for name in scenario.names))
     ended = getattr(outcomes, ENDED, np.ones(len(verdicts), bool))

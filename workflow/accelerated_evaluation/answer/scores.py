@@ -48,20 +48,7 @@ Score = Callable[[GivenLaw, Array, Array], Array]
 
 
 def contiguous_blocks(size: int, blocks: int = BLOCKS) -> NDArray[np.int_]:
-    """Divide records into blocks of consecutive records, and return the block of each record.
-
-    Parameters
-    ----------
-    size
-        Number of records.
-    blocks
-        Number of blocks.
-
-    Returns
-    -------
-    numpy.ndarray
-        Index of the block of each record, from 0, shape (size,).
-    """
+    """Divide records into blocks of consecutive records, and return the block of each record, from 0."""
     return np.arange(size) * blocks // size
 
 
@@ -69,13 +56,6 @@ def censored_log_score(law: GivenLaw, closing_speed: Array, boundary: Array) -> 
     """Return the log score of each record, censored to closing speeds above a boundary, shape (n,).
 
     It is the log density if the closing speed exceeds the boundary, and otherwise log P(C <= boundary).
-
-    Parameters
-    ----------
-    law
-        The law of the closing speed at the lead speed and range of each record.
-    closing_speed, boundary
-        Closing speed and boundary [m/s] of each record, shape (n,).
     """
     inside = closing_speed > boundary
     with np.errstate(divide="ignore"):
@@ -88,13 +68,6 @@ def threshold_weighted_crps(law: GivenLaw, closing_speed: Array, boundary: Array
 
     It is minus the integral of (P(C <= t) - [c <= t])^2 over all speeds t above the boundary. Larger values
     are better, as for the log score.
-
-    Parameters
-    ----------
-    law
-        The law of the closing speed at the lead speed and range of each record.
-    closing_speed, boundary
-        Closing speed c and boundary [m/s] of each record, shape (n,).
     """
     total = np.zeros(closing_speed.size)
     for beyond in CRPS_STEPS:
@@ -108,33 +81,16 @@ def thinned_times(inside: NDArray[np.bool_], thin: int) -> NDArray[np.int_]:
 
     A record inside of the region represents itself. Of every ``thin`` consecutive records, the first is kept
     and represents ``thin`` records, if it is outside of the region. All other records represent 0 records.
-
-    Parameters
-    ----------
-    inside
-        Whether each record is inside of the region, shape (n,).
-    thin
-        Thinning factor.
     """
     return np.where(inside, 1, np.where(np.arange(inside.size) % thin == 0, thin, 0))
 
 
 @dataclass(frozen=True)
 class HeldOut:
-    """Laws fitted without the records of one block, for each block in turn.
+    """Laws fitted without the records of one block, for each block in turn."""
 
-    Attributes
-    ----------
-    records
-        Distinct cut-ins, in the order of the records.
-    given
-        For each contiguous block, a function that returns the laws of the closing speed at given lead speeds
-        and ranges; the laws were fitted without the block.
-    laws
-        Number of laws.
-    """
-
-    records: DistinctRecords
+    records: DistinctRecords  # in the order of the records
+    # For each block, a function from places to the laws of the closing speed fitted without the block.
     given: Sequence[Callable[[Places], Iterable[GivenLaw]]]
     laws: int = 1
 
@@ -142,18 +98,7 @@ class HeldOut:
     def of_family(cls, fitter: Fitter, family: LawFamily, blocks: int = BLOCKS) -> "HeldOut":
         """Fit every law of a family once for each block of records, without the records of the block.
 
-        Parameters
-        ----------
-        fitter, family
-            The records with the grids on which the laws are fitted, and the fit to all records, from which
-            the fits start.
-        blocks
-            Number of blocks of consecutive records.
-
-        Returns
-        -------
-        HeldOut
-            The fitted laws, one set for each block.
+        The fits start from the fit to all records, on the grids of the fitter.
         """
 
         def given_by(refit: LawFamily, places: Places) -> Iterator[GivenLaw]:
@@ -168,22 +113,7 @@ class HeldOut:
     def of_law(
         cls, fit: Callable[[DistinctRecords], FittedLaw], records: DistinctRecords, blocks: int = BLOCKS
     ) -> "HeldOut":
-        """Fit a single law once for each block of records, without the records of the block.
-
-        Parameters
-        ----------
-        fit
-            Function that fits the law to given records.
-        records
-            Distinct cut-ins, in the order of the records.
-        blocks
-            Number of blocks of consecutive records.
-
-        Returns
-        -------
-        HeldOut
-            The fitted laws, one for each block.
-        """
+        """Fit a single law once for each block of records, without the records of the block."""
         block = contiguous_blocks(records.size, blocks)
         fits = [fit(records.only(np.flatnonzero(block != number))) for number in range(blocks)]
         return cls(records, [lambda places, law=law: [law.given(places)] for law in fits])
@@ -191,23 +121,11 @@ class HeldOut:
     def scores(
         self, regions: Mapping[str, Array], thin: int = 1, score: Score = censored_log_score
     ) -> dict[str, Array]:
-        """Score each law at records that were not used for its fit.
+        """Score each law at records that were not used for its fit, by region, shape (laws, records).
 
-        Parameters
-        ----------
-        regions
-            Boundaries of closing speeds [m/s] by name, each of shape (records,).
-        thin
-            Of the records outside of all regions, only one in ``thin`` is scored, and represents the others.
-            This saves time, and costs little accuracy because these scores are similar.
-        score
-            Function that scores records, given a law at their lead speeds and ranges, their closing speeds,
-            and the boundary of a region.
-
-        Returns
-        -------
-        dict
-            Scores by region, shape (laws, records).
+        The regions are boundaries of closing speeds [m/s], shape (records,). Of the records outside of all
+        regions, only one in ``thin`` is scored, and represents the others. This saves time, and costs little
+        accuracy because these scores are similar.
         """
         speed = self.records.closing_speed
         block = contiguous_blocks(speed.size, len(self.given))
@@ -222,19 +140,10 @@ class HeldOut:
 
 
 def time_to_collision_boundary(vehicle: Vehicle, ttc: float, support: Support = SUPPORT) -> Threshold:
-    """Return the closing speed above which the smallest simulated time to collision is at most ``ttc``.
+    """Return the closing speed above which the smallest simulated time to collision is at most ``ttc`` [s].
 
-    The closing speed is computed by bisection at the nodes of a grid of lead speeds and square roots of
-    ranges. The result interpolates between the nodes.
-
-    Parameters
-    ----------
-    vehicle
-        The simulated vehicle.
-    ttc
-        Time to collision [s].
-    support
-        Limits of lead speed and range.
+    It is computed by bisection at the nodes of a grid of lead speeds and square roots of ranges, and
+    interpolated between them.
     """
     ends = support.lead_speeds, (ROOT_MIN, np.sqrt(support.range_max))
     nodes = [np.linspace(low, high, NODES) for low, high in ends]

@@ -57,23 +57,8 @@ def answer_tables(
 ) -> Tables:
     """Compute the answer of the vehicle under test, and return all its tables by name.
 
-    Parameters
-    ----------
-    problem
-        The vehicle and its main event.
-    study, draws
-        The laws with their weights, and draws from them.
-    records
-        The records.
-    way
-        The way in which the answer is computed.
-    events
-        Further events.
-    half_width
-        Relative half-width of the 80 % interval of an estimate of the paper, which appears in the budget of
-        an answer that was not sampled.
-    streams
-        Returns the random stream with a given name.
+    ``half_width`` is the relative half-width of the 80 % interval of an estimate of the paper, which appears
+    in the budget of an answer that was not sampled.
     """
     if isinstance(way, FewRuns):
         (own,), evidence = checked_answers(problem, draws, records, way, events, streams)

@@ -38,16 +38,8 @@ def record_variants(
 ) -> dict[str, DistinctRecords]:
     """Return the records after alternative treatments of the data, by the name of the treatment.
 
-    Parameters
-    ----------
-    encounters
-        Encounter table, in the order of the records.
-    crashed
-        Whether each row crashes when the car under test replays it, shape (rows,).
-    outlier_rows
-        Numbers of the rows that the authors' later code leaves out, counted from 1.
-    support
-        Limits of the records.
+    ``crashed`` says whether each row crashes when the car under test replays it, and ``outlier_rows`` are the
+    rows, counted from 1, that the authors' later code leaves out.
     """
     distinct, range_ = DistinctRecords.of(encounters, support), encounters["range"].to_numpy()
     outlier = np.isin(np.arange(1, len(encounters) + 1), outlier_rows)

@@ -20,23 +20,9 @@ def bootstrapped_weights(
     """Draw weights of laws by pseudo-Bayesian model averaging with the Bayesian bootstrap (Yao et al. 2018).
 
     In each draw, the records get random weights, and the weighted scores of each law are added up. The weight
-    of a law is proportional to the exponential of its sum.
-
-    Parameters
-    ----------
-    scores
-        Held-out log scores, shape (laws, records).
-    inside
-        Whether a record is inside the region, shape (records,); only these records are reweighted.
-    draws
-        Number of draws.
-    generator
-        Source of the random weights of the records.
-
-    Returns
-    -------
-    numpy.ndarray
-        Weights of the laws, shape (draws, laws), with rows that sum to 1.
+    of a law is proportional to the exponential of its sum. Scores have the shape (laws, records), and only
+    the records ``inside`` the region are reweighted. The weights have the shape (draws, laws), with rows that
+    sum to 1.
     """
     floored = np.maximum(scores - scores.max(axis=0), FLOOR)
     parts = floored[:, inside]
@@ -50,16 +36,8 @@ def stacking_weights(scores: Array, inside: NDArray[np.bool_]) -> Array:
 
     The score is a concave function of the weights (Yao et al. 2018). Sequential quadratic programming finds
     the laws with a positive weight. Newton steps for these weights then reach the maximum to nine digits, so
-    that the result does not depend on the processor.
-
-    Parameters
-    ----------
-    scores
-        Held-out log scores, shape (laws, records).
-    inside
-        Whether a record is inside the region of the scores, shape (records,). The scores of the other records
-        differ so little between the laws that the logarithm of their mixture is taken to be linear in the
-        weights.
+    that the result does not depend on the processor. The scores of records outside of the region differ so
+    little between the laws that the logarithm of their mixture is taken to be linear in the weights.
     """
     floored = np.maximum(scores - scores.max(axis=0), FLOOR)
     densities, outside = np.exp(floored[:, inside]), floored[:, ~inside].sum(axis=1)
@@ -95,14 +73,6 @@ def _newton(densities: Array, outside: Array, weights: Array) -> Array:
 
 
 def mixture_scores(scores: Array, weights: Array) -> Array:
-    """Return the log scores of the mixture of laws with given weights, shape (records,).
-
-    Parameters
-    ----------
-    scores
-        Log scores of the laws, shape (laws, records).
-    weights
-        Weights of the laws, shape (laws,).
-    """
+    """Return the log scores of the mixture of laws with given weights, shape (records,)."""
     with np.errstate(divide="ignore"):
         return logsumexp(scores + np.log(weights)[:, None], axis=0)

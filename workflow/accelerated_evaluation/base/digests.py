@@ -12,15 +12,9 @@ from typing import Any
 def content_digest(paths: Iterable[str | os.PathLike], missing: str = "") -> str:
     """Return a digest of the contents of files, in the given order.
 
-    The names and dates of the files do not influence the digest.
-
-    Parameters
-    ----------
-    paths
-        The files.
-    missing
-        Value that is used in place of the SHA-256 of a file that does not exist, for example because it has
-        not been retrieved yet. The rule that has the file as an input reports that it is missing.
+    The names and dates of the files do not influence the digest. ``missing`` is used in place of the SHA-256
+    of a file that does not exist, for example because it has not been retrieved yet. The rule that has the
+    file as an input reports that it is missing.
     """
     files = [Path(path) for path in paths]
     return value_digest([file_digest(file) if file.is_file() else missing for file in files])

@@ -36,14 +36,7 @@ class InputError(StudyError):
 class ConvergenceError(StudyError):
     """An iterative calculation that ended before it met its convergence criterion.
 
-    Parameters
-    ----------
-    what
-        Name of the calculation.
-    reached, limit
-        Value that the calculation reached, and the limit that it should have met.
-    change
-        What the user can do about it.
+    The message says which value it ``reached``, which ``limit`` it should have met, and what to change.
     """
 
     def __init__(self, what: str, *, reached: str, limit: str, change: str) -> None:
@@ -53,12 +46,9 @@ class ConvergenceError(StudyError):
 
 @contextmanager
 def located(place: str) -> Iterator[None]:
-    """Prefix the message of an `InputError` or `ConvergenceError` that is raised in the ``with`` block.
+    """Prefix the message of an `InputError` or `ConvergenceError` in the block by a place.
 
-    Parameters
-    ----------
-    place
-        Where the error occurred, for example a segment or file that only the caller knows.
+    The place, such as a segment or file, is where the error occurred, which only the caller knows.
     """
     try:
         yield

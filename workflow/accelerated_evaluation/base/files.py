@@ -22,12 +22,8 @@ def atomic_path(path: str | os.PathLike) -> Iterator[Path]:
 
     If the process is killed inside the block, the temporary file remains. The next process that writes the
     same path removes it. A link remains a link. A device or a pipe is not replaced; the content is written to
-    it.
-
-    Raises
-    ------
-    StudyError
-        If ``path`` is a folder, its folder cannot be written to, or there is no space left on the disk.
+    it. StudyError is raised if ``path`` is a folder, its folder cannot be written to, or there is no space
+    left on the disk.
     """
     path = Path(path)
     try:
@@ -96,15 +92,7 @@ def is_alive(process: int) -> bool:
 
 
 def write_text(path: str | os.PathLike, text: str) -> None:
-    """Write ``text`` as UTF-8, atomically.
-
-    Parameters
-    ----------
-    path
-        File to write.
-    text
-        Content of the file.
-    """
+    """Write ``text`` as UTF-8, atomically."""
     with atomic_path(path) as temporary:
         temporary.write_text(text, encoding="utf-8")
 
@@ -120,10 +108,7 @@ def write_json(path: str | os.PathLike, value: Any) -> None:  # noqa: ANN401
 def read_json(path: str | os.PathLike) -> Any:  # noqa: ANN401
     """Read a JSON file.
 
-    Raises
-    ------
-    ValueError
-        If the file contains no text, no JSON, or JSON that is nested too deeply.
+    ValueError is raised if it contains no text, no JSON, or JSON that is nested too deeply.
     """
     try:
         return json.loads(Path(path).read_text(encoding="utf-8"))
@@ -147,23 +132,8 @@ def read_arrays(path: str | os.PathLike) -> dict[str, Any]:
 def require_format(path: str | os.PathLike, content: Any, name: str, version: int, change: str) -> None:  # noqa: ANN401
     """Check that the entries ``format`` and ``version`` of a JSON file have the expected values.
 
-    Parameters
-    ----------
-    path
-        The file, for the error.
-    content
-        Content of the file, as `read_json` returns it.
-    name, version
-        Expected values of the two entries.
-    change
-        Advice to the user, for the error.
-
-    Raises
-    ------
-    InputError
-        If one of the values differs.
-    LookupError, TypeError
-        If the content has no such entries.
+    InputError is raised if one of the values differs, and LookupError or TypeError if the content has no such
+    entries.
     """
     if (kind := (content["format"], content["version"])) != (name, version):
         raise InputError(str(path), seen=f"{kind}", expected=f"{(name, version)}", change=change)

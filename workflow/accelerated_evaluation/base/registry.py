@@ -17,16 +17,8 @@ class Registry(Mapping[str, Member], Generic[Member]):
     A member registers itself with the decorator `add`, in the module that defines it. To find a member, the
     registry imports the module that has the name of the member. If there is no such module, it imports all
     modules of the package and of its subpackages. Adding a member therefore needs one new file and no entry
-    in any list, and modules that are not needed are not imported.
-
-    Parameters
-    ----------
-    what
-        Name of the kind in messages, such as ``"vehicle"``.
-    package
-        Name of the package whose modules contain the members.
-    path
-        The package's ``__path__``.
+    in any list, and modules that are not needed are not imported. ``what`` is the name of the kind in
+    messages, such as ``"vehicle"``. ``package`` and its ``__path__`` contain the modules of the members.
     """
 
     def __init__(self, what: str, package: str, path: Iterable[str]) -> None:
@@ -38,10 +30,7 @@ class Registry(Mapping[str, Member], Generic[Member]):
     def add(self, name: str) -> Callable[[Member], Member]:
         """Return a decorator that registers a class or function under a name.
 
-        Raises
-        ------
-        ValueError
-            If another member already has the name.
+        ValueError is raised if another member already has the name.
         """
 
         def register(member: Member) -> Member:

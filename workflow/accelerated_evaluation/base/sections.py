@@ -15,22 +15,13 @@ Schema = Mapping[str, Any]
 
 @dataclass(frozen=True)
 class Check:
-    """A condition on the values of several keys, which a JSON Schema cannot state.
+    """A condition on the values of several keys, which a JSON Schema cannot state."""
 
-    Attributes
-    ----------
-    keys
-        The keys, with dots between the levels, such as ``columns.closing.unit``. In the checks of a section
-        they are relative to the section.
-    holds
-        Function that takes the values of the keys and returns whether they are consistent.
-    expected
-        What is expected of the values, for the error message.
-    """
-
+    # With dots between the levels, such as ``columns.closing.unit``; in the checks of a section they are
+    # relative to the section.
     keys: tuple[str, ...]
-    holds: Callable[..., bool]
-    expected: str
+    holds: Callable[..., bool]  # takes the values of the keys and returns whether they are consistent
+    expected: str  # what is expected of the values, for the error message
 
 
 def section(**keys: Schema) -> Schema:
@@ -41,10 +32,7 @@ def section(**keys: Schema) -> Schema:
 def default_of(schema: Schema) -> Any:  # noqa: ANN401
     """Return the default value of a schema; for the schema of a section, a mapping from key to default.
 
-    Raises
-    ------
-    KeyError
-        If a key has no default.
+    KeyError is raised if a key has no default.
     """
     if "properties" in schema:
         return {key: default_of(part) for key, part in schema["properties"].items()}
@@ -61,22 +49,10 @@ def number(
     null: bool = False,
     kind: str = "number",
 ) -> Schema:
-    """Return the schema of a number between two limits.
+    """Return the schema of a number between two limits, of which ``low`` may be exclusive.
 
-    Parameters
-    ----------
-    default
-        Default value.
-    low, high
-        The smallest and the largest value that are allowed.
-    description
-        A sentence that says what the number is, with its unit in brackets.
-    exclusive
-        Whether ``low`` itself is not allowed.
-    null
-        Whether ``null`` is allowed as well.
-    kind
-        ``"number"`` or ``"integer"``.
+    The description is a sentence that says what the number is, with its unit in brackets. ``null`` says
+    whether null is allowed as well.
     """
     return {
         "type": [kind, "null"] if null else kind,
@@ -88,17 +64,7 @@ def number(
 
 
 def integer(default: int, low: int, high: int, description: str) -> Schema:
-    """Return the schema of a whole number.
-
-    Parameters
-    ----------
-    default
-        Default value.
-    low, high
-        The smallest and the largest value that are allowed.
-    description
-        A sentence that says what the number is, with its unit in brackets.
-    """
+    """Return the schema of a whole number between two limits, which are included."""
     return number(default, low, high, description, kind="integer")
 
 

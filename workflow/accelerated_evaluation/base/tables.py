@@ -30,20 +30,8 @@ def require_file(path: str | os.PathLike, change: str) -> None:
 def require_columns(path: str | os.PathLike, seen: Sequence[str], named: Mapping[str, str]) -> None:
     """Raise InputError if a table lacks a required column.
 
-    Parameters
-    ----------
-    path
-        File of the table, for the error.
-    seen
-        Column names of the table. The error shows the first few and the one that is most similar to the
-        missing column.
-    named
-        Mapping from the configuration key that names a required column to the name of the column.
-
-    Raises
-    ------
-    InputError
-        For the first column that is missing.
+    InputError names the first missing column, the first few columns, and the most similar one. The keys of
+    ``named`` are those of the configuration that name the required columns.
     """
     for key, name in named.items():
         if name not in seen:
@@ -68,17 +56,7 @@ def listed(names: Sequence[str], wanted: str) -> str:
 def read_parquet(path: str | os.PathLike, named: Mapping[str, str] = MappingProxyType({})) -> pd.DataFrame:
     """Read a Parquet file.
 
-    Parameters
-    ----------
-    path
-        The file.
-    named
-        Mapping from the configuration key that names a required column to the name of the column.
-
-    Raises
-    ------
-    InputError
-        If the file is damaged or lacks one of the columns ``named`` (see `require_columns`).
+    InputError is raised if it is damaged or lacks one of the columns ``named`` (see `require_columns`).
     """
     try:
         table = pd.read_parquet(path)
@@ -97,18 +75,8 @@ def write_parquet(path: str | os.PathLike, table: pd.DataFrame) -> None:
 def read_csv(path: str | os.PathLike, named: Mapping[str, str] = MappingProxyType({})) -> pd.DataFrame:
     """Read a CSV file with all cells as text, so that pandas does not guess types.
 
-    Parameters
-    ----------
-    path
-        The file.
-    named
-        Mapping from the configuration key that names a required column to the name of the column.
-
-    Raises
-    ------
-    InputError
-        If the file is damaged, lacks one of the columns ``named`` (see `require_columns`), or has two columns
-        of the same name.
+    InputError is raised if it is damaged, lacks one of the columns ``named`` (see `require_columns`), or has
+    two columns of the same name.
     """
     expected = "a comma-separated table in UTF-8 with a header"
     try:

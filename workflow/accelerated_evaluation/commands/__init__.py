@@ -30,27 +30,13 @@ class Command(Protocol):
 
     @staticmethod
     def add_arguments(command: argparse.ArgumentParser) -> None:
-        """Add the arguments of the subcommand to its parser.
-
-        Parameters
-        ----------
-        command
-            Parser of the subcommand.
-        """
+        """Add the arguments of the subcommand to its parser."""
 
     @staticmethod
     def run(arguments: argparse.Namespace) -> None:
         """Run the subcommand.
 
-        Parameters
-        ----------
-        arguments
-            The parsed arguments of the subcommand.
-
-        Raises
-        ------
-        StudyError or OSError
-            If the subcommand cannot continue. The message is printed for the user.
+        If it cannot continue, it raises StudyError or OSError, whose message is printed for the user.
         """
 
 
@@ -77,24 +63,13 @@ def add_law(command: argparse.ArgumentParser) -> None:
 
 @dataclass(frozen=True)
 class GivenLaw:
-    """The law that the options of a command name.
-
-    Attributes
-    ----------
-    scenario
-        The scenario of the law.
-    sources
-        The files ``law`` and, for a law of cut-ins, ``encounters``, with their checksums.
-    verdict
-        Verdict on the records of the encounter table; None for other scenarios.
-    table
-        The encounter table; None for other scenarios.
-    """
+    """The law that the options of a command name."""
 
     scenario: "Scenario"
+    # The files ``law`` and, for a law of cut-ins, ``encounters``, with their checksums.
     sources: dict[str, "Source"]
-    verdict: "Verdict"
-    table: "pd.DataFrame | None" = None
+    verdict: "Verdict"  # on the records of the encounter table; None for other scenarios
+    table: "pd.DataFrame | None" = None  # the encounter table; None for other scenarios
 
     def read(self) -> "Law":
         """Return the law."""
@@ -106,16 +81,8 @@ class GivenLaw:
 def given_law(arguments: argparse.Namespace) -> GivenLaw:
     """Return the law that is named by the options of `add_law`.
 
-    Parameters
-    ----------
-    arguments
-        Parsed options of `add_law` and `add_accept`.
-
-    Raises
-    ------
-    InputError
-        If a file is missing; if there is no encounter table for a law of cut-ins, or a table for another law;
-        or if a check of the records has the verdict ``stop``, which the user does not accept.
+    InputError is raised if a file is missing; if there is no encounter table for a law of cut-ins, or a table
+    for another law; or if a check of the records has the verdict ``stop``, which the user does not accept.
     """
     from accelerated_evaluation.laws.files import read_law, read_verdict
     from accelerated_evaluation.records.encounter_table import read_encounters
@@ -144,17 +111,7 @@ def given_law(arguments: argparse.Namespace) -> GivenLaw:
 
 
 def refuse_options(arguments: argparse.Namespace, scenario: str, *names: str) -> None:
-    """Raise InputError if an option that is only for cut-ins was given.
-
-    Parameters
-    ----------
-    arguments
-        Parsed options.
-    scenario
-        Name of the scenario, which is not the cut-in.
-    names
-        Names of the options, with underscores.
-    """
+    """Raise InputError if an option that is only for cut-ins was given; the names have underscores."""
     for name in names:
         if getattr(arguments, name) not in (None, []):
             option = f"--{name.replace('_', '-')}"

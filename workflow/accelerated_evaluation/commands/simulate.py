@@ -160,26 +160,9 @@ def simulate_table(
 ) -> None:
     """Simulate the encounters of a CSV file, and write them with their outcomes to another CSV file.
 
-    The files are processed in chunks of `CHUNK` rows.
-
-    Parameters
-    ----------
-    source
-        CSV file with a header and the columns of the scenario's variables; it may be compressed (.gz).
-    target
-        CSV file to write, with the outcomes of the scenario as additional columns.
-    vehicle
-        The vehicle.
-    scenario
-        The scenario.
-    caps
-        Largest simulated values of some variables, by name. Larger values are simulated with these, but the
-        table keeps the original values.
-
-    Raises
-    ------
-    InputError
-        If a column is missing or a value cannot be simulated. The message names file, row and column.
+    The files are processed in chunks of `CHUNK` rows. Both files have a header; the source may be compressed
+    (.gz). Values above ``caps`` are simulated with these, but the table keeps the original values. InputError
+    names file, row and column.
     """
     with _opened(source) as file:
         rows = _rows(file, source)

@@ -29,18 +29,10 @@ CRITICAL = 4.0  # critical number of standard errors; a correct map exceeds it i
 
 @dataclass(frozen=True)
 class MapCheck:
-    """The result of a check, under the reference law of the grid.
+    """The result of a check, under the reference law of the grid."""
 
-    Attributes
-    ----------
-    mapped
-        Crash probability from the map, up to a constant factor.
-    difference, standard_error
-        Simulated crash probability minus ``mapped``, and the standard error of this difference.
-    """
-
-    mapped: float
-    difference: float
+    mapped: float  # crash probability from the map, up to a constant factor
+    difference: float  # simulated crash probability minus `mapped`
     standard_error: float
 
     @property
@@ -59,22 +51,7 @@ class MapCheck:
 
 
 def check_map(vehicle: Vehicle, crash_map: CrashMap, generator: np.random.Generator) -> MapCheck:
-    """Compare the crash probability from a map with simulations at random closing speeds on some lines.
-
-    Parameters
-    ----------
-    vehicle
-        The vehicle for which the map was computed.
-    crash_map
-        The map, whose crashes are checked.
-    generator
-        Source of the random lines and closing speeds.
-
-    Returns
-    -------
-    MapCheck
-        The crash probability from the map, and its difference from the simulated crash probability.
-    """
+    """Compare the crash probability from a map with simulations at random closing speeds on some lines."""
     grid, intervals = crash_map.grid, crash_map.intervals(CRASH)
     rate = crash_map.inverse_range / grid.reference_inverse_ttc  # of the exponential law of the closing speed
     start, end = (np.exp(-rate[intervals.line] * edge) for edge in (intervals.start, intervals.end))
@@ -95,24 +72,7 @@ def check_map(vehicle: Vehicle, crash_map: CrashMap, generator: np.random.Genera
 def require_right_map(vehicle: Vehicle, crash_map: CrashMap, generator: np.random.Generator) -> CrashMap:
     """Return a crash map, or a map with random closing speeds if simulations contradict the crash map.
 
-    Parameters
-    ----------
-    vehicle
-        The vehicle of the map.
-    crash_map
-        The map, which was computed by scans.
-    generator
-        Source of all randomness.
-
-    Returns
-    -------
-    CrashMap
-        The given map, or the map with random closing speeds.
-
-    Raises
-    ------
-    InputError
-        If the map with random closing speeds is contradicted as well.
+    InputError is raised if the map with random closing speeds is contradicted as well.
     """
     check = check_map(vehicle, crash_map, generator)
     if not check.contradicts:

@@ -24,10 +24,7 @@ ALL = "all"
 class Exact:
     """A probability from a crash map.
 
-    Attributes
-    ----------
-    probability, standard_error
-        The probability, and the standard error that is caused by the random places of the lines in the cells.
+    Its standard error is caused by the random places of the lines in the cells.
     """
 
     probability: float
@@ -40,26 +37,9 @@ def capped_intervals(
     """Return the intervals of closing speeds in which an event happens, for a law with a cap.
 
     Under the law, a closing speed above the cap is simulated as the cap itself. An interval that contains the
-    cap is therefore extended to infinity, and intervals that begin above the cap are removed.
-
-    Parameters
-    ----------
-    crash_map
-        Crash map of the vehicle under test.
-    event
-        One of the events of the map.
-    closing_speed_max
-        The cap [m/s]; infinity means that there is no cap.
-
-    Returns
-    -------
-    line, start, end : numpy.ndarray
-        Index of the line, and ends of the interval of closing speeds [m/s], each of shape (intervals,).
-
-    Raises
-    ------
-    InputError
-        If the largest closing speed of the map is below the cap.
+    cap is therefore extended to infinity, and intervals that begin above the cap are removed. The result is
+    the index of the line of each interval, and its ends [m/s], shape (intervals,) each. A cap of infinity
+    means no cap. InputError is raised if the largest closing speed of the map is below the cap.
     """
     top = crash_map.grid.closing_speed_max
     if closing_speed_max < np.inf and closing_speed_max > top:
@@ -73,17 +53,7 @@ def capped_intervals(
 def cell_weights(crash_map: CrashMap, stratum: Stratum) -> Array:
     """Return the probability of each cell of v_L and R^-1 in one stratum, shape (cells,).
 
-    Parameters
-    ----------
-    crash_map
-        Crash map with the cells.
-    stratum
-        The law in one stratum.
-
-    Raises
-    ------
-    InputError
-        If some lead speeds, or some ranges, are outside of the map.
+    InputError is raised if some lead speeds, or some ranges, are outside of the map.
     """
     grid, speeds = crash_map.grid, stratum.lead_speed
     if speeds.lower < grid.lead_speed_min or speeds.upper >= grid.lead_speed_max:
@@ -98,24 +68,10 @@ def cell_weights(crash_map: CrashMap, stratum: Stratum) -> Array:
 def weighted_lines(
     crash_map: CrashMap, stratum: Stratum, closing_speed_max: float, event: Event = CRASH
 ) -> Array:
-    """Return the probability of the cell of each line times the probability of an event on the line.
+    """Return P(cell of a line) times P(event on the line), shape (cells, 2).
 
-    Parameters
-    ----------
-    crash_map
-        Map of the vehicle under test.
-    stratum
-        The law in one stratum.
-    closing_speed_max
-        Cap of the law on closing speeds [m/s].
-    event
-        One of the events of the map.
-
-    Returns
-    -------
-    numpy.ndarray
-        Products, shape (cells, 2). The mean of the two lines of a cell estimates the probability that a
-        cut-in is in the cell and ends in the event.
+    The mean of the two lines of a cell estimates the probability that a cut-in is in the cell and ends in the
+    event. ``closing_speed_max`` is the cap of the law [m/s].
     """
     weights = cell_weights(crash_map, stratum)
     line, start, end = capped_intervals(crash_map, event, closing_speed_max)
@@ -136,20 +92,7 @@ def _outside(what: str, seen: str, mapped: str) -> InputError:
 def exact_probabilities(crash_map: CrashMap, law: StratifiedLaw, event: Event = CRASH) -> dict[str, Exact]:
     """Return the probability of an event in each stratum of a law, and over all strata as ``all``.
 
-    Parameters
-    ----------
-    crash_map
-        Map of the vehicle under test.
-    law
-        The law of cut-ins.
-    event
-        One of the events of the map.
-
-    Returns
-    -------
-    dict
-        The probability by stratum. The value of ``all`` is the mean over the strata, weighted by their
-        shares.
+    The latter is the mean over the strata, weighted by their shares.
     """
     values = {
         name: weighted_lines(crash_map, stratum, law.closing_speed_max, event)
@@ -160,14 +103,9 @@ def exact_probabilities(crash_map: CrashMap, law: StratifiedLaw, event: Event = 
 
 
 def summed(lines: Array) -> Exact:
-    """Return the sum over cells of the mean of their two lines, with its standard error.
+    """Return the sum over cells of the mean of their two lines, shape (cells, 2), with its standard error.
 
     The variance of the mean of the two lines of a cell is estimated from their difference.
-
-    Parameters
-    ----------
-    lines
-        Products from `weighted_lines`, shape (cells, 2).
     """
     probability = float(lines.mean(axis=1).sum())
     # A sum of shares may exceed 1 by rounding.
@@ -175,21 +113,7 @@ def summed(lines: Array) -> Exact:
 
 
 def exact_table(crash_maps: Mapping[str, CrashMap], laws: Mapping[str, StratifiedLaw]) -> pd.DataFrame:
-    """Tabulate the crash probability under each law, computed with maps of different resolutions.
-
-    Parameters
-    ----------
-    crash_maps
-        Crash maps of the vehicle under test, by the name of their resolution.
-    laws
-        The laws by name.
-
-    Returns
-    -------
-    pandas.DataFrame
-        Columns ``model`` (name of the law), ``segment``, ``resolution`` (name of the map), ``lines`` (number
-        of lines), ``probability`` and ``standard_error``.
-    """
+    """Tabulate the crash probability under each law, computed with maps of different resolutions."""
     rows = [
         (model, segment, resolution, crash_map.lead_speed.size, value.probability, value.standard_error)
         for model, law in laws.items()

@@ -28,29 +28,12 @@ def exact_variation(
     """Return the coefficient of variation of a weight I f / f* in each stratum, and over all strata.
 
     I is 1 if the cut-in ends in a crash and 0 otherwise. The coefficients are computed by integration over
-    the crash map, without simulations.
-
-    With N simulations, the relative standard error of the estimated crash probability is this coefficient
-    divided by sqrt(N). It is infinite if f* decreases so fast that the weights have no variance.
-
-    Parameters
-    ----------
-    crash_map
-        Map of the vehicle under test.
-    law
-        The law f. Strata are drawn with their shares under f.
-    proposals
-        The accelerated distribution f* of each stratum.
-    ignored_shares
-        Shares of the crash probability that are ignored; one coefficient is returned for each. The cells with
-        the largest mean weights are left out, as long as they together contain at most this share. A positive
-        share gives the variation that is observed in practice, because a realistic number of simulations
-        contains no draws from cells that f* hardly reaches.
-
-    Returns
-    -------
-    dict
-        One coefficient of variation for each ignored share, by stratum and for ``all``.
+    the crash map, without simulations. With N simulations, the relative standard error of the estimated crash
+    probability is this coefficient divided by sqrt(N). It is infinite if f* decreases so fast that the
+    weights have no variance. There is one coefficient for each of ``ignored_shares`` of the crash
+    probability. The cells with the largest mean weights are left out, as long as they together contain at
+    most this share. A positive share gives the variation that is observed in practice, because a realistic
+    number of simulations contains no draws from cells that f* hardly reaches.
     """
     moments = {
         name: cell_moments(crash_map, stratum, proposals[name], law.closing_speed_max)
@@ -74,25 +57,9 @@ def _variation(first: Array, second: Array, ignored_share: float) -> float:
 
 
 def cell_moments(crash_map: CrashMap, stratum: Stratum, proposal: Factors, closing_speed_max: float) -> Array:
-    """Return the first and second moment of the weights I f / f* under f*, for each cell.
+    """Return the first and second moment of the weights I f / f* under f*, for each cell, shape (2, cells).
 
-    I is 1 if the cut-in ends in a crash and 0 otherwise.
-
-    Parameters
-    ----------
-    crash_map
-        Map of the vehicle under test.
-    stratum
-        The law f in one stratum.
-    proposal
-        The accelerated distribution f* in this stratum.
-    closing_speed_max
-        Cap of the law on closing speeds [m/s].
-
-    Returns
-    -------
-    numpy.ndarray
-        First and second moments, shape (2, cells).
+    ``closing_speed_max`` is the cap of the law [m/s].
     """
     f, cells = stratum.factors, crash_map.cells
     line, *ends = capped_intervals(crash_map, CRASH, closing_speed_max)
@@ -168,24 +135,8 @@ def variation_table(
 ) -> pd.DataFrame:
     """Tabulate the exact coefficient of variation for the f* of each method and seed.
 
-    Parameters
-    ----------
-    crash_map
-        Map of the vehicle under test.
-    law
-        The law f.
-    proposals
-        The accelerated distribution f* of each stratum, by method and seed.
-    ignored_share
-        Share of the crash probability that is ignored in ``variation_trimmed``: the cells with the largest
-        mean weights are left out, as long as they together contain at most this share.
-
-    Returns
-    -------
-    pandas.DataFrame
-        Columns ``method``, ``seed``, ``segment``, ``variation`` and ``variation_trimmed``, the coefficients
-        of variation with all cells and without the cells with the largest weights; and ``decay``, from
-        `tail_decay`, the larger value of both coordinates and over all strata.
+    In ``variation_trimmed`` a share of the crash probability is ignored, as in `exact_variation`; ``decay``
+    is the larger value of `tail_decay` in both coordinates and over all strata.
     """
     rows = []
     for (method, seed), factors in proposals.items():

@@ -32,51 +32,27 @@ class CrashLines(Lines):
     """Lines of a crash map on which an event happens, with the intervals of closing speeds of the event.
 
     A line is a pair of lead speed and range. Arrays have shape (lines,) or, for intervals, (intervals,).
-
-    Attributes
-    ----------
-    places
-        Lead speeds and ranges of the lines.
-    share
-        Probability that the lead speed is in the cell of a line, divided by the number of lines in a cell. If
-        the lines were thinned, it is also divided by the probability that the line was kept.
-    farther, nearer
-        log(R_max / R) at the farther and at the nearer end of the cell; infinite at a range of 0.
-    row, start, end
-        Index of the line of each interval, and its ends [m/s]; the upper end may be infinite.
-    inner
-        Inner variables of the lines, shape (lines, variables), for a vehicle whose outcomes are random.
-    weights
-        Weights of the lines for draws of the uncertain parameters of the vehicle, shape (draws, lines).
     """
 
     places: Places
+    # Probability that the lead speed is in the cell of a line, divided by the number of lines in a cell. If
+    # the lines were thinned, it is also divided by the probability that the line was kept.
     share: Array
-    farther: Array
-    nearer: Array
-    row: NDArray[np.int_]
-    start: Array
-    end: Array
+    farther: Array  # log(R_max / R) at the farther end of the cell
+    nearer: Array  # log(R_max / R) at the nearer end; infinite at a range of 0
+    row: NDArray[np.int_]  # index of the line of each interval.
+    start: Array  # m/s
+    end: Array  # m/s; it may be infinite
+    # Inner variables of the lines, (lines, variables), for a vehicle whose outcomes are random.
     inner: Array | None = None
+    # Weights for draws of the uncertain parameters of the vehicle, (draws, lines).
     weights: Array | None = None
 
     @classmethod
     def of(
         cls, crash_map: CrashMap, lead_speeds: Array, event: Event = CRASH, support: Support = SUPPORT
     ) -> "CrashLines":
-        """Return the lines of a map on which an event happens and whose cells contain recorded lead speeds.
-
-        Parameters
-        ----------
-        crash_map
-            Map of a vehicle.
-        lead_speeds
-            The recorded lead speeds [m/s], shape (n,).
-        event
-            One of the events of the map.
-        support
-            Limits of the records.
-        """
+        """Return the lines on which an event happens and whose cells contain recorded lead speeds [m/s]."""
         intervals, shares = crash_map.intervals(event), lead_speed_shares(crash_map, lead_speeds)
         kept = shares[intervals.line // LINES_PER_CELL] > 0
         lines, row = np.unique(intervals.line[kept], return_inverse=True)
@@ -94,28 +70,13 @@ class CrashLines(Lines):
         )
 
     def masses(self, ranges: SmoothHazard, law: SpeedLaw) -> Array:
-        """Return the probability that a cut-in is in each interval, shape (intervals,).
-
-        Parameters
-        ----------
-        ranges
-            Distribution of the range given the lead speed.
-        law
-            Distribution of the closing speed given the lead speed and the range.
-        """
+        """Return the probability that a cut-in is in each interval, shape (intervals,)."""
         return self._masses(self._line_masses(ranges), law.given(self.places))
 
     def masses_of(self, family: LawFamily, members: Iterable[Member]) -> Iterator[Array]:
         """Yield the probabilities of the intervals under each member of a family, shape (intervals,).
 
         The quantities that all members have in common are computed once.
-
-        Parameters
-        ----------
-        family
-            The fitted family of laws.
-        members
-            The members.
         """
         lines, below = self._line_masses(family.ranges), self.places.body(family.body)
         for member in members:
@@ -153,18 +114,7 @@ class CrashLines(Lines):
         return np.flatnonzero(np.append(~same, [True] * min(self.row.size, 1)))
 
     def range_probability(self, ranges: SmoothHazard) -> Array:
-        """Return the probability that the range is in the cell of each line, given its lead speed.
-
-        Parameters
-        ----------
-        ranges
-            Distribution of the range given the lead speed.
-
-        Returns
-        -------
-        numpy.ndarray
-            Probabilities, shape (lines,).
-        """
+        """Return P(range in the cell of a line | its lead speed), shape (lines,)."""
         cumulative, finite = self.places.range_hazards(ranges), np.isfinite(self.nearer)
         far, near = cumulative.at(self.farther), cumulative.at(np.where(finite, self.nearer, 0.0))
         return np.exp(-far) * np.where(finite, -np.expm1(np.minimum(far - near, 0.0)), 1.0)
@@ -173,13 +123,6 @@ class CrashLines(Lines):
         """Return the probability of the event if cut-ins follow the given conditional distributions.
 
         The lead speed has the distribution of the recorded lead speeds.
-
-        Parameters
-        ----------
-        ranges
-            Distribution of the range given the lead speed.
-        law
-            Distribution of the closing speed given the lead speed and the range.
         """
         return float(self.masses(ranges, law).sum())
 
@@ -224,11 +167,6 @@ class CrashLines(Lines):
 
         If the lines have weights, the shares of the lines are multiplied by the weights of this draw;
         otherwise the lines are returned unchanged.
-
-        Parameters
-        ----------
-        draw
-            Index of the draw.
         """
         return self if self.weights is None else replace(self, share=self.share * self.weights[draw])
 
@@ -237,16 +175,8 @@ class CrashLines(Lines):
 
         The selection probability of a line is proportional to its mass plus a small constant. The shares of
         the selected lines are divided by it, so that the probabilities of events are unbiased for any law.
-        Their error is small if the probability of the law is distributed similarly to ``mass``.
-
-        Parameters
-        ----------
-        mass
-            Probabilities of the intervals under a law, or their mean under several laws, shape (intervals,).
-        size
-            Number of lines to select.
-        generator
-            Source of the random start of the systematic sample.
+        Their error is small if the probability of the law is distributed similarly to ``mass``. ``mass`` are
+        probabilities of the intervals under a law, or their mean under several laws.
         """
         lines = np.bincount(self.row, mass, self.share.size)
         chance = np.minimum(size * ((1 - EVEN) * lines / lines.sum() + EVEN / lines.size), 1.0)
@@ -269,27 +199,9 @@ class CrashLines(Lines):
 def crash_places(
     lines: CrashLines, masses: Array, law: SpeedLaw, size: int, generator: np.random.Generator
 ) -> tuple[Array, Array, Array]:
-    """Draw crashes under a law.
+    """Draw lead speeds [m/s], ranges [m] and closing speeds [m/s] of crashes under a law, (size,) each.
 
-    Intervals are drawn with their probabilities, and closing speeds in the intervals by inversion.
-
-    Parameters
-    ----------
-    lines
-        Lines on which crashes happen.
-    masses
-        Probability that a cut-in under the law is in each interval, shape (intervals,).
-    law
-        Distribution of the closing speed given lead speed and range.
-    size
-        Number of crashes.
-    generator
-        Source of all randomness.
-
-    Returns
-    -------
-    tuple of numpy.ndarray
-        Lead speeds [m/s], ranges [m] and closing speeds [m/s], each of shape (size,).
+    Intervals are drawn with their probabilities ``masses``, and closing speeds in the intervals by inversion.
     """
     interval = generator.choice(masses.size, size, p=masses / masses.sum())
     row = lines.row[interval]

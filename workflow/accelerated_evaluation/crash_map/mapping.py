@@ -139,14 +139,8 @@ class _Scan:
 
         A quarter of the points cover the whole line. The others are placed near the closing speeds at which
         crashes begin and end, because most holes and islands of the crash set are there. If the outcome does
-        not change along the line, they are placed where the smallest range was observed.
-
-        Returns
-        -------
-        points
-            Closing speeds in increasing order, shape (lines, points).
-        outcomes
-            The outcomes of all points, line by line.
+        not change along the line, they are placed where the smallest range was observed. The first array has
+        the shape (lines, points), with closing speeds in increasing order.
         """
         coarse = grid.closing_speed_points // 4
         fine = grid.closing_speed_points - coarse

@@ -33,20 +33,11 @@ LINES_PER_CELL = 2  # the standard error of the mean of a cell is estimated from
 
 @dataclass(frozen=True)
 class Intervals:
-    """The intervals of closing speeds in which an event happens, on the lines of a crash map.
+    """The intervals of closing speeds in which an event happens, on the lines of a crash map."""
 
-    Attributes
-    ----------
-    line
-        Index of the line of each interval, shape (n,).
-    start, end
-        Ends of each interval [start, end) [m/s], shape (n,). The end is infinite if the interval contains the
-        largest scanned closing speed.
-    """
-
-    line: NDArray[np.int32]
-    start: Array
-    end: Array
+    line: NDArray[np.int32]  # index of the line of each interval, (n,)
+    start: Array  # m/s, (n,)
+    end: Array  # excluded [m/s]; infinite if the interval contains the largest scanned closing speed
 
 
 @dataclass(frozen=True)
@@ -122,21 +113,11 @@ class Grid:
 
 @dataclass(frozen=True)
 class Cells:
-    """Cells of v_L and of the square root of the range.
+    """Cells of v_L and of the square root of the range."""
 
-    Attributes
-    ----------
-    lead_speed
-        Lower and upper v_L of each cell [m/s], shape (cells, 2).
-    root
-        Square roots of R / range_max at the farther and the nearer end of each cell, shape (cells, 2).
-    range_max
-        Largest range [m].
-    """
-
-    lead_speed: Array
-    root: Array
-    range_max: float
+    lead_speed: Array  # lower and upper v_L of each cell [m/s], (cells, 2)
+    root: Array  # square roots of R / range_max at the farther and the nearer end, (cells, 2)
+    range_max: float  # m
 
     @property
     def inverse_range(self) -> Array:
@@ -158,55 +139,30 @@ class Cells:
 
 
 class Lines(ABC):
-    """Lines along which only the closing speed varies.
+    """Lines along which only the closing speed varies."""
 
-    Attributes
-    ----------
-    inner
-        Inner variables of the lines, shape (lines, variables), for a vehicle whose outcomes are random.
-    """
-
-    inner: Array | None
+    inner: Array | None  # inner variables, (lines, variables), for a vehicle whose outcomes are random
 
     @abstractmethod
     def place(self, line: NDArray) -> tuple[Array, Array]:
         """Return the lead speeds [m/s] and ranges [m] of the n lines with the given indices."""
 
     def simulate(self, vehicle: Vehicle, line: NDArray, closing_speed: Array) -> Outcomes:
-        """Return the outcomes of n cut-ins on lines, simulated with the lines' inner variables if any.
-
-        Parameters
-        ----------
-        vehicle
-            The vehicle of the map.
-        line, closing_speed
-            Index of the line and closing speed [m/s] of each cut-in, shape (n,).
-        """
+        """Return the outcomes of cut-ins on lines, simulated with the lines' inner variables if any."""
         inner = None if self.inner is None else self.inner[line]
         return simulate_inner(vehicle, (*self.place(line), closing_speed), inner)
 
 
 @dataclass(frozen=True)
 class CrashMap(Lines):
-    """A crash map: two lines in each cell, with the intervals of every event.
-
-    Attributes
-    ----------
-    grid, cells
-        Resolution and cells of the map.
-    lead_speed, inverse_range
-        v_L [m/s] and R^-1 [1/m] of the lines, shape (2 cells,).
-    events
-        The intervals of each event.
-    inner
-        Inner variables of the lines, shape (2 cells, variables), for a vehicle whose outcomes are random.
-    """
+    """A crash map: two lines in each cell, with the intervals of every event."""
 
     grid: Grid
     cells: Cells
-    lead_speed: Array
-    inverse_range: Array
-    events: Mapping[Event, Intervals]
+    lead_speed: Array  # v_L [m/s] of the lines, (2 cells,)
+    inverse_range: Array  # R^-1 [1/m] of the lines, (2 cells,)
+    events: Mapping[Event, Intervals]  # the intervals of each event
+    # Inner variables of the lines, (2 cells, variables), for a vehicle whose outcomes are random.
     inner: Array | None = None
 
     def place(self, line: NDArray) -> tuple[Array, Array]:
@@ -214,13 +170,7 @@ class CrashMap(Lines):
         return self.lead_speed[line], 1 / self.inverse_range[line]
 
     def intervals(self, event: Event) -> Intervals:
-        """Return the intervals of closing speeds in which an event happens.
-
-        Raises
-        ------
-        InputError
-            If the map was not computed for the event.
-        """
+        """Return the intervals in which an event happens; InputError is raised if the map lacks the event."""
         if event not in self.events:
             raise InputError(
                 "crash map",
@@ -251,13 +201,7 @@ def write_crash_map(path: str | os.PathLike, crash_map: CrashMap) -> None:
 
 
 def read_crash_map(path: str | os.PathLike) -> CrashMap:
-    """Return the crash map in a file that `write_crash_map` wrote.
-
-    Raises
-    ------
-    InputError
-        If the file is missing or is not a crash map.
-    """
+    """Return the crash map in a file of `write_crash_map`; InputError is raised if it is none."""
     try:
         arrays = read_arrays(path)
         grid = Grid(**json.loads(str(arrays.pop("grid"))))

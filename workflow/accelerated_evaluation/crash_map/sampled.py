@@ -31,18 +31,7 @@ def sample_crashes(
 ) -> CrashMap:
     """Return a crash map on the lines of another map, computed with randomly drawn closing speeds.
 
-    Parameters
-    ----------
-    vehicle
-        The vehicle of the other map.
-    crash_map
-        The other map. Its grid and its lines are used, but not its intervals.
-    generator
-        Source of the random closing speeds.
-    events
-        Events to map.
-    finer
-        Number of steps for each scan point of the other map.
+    ``finer`` is the number of steps for each scan point of the other map, whose intervals are not used.
     """
     grid, lines = crash_map.grid, crash_map.lead_speed.size
     steps = finer * grid.closing_speed_points

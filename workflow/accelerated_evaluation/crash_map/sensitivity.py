@@ -30,22 +30,13 @@ class Levels:
     """The choices of a piecewise model that are made again when the model is fitted to other data.
 
     Knots are described by their quantile levels in the data.
-
-    Attributes
-    ----------
-    inverse_range
-        Levels of the knots of R^-1, in increasing order.
-    inverse_ttc
-        Level of the knot of TTC^-1 in every segment.
-    pieces_of_range, body, tail
-        Families of the pieces of R^-1, and of body and tail of TTC^-1.
     """
 
-    inverse_range: tuple[float, ...]
-    inverse_ttc: float
-    pieces_of_range: PieceFamily
-    body: PieceFamily
-    tail: PieceFamily
+    inverse_range: tuple[float, ...]  # of the knots of R^-1, in increasing order
+    inverse_ttc: float  # of the knot of TTC^-1 in every segment
+    pieces_of_range: PieceFamily  # families of the pieces of R^-1
+    body: PieceFamily  # family of the body of TTC^-1
+    tail: PieceFamily  # family of its tail
 
     @classmethod
     def of(cls, model: IndependentLaw) -> "Levels":
@@ -82,19 +73,8 @@ def fit_for_crashes(
 
     If there are no crashes below the knot of TTC^-1, the crash probability depends only on the weight of the
     body. The body is then fitted by an exponential instead of the normal mixture, whose fit takes seconds.
-
-    Parameters
-    ----------
-    encounters
-        Encounter table.
-    levels
-        Levels of the knots, and families of the pieces.
-    range_max
-        Largest range [m].
-    smallest_inverse_ttc
-        Smallest TTC^-1 at which a crash happens [1/s], from the crash map.
-    closing_speed_max
-        Cap on closing speeds [m/s].
+    ``smallest_inverse_ttc`` [1/s] is that of all crashes of the crash map, and ``closing_speed_max`` a cap
+    [m/s].
     """
 
     def inverse_ttc(x: Array) -> PiecewiseMixture:
@@ -119,21 +99,11 @@ def fit_for_crashes(
 
 @dataclass(frozen=True)
 class Refit:
-    """Refits of a piecewise model, whose crash probabilities are computed with one crash map.
-
-    Attributes
-    ----------
-    crash_map
-        Map of the vehicle under test.
-    smallest_inverse_ttc
-        Smallest TTC^-1 at which a crash happens [1/s].
-    closing_speed_max
-        Cap on closing speeds [m/s].
-    """
+    """Refits of a piecewise model, whose crash probabilities are computed with one crash map."""
 
     crash_map: CrashMap
-    smallest_inverse_ttc: float
-    closing_speed_max: float
+    smallest_inverse_ttc: float  # of all crashes [1/s]
+    closing_speed_max: float  # cap [m/s]
 
     @classmethod
     def by(cls, crash_map: CrashMap, closing_speed_max: float) -> "Refit":
@@ -144,15 +114,7 @@ class Refit:
         return cls(crash_map, crash_map.smallest_inverse_ttc(), closing_speed_max)
 
     def probability(self, encounters: pd.DataFrame, levels: Levels) -> Exact:
-        """Fit a model to encounters, and return its crash probability over all segments.
-
-        Parameters
-        ----------
-        encounters
-            Encounter table.
-        levels
-            Levels of the knots, and families of the pieces.
-        """
+        """Fit a model to encounters, and return its crash probability over all segments."""
         range_max = self.crash_map.grid.range_max
         law = fit_for_crashes(
             encounters, levels, range_max, self.smallest_inverse_ttc, self.closing_speed_max
@@ -162,13 +124,7 @@ class Refit:
 
 @contextmanager
 def warning_of_failure(what: str) -> Iterator[None]:
-    """Convert the failure of a refit (`StudyError`) into a warning, so that the other refits are made.
-
-    Parameters
-    ----------
-    what
-        Name of the refit in the warning.
-    """
+    """Convert the failure of a refit (`StudyError`) into a warning, so that the other refits are made."""
     try:
         yield
     except StudyError as error:
@@ -189,24 +145,9 @@ def study_sensitivity(
 ) -> pd.DataFrame:
     """Tabulate the crash probability over all segments for models that are refitted with one other choice.
 
-    Parameters
-    ----------
-    crash_map
-        Map of the vehicle under test.
-    models, variant
-        The fitted models, and the name of the model that is simulated.
-    encounters
-        Encounter table, with rows in the order of the records.
-    settings
-        ``inverse_ttc_knots`` and ``inverse_range_knots``, quantile levels; ``lead_speed_edges``, lists of
-        edges of segments [m/s]; ``outlier_rows``, numbers of the rows of the encounter table to leave out,
-        counted from 1.
-
-    Returns
-    -------
-    pandas.DataFrame
-        Columns ``choice``, ``value``, ``probability`` and ``standard_error``. The last two are NaN if a
-        choice leaves too few rows for a fit; a warning gives the reason.
+    ``settings`` has quantile levels, lists of edges of segments [m/s], and ``outlier_rows``, rows of the
+    encounter table, counted from 1, to leave out. If a choice leaves too few rows for a fit, its probability
+    is NaN, and a warning gives the reason.
     """
     base = Levels.of(models[variant])
     refit = Refit.by(crash_map, models[variant].closing_speed_max)
@@ -249,19 +190,6 @@ def study_cap(
 
     A crash map is computed for each cap. The columns are ``choice``, ``value`` (the cap), ``probability`` and
     ``standard_error``.
-
-    Parameters
-    ----------
-    vehicle
-        The car under test.
-    crash_map
-        A map whose grid is used.
-    law
-        The law of cut-ins.
-    caps
-        The caps [m/s].
-    generator
-        Source of all randomness.
     """
     rows = []
     for cap in caps:

@@ -19,21 +19,8 @@ def severity_table(
 ) -> pd.DataFrame:
     """Tabulate the probability of every event of the map, for each segment and over all segments.
 
-    Parameters
-    ----------
-    crash_map, law
-        Map of the vehicle under test, and the law of cut-ins.
-    encounters
-        Number of recorded encounters.
-    distance
-        Distance driven during the recording [km], if it is known.
-
-    Returns
-    -------
-    pandas.DataFrame
-        Columns ``segment``, ``quantity``, ``threshold``, ``unit``, ``probability``, ``standard_error``,
-        ``to_crash`` (ratio to the crash probability) and ``per_million_km`` (empty if the distance is
-        unknown).
+    ``to_crash`` is the ratio to the crash probability. ``per_million_km`` is empty if the distance driven
+    during the recording [km] is unknown.
     """
     crash = exact_probabilities(crash_map, law)
     rows = []
@@ -52,18 +39,8 @@ def impact_speed_table(severity: pd.DataFrame) -> pd.DataFrame:
     """Tabulate the mean and the quantiles of the impact speeds of crashes for each segment.
 
     The survival function of the impact speed is interpolated linearly between the thresholds. It is assumed
-    to reach 0 one step above the last threshold.
-
-    Parameters
-    ----------
-    severity
-        Table of `severity_table`.
-
-    Returns
-    -------
-    pandas.DataFrame
-        Columns ``segment``, ``mean_m_s`` and ``q10_m_s`` .. ``q90_m_s`` [m/s]. Segments without crashes have
-        no row, and the table is empty if there are fewer than two thresholds.
+    to reach 0 one step above the last threshold. Segments without crashes have no row, and the table is empty
+    if there are fewer than two thresholds.
     """
     rows = []
     impacts = severity[severity["quantity"] == "impact_speed"].sort_values("threshold")
@@ -90,27 +67,12 @@ def exact_tables(
     encounters: int,
     distance: float | None,
 ) -> dict[str, pd.DataFrame]:
-    """Return all tables of exact values, computed from the crash maps and the laws.
+    """Return all tables of exact values, computed from the crash maps, by resolution, and the laws.
 
-    Parameters
-    ----------
-    crash_maps
-        The maps by resolution; the map ``full`` contains all events.
-    laws, variant
-        The laws by name, and the name of the law that is simulated.
-    proposals
-        f* of each stratum, by method and seed of the search.
-    encounters
-        Number of recorded encounters.
-    distance
-        Distance driven while the lane changes were recorded [km]; None if it is unknown.
-
-    Returns
-    -------
-    dict
-        ``exact``, the crash probabilities under the law that is simulated; ``convergence``, those under all
-        laws and for all resolutions (`exact_table`); ``severity`` (`severity_table`); ``impact_speed``
-        (`impact_speed_table`); and ``variation`` (`variation_table`).
+    The map ``full`` contains all events. ``exact`` has the crash probabilities under the law ``variant``,
+    which is simulated, and ``convergence`` those under all laws and for all resolutions (`exact_table`); see
+    `severity_table`, `impact_speed_table` and `variation_table` for the others. The distance is in km, or
+    None if it is unknown.
     """
     full, studied = crash_maps["full"], laws[variant]
     convergence = exact_table(crash_maps, laws)

@@ -32,28 +32,10 @@ def study_uncertainty(
 ) -> dict[str, pd.DataFrame]:
     """Return the uncertainty of a crash probability, from refits of the model to resampled lane changes.
 
-    The uncertainty is divided among its sources: finite data, choice of the model, and sampling.
-
-    Parameters
-    ----------
-    crash_map
-        Map of the vehicle under test.
-    models, variant
-        The alternative piecewise models, and the name of the model that is simulated.
-    encounters
-        Encounter table, with rows in the order of the records.
-    generator
-        Source of all randomness.
-    settings
-        Section ``uncertainty`` of the configuration.
-    alpha
-        The level of all intervals is 100 (1 - alpha) %.
-
-    Returns
-    -------
-    dict
-        ``uncertainty``, a table with one row for each source (as `uncertainty_budget` returns), and
-        ``bootstrap``, the crash probability of each refit to resampled data.
+    The uncertainty is divided among its sources: finite data, choice of the model, and sampling. The first
+    table is that of `uncertainty_budget`, and ``bootstrap`` has the crash probability of each refit to
+    resampled data. The model ``variant`` is the one that is simulated, and all intervals have the level 100
+    (1 - alpha) %.
     """
     studied = models[variant]
     bootstrap = bootstrap_probabilities(
@@ -92,24 +74,7 @@ def bootstrap_probabilities(
     A row and the rows that repeat it form one run. Blocks of consecutive runs are resampled (circular block
     bootstrap, Politis and Romano 1992). Knots are chosen again at their quantile levels. The shares of the
     segments and the lead speeds are those of the resampled rows. If a refit fails, its result is NaN, and a
-    warning is given.
-
-    Parameters
-    ----------
-    crash_map
-        Map of the vehicle under test.
-    encounters
-        Encounter table, with rows in the order of the records.
-    levels
-        Levels of the knots, and families of the pieces.
-    generator
-        Source of all randomness.
-    closing_speed_max
-        Cap on closing speeds [m/s].
-    replicates
-        Number of refits.
-    block_runs
-        Number of runs in a block.
+    warning is given. ``closing_speed_max`` is a cap [m/s].
     """
     refit = Refit.by(crash_map, closing_speed_max)
     starts = np.flatnonzero(~is_repeated(encounters))
@@ -126,23 +91,9 @@ def bootstrap_probabilities(
 def resampled_rows(starts: Array, rows: int, block_runs: int, generator: np.random.Generator) -> Array:
     """Return the rows of one bootstrap sample: random blocks of runs, until there are as many as in the data.
 
-    A run is a row and the rows after it that are equal to it.
-
-    Parameters
-    ----------
-    starts
-        First row of each run, in increasing order from 0.
-    rows
-        Number of rows.
-    block_runs
-        Number of runs in a block; after the last run, a block continues with the first one.
-    generator
-        Source of all randomness.
-
-    Returns
-    -------
-    numpy.ndarray
-        Indices of the resampled rows; their number varies, because the runs have different lengths.
+    A run is a row and the rows after it that are equal to it. ``starts`` has the first row of each run, in
+    increasing order from 0. After the last run, a block continues with the first one. The number of resampled
+    rows varies, because the runs have different lengths.
     """
     blocks = generator.integers(starts.size, size=-(-starts.size // block_runs))
     runs = (blocks[:, None] + np.arange(block_runs)).ravel()[: starts.size] % starts.size
@@ -160,20 +111,8 @@ def probabilities_of_choices(
 ) -> Array:
     """Return the crash probabilities for all combinations of models and knots of TTC^-1.
 
-    Combinations whose fit fails are left out, with a warning.
-
-    Parameters
-    ----------
-    crash_map
-        Map of the vehicle under test.
-    encounters
-        Encounter table.
-    variants
-        Choices of the alternative models.
-    inverse_ttc_knots
-        Quantile levels of the knot of TTC^-1, which replace those of the models.
-    closing_speed_max
-        Cap on closing speeds [m/s].
+    Combinations whose fit fails are left out, with a warning. The quantile levels of the knot of TTC^-1
+    replace those of the models.
     """
     refit = Refit.by(crash_map, closing_speed_max)
     choices = product(variants, inverse_ttc_knots)
@@ -195,30 +134,12 @@ def uncertainty_budget(
 ) -> pd.DataFrame:
     """Return the variance of the crash probability, divided among its sources.
 
-    The sources are the finite data, the choice of the model, and the sampling.
-
-    Parameters
-    ----------
-    probability
-        Crash probability of the model with which the study simulates.
-    bootstrap
-        Probabilities of the refits to resampled data, shape (replicates,), which represent the uncertainty
-        from the finite data. NaN is ignored.
-    choices
-        Probabilities under alternative models, which all have the same weight.
-    sampling_interval
-        A normal 100 (1 - alpha) % interval of importance sampling, as in the paper.
-    alpha
-        The level of all intervals is 100 (1 - alpha) %.
-
-    Returns
-    -------
-    pandas.DataFrame
-        One row for each source, with the columns ``source``, ``probability`` (mean), ``standard_deviation``,
-        ``ci_low``, ``ci_high`` and ``variance_share``. The interval of the sampling is ``sampling_interval``.
-        The intervals of the other sources are quantiles of their probabilities. A last row ``together``
-        combines the three sources: their relative deviations from ``probability`` are assumed to be
-        independent. Relative quantities are NaN if ``probability`` is 0.
+    The sources are the finite data, the choice of the model, and the sampling. The sampling has the normal
+    interval of importance sampling, as in the paper. The intervals of the other sources are quantiles of
+    their probabilities, those of the refits to resampled data, in which NaN is ignored, and those under
+    alternative models, which all have the same weight. A last row ``together`` combines the three sources:
+    their relative deviations from ``probability`` are assumed to be independent. Relative quantities are NaN
+    if ``probability`` is 0.
     """
     bootstrap, choices = (_or_unknown(values) for values in (bootstrap, choices))
     probability = probability or math.nan  # relative deviations from 0 are undefined

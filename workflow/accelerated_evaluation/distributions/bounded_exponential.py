@@ -17,17 +17,10 @@ from accelerated_evaluation.distributions.described import Parameter, distributi
 @distribution("bounded exponential")
 @dataclass(frozen=True)
 class BoundedExponential(Bounded):
-    """Density proportional to exp(-rate x) on ``[lower, upper)``.
+    """Density proportional to exp(-rate x) on ``[lower, upper)``."""
 
-    Parameters
-    ----------
-    rate
-        Any real number if ``upper`` is finite: zero (uniform density) and negative values (increasing
-        density) occur after exponential tilting. It must be positive if ``upper`` is infinite.
-    lower, upper
-        Bounds of the support; ``upper`` may be infinite.
-    """
-
+    # Any real number if `upper` is finite: zero (uniform density) and negative values (increasing density)
+    # occur after exponential tilting. It must be positive if `upper` is infinite.
     rate: float
     lower: float = 0.0
     upper: float = math.inf
@@ -46,11 +39,7 @@ class BoundedExponential(Bounded):
 
         The maximum-likelihood estimate and the Cross-Entropy update are both found in this way. The mean
         decreases strictly with the rate, from ``upper`` to ``lower``, so there is exactly one solution.
-
-        Raises
-        ------
-        ValueError
-            If the mean is not strictly inside the support.
+        ValueError is raised if the mean is not strictly inside the support.
         """
         if not lower < mean < upper:
             raise ValueError(f"the mean must lie inside ({lower}, {upper}), got {mean}")

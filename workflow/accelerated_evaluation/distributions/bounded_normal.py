@@ -25,22 +25,13 @@ _MOMENT_NODES, _MOMENT_WEIGHTS = np.polynomial.legendre.leggauss(64)
 @distribution("bounded normal")
 @dataclass(frozen=True)
 class BoundedNormal(Bounded):
-    """Normal distribution with ``location`` and ``sd``, conditional on ``[lower, upper)``.
+    """Normal distribution with ``location`` and ``sd``, conditional on ``[lower, upper)``."""
 
-    Parameters
-    ----------
-    sd
-        Standard deviation of the unconditional normal distribution, positive.
-    lower, upper
-        Bounds of the support; both may be infinite.
-    location
-        Mean of the unconditional normal distribution. It is 0 for the distributions that the paper fits, and
-        theta sd^2 after tilting such a distribution by theta.
-    """
-
-    sd: float
+    sd: float  # of the unconditional normal distribution, positive
     lower: float = 0.0
     upper: float = math.inf
+    # Mean of the unconditional normal distribution. It is 0 for the distributions that the paper fits, and
+    # theta sd^2 after tilting such a distribution by theta.
     location: float = 0.0
 
     parameters: ClassVar[Mapping[str, Parameter]] = {"sd": Parameter(power=1, symbol=r"\sigma")}
@@ -56,13 +47,8 @@ class BoundedNormal(Bounded):
         """Return the bounded normal with location 0 on [lower, upper), lower >= 0, that has the given E X^2.
 
         This solves the maximum-likelihood equation, since E X^2 increases strictly with the standard
-        deviation.
-
-        Raises
-        ------
-        ConvergenceError
-            If no standard deviation gives the moment because the sample is uniform or increasing, or if the
-            moment is so small that squares lose accuracy.
+        deviation. ConvergenceError is raised if no standard deviation gives the moment because the sample is
+        uniform or increasing, or if the moment is so small that squares lose accuracy.
         """
         if second_moment < LEAST**2:
             raise ConvergenceError(
@@ -110,23 +96,9 @@ class BoundedNormal(Bounded):
         """Return a mixture of bounded normals with location 0, fitted by EM (paper, appendix B).
 
         Each iteration consists of three EM steps. The fit has converged when an iteration increases the
-        log-likelihood by less than `TOLERANCE` per observation.
-
-        Parameters
-        ----------
-        x
-            Sample, shape (n,), on [lower, upper), lower >= 0.
-        lower, upper, components
-            Bounds of the support, and number m of normals.
-        maximum_iterations
-            Limit of the number of iterations.
-        on_iteration
-            Function that is called in each iteration with the log-likelihood, which never decreases.
-
-        Raises
-        ------
-        ConvergenceError
-            If the fit has not converged after ``maximum_iterations``.
+        log-likelihood by less than `TOLERANCE` per observation. ConvergenceError is raised if it has not
+        after ``maximum_iterations``. ``on_iteration`` is called in each iteration with the log-likelihood,
+        which never decreases. The sample is on [lower, upper), lower >= 0.
         """
         squares, shares = np.square(x), np.full(components, 1 / components)
         sds = math.sqrt(squares.mean()) * np.geomspace(0.5, 1.5, components)
@@ -260,13 +232,6 @@ def _em_leap(mixture: Mixture, first: Mixture, squares: Array) -> Mixture:
     EM converges slowly if the normals overlap, because its steps then become short. Squared extrapolation
     (Varadhan and Roland 2008) continues in the direction of the first two steps. The extrapolated point is
     used only if its likelihood is not lower than the likelihood after the first step.
-
-    Parameters
-    ----------
-    mixture, first
-        The mixture before and after the first EM step.
-    squares
-        Squares of the sample, shape (n,).
     """
     second, at_first = _em_step(first, squares)
     # The extrapolated point may lie outside the range of the parameters; the second step is then returned.
@@ -279,12 +244,9 @@ def _em_leap(mixture: Mixture, first: Mixture, squares: Array) -> Mixture:
 
 @np.errstate(over="ignore", invalid="ignore")
 def _extrapolate(path: tuple[Mixture, Mixture, Mixture]) -> Mixture:
-    """Extrapolate three successive mixtures, in log shares and log standard deviations; see `_em_leap`.
+    """Extrapolate three mixtures, in log shares and log standard deviations, or raise ValueError.
 
-    Raises
-    ------
-    ValueError
-        If the result is infinite or not a number.
+    The error means that the result is infinite or not a number; see `_em_leap`.
     """
     start, first, second = (
         np.log([*mixture.weights, *(component.sd for component in mixture.components)]) for mixture in path

@@ -15,19 +15,12 @@ INFINITE = {"lower": -math.inf, "upper": math.inf}
 
 @dataclass(frozen=True)
 class Parameter:
-    """Description of a fitted parameter for tables and figures.
+    """Description of a fitted parameter for tables and figures."""
 
-    Attributes
-    ----------
-    power
-        The unit of the parameter is the unit of the variable to this power: -1 for a rate, 1 for a scale, 0
-        for a pure number.
-    symbol
-        Its symbol in TeX, without the dollar signs.
-    """
-
+    # The unit of the parameter is the unit of the variable to this power: -1 for a rate, 1 for a scale, 0 for
+    # a pure number.
     power: int
-    symbol: str
+    symbol: str  # in TeX, without the dollar signs
 
 
 class Described(ABC):
@@ -37,17 +30,11 @@ class Described(ABC):
     fitted to a part of a sample, it has a classmethod ``fit(x, lower, upper)``, which maximizes the
     likelihood. If mixtures of it can be fitted as well, it has a classmethod ``fit_mixture(x, lower, upper,
     components)``.
-
-    Attributes
-    ----------
-    kind
-        Name of the distribution in files, tables and the configuration.
-    parameters
-        Descriptions of the fitted parameters by the name of their field. The bounds of the support are not
-        fitted and therefore not included.
     """
 
-    kind: ClassVar[str]
+    kind: ClassVar[str]  # name of the distribution in files, tables and the configuration
+    # Descriptions of the fitted parameters by the name of their field. The bounds of the support are not
+    # fitted and therefore not included.
     parameters: ClassVar[Mapping[str, Parameter]] = {}
 
     @property
@@ -89,10 +76,8 @@ def distribution(kind: str) -> Callable[[DescribedClass], DescribedClass]:
 def from_dict(content: Mapping[str, Any]) -> Described:
     """Build a distribution from the dictionary that its method ``to_dict`` returned.
 
-    Raises
-    ------
-    AttributeError, KeyError, TypeError, ValueError
-        If the content does not describe a distribution of a known kind.
+    AttributeError, KeyError, TypeError or ValueError is raised if it describes no distribution of a known
+    kind.
     """
     content = dict(content)
     kind = content.pop("kind")

@@ -21,18 +21,10 @@ from accelerated_evaluation.distributions.roots import find_roots
 @distribution("mixture")
 @dataclass(frozen=True)
 class Mixture(Described):
-    """Weighted sum of distributions (paper, section III.B.3).
+    """Weighted sum of distributions (paper, section III.B.3)."""
 
-    Parameters
-    ----------
-    weights
-        Weights of the components: positive, summing to one.
-    components
-        The distributions; a component may itself be a mixture.
-    """
-
-    weights: tuple[float, ...]
-    components: tuple[Tiltable, ...]
+    weights: tuple[float, ...]  # positive, summing to one
+    components: tuple[Tiltable, ...]  # a component may itself be a mixture
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "weights", tuple(float(weight) for weight in self.weights))
@@ -176,10 +168,7 @@ class Mixture(Described):
 class PiecewiseMixture(Mixture):
     """The paper's piecewise mixture, whose component i has the support [gamma_(i-1), gamma_i) (equation 5).
 
-    Raises
-    ------
-    ValueError
-        If a component does not begin where the previous one ends.
+    ValueError is raised if a component does not begin where the previous one ends.
     """
 
     def __post_init__(self) -> None:
@@ -221,18 +210,9 @@ class PiecewiseMixture(Mixture):
         return self._invert_pieces(q, "isf", np.cumsum(self.weights[:0:-1]), order)
 
     def _invert_pieces(self, q: ArrayLike, inverse: str, ends: Array, order: Sequence[int]) -> Array:
-        """Return quantiles, piece by piece.
+        """Return quantiles, piece by piece, by the method ``"ppf"`` or ``"isf"`` of the pieces.
 
-        Parameters
-        ----------
-        q
-            Probabilities.
-        inverse
-            Method of the pieces, ``"ppf"`` or ``"isf"``.
-        ends
-            Cumulative weights of the pieces in the given order, without the last one.
-        order
-            Indices of the pieces.
+        ``ends`` are the cumulative weights of the pieces in the given order, without the last one.
         """
         q = np.asarray(q, dtype=float)
         position = np.searchsorted(ends, q, side="right")
@@ -248,15 +228,7 @@ class PiecewiseMixture(Mixture):
         return x
 
     def accelerated(self, thetas: Sequence[float], weights: Sequence[float]) -> "PiecewiseMixture":
-        """Return the proposal f* of the paper: the mixture with tilted pieces and new weights (section V.B).
-
-        Parameters
-        ----------
-        thetas
-            Parameter of the exponential tilting of each piece.
-        weights
-            New weights of the pieces, which sum to one.
-        """
+        """Return the paper's proposal f*: the mixture with tilted pieces and new weights (section V.B)."""
         pieces = [piece.tilt(theta) for piece, theta in zip(self.components, thetas, strict=True)]
         return PiecewiseMixture(tuple(weights), tuple(pieces))
 
@@ -265,19 +237,8 @@ def match_mean(distribution: Tiltable, mean: float) -> float:
     """Return the theta for which the exponentially tilted distribution has a given mean.
 
     The mean of the tilted distribution, kappa'(theta), increases strictly with theta, so there is one root.
-    The Cross-Entropy update of a one-parameter exponential family has this form (section V.B).
-
-    Parameters
-    ----------
-    distribution
-        The distribution to be tilted.
-    mean
-        Mean that the tilted distribution must have.
-
-    Raises
-    ------
-    ValueError
-        If the mean is outside the support, if the support has no lower bound, or if no theta is found.
+    The Cross-Entropy update of a one-parameter exponential family has this form (section V.B). ValueError is
+    raised if the mean is outside the support, if the support has no lower bound, or if no theta is found.
     """
     if not -math.inf < distribution.lower < mean < distribution.upper:
         bounds = f"({distribution.lower}, {distribution.upper}), bounded below"

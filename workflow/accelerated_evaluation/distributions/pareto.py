@@ -34,23 +34,13 @@ class Pareto(Described):
     def fit(cls, x: Array, lower: float, upper: float = math.inf) -> "Pareto":
         """Return the maximum-likelihood fit to a sample x, shape (n,), above ``lower``.
 
-        The estimate of the shape is n / sum log(x / lower).
-
-        Raises
-        ------
-        ValueError
-            If ``upper`` is finite, because this distribution has no upper bound.
+        The estimate of the shape is n / sum log(x / lower). ValueError is raised if ``upper`` is finite,
+        because this distribution has no upper bound.
         """
         return cls(float(x.size / np.log(x / lower).sum()), lower).rebounded(lower, upper)
 
     def rebounded(self, lower: float, upper: float) -> "Pareto":
-        """Return the distribution with the same shape and another lower bound.
-
-        Raises
-        ------
-        ValueError
-            If ``upper`` is finite.
-        """
+        """Return the distribution with the same shape and another lower bound; ``upper`` must be infinite."""
         if upper != math.inf:
             raise ValueError(f"a Pareto distribution has no upper bound, got {upper}")
         return Pareto(self.shape, lower)

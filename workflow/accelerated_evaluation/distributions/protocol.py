@@ -46,15 +46,9 @@ class Distribution(Protocol):
 
 @runtime_checkable
 class Tiltable(Distribution, Protocol):
-    """A distribution that can be tilted exponentially (change of measure; paper, section IV.B).
+    """A distribution that can be tilted exponentially (change of measure; paper, section IV.B)."""
 
-    Attributes
-    ----------
-    theta_limit
-        Upper limit of the parameter theta of the tilting; it may be infinite.
-    """
-
-    theta_limit: float
+    theta_limit: float  # upper limit of the parameter theta of the tilting; it may be infinite
 
     def cumulant(self, theta: float) -> float:
         """Return kappa(theta) = log E exp(theta X), the log moment generating function."""

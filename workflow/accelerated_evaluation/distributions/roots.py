@@ -17,20 +17,10 @@ def find_roots(
     """Find a root of each of n functions by the method of Chandrupatla.
 
     For the method see Chandrupatla (1997, Advances in Engineering Software 28). The result is identical to
-    that of `scipy.optimize.elementwise.find_root`. If there are only a few roots,
-    SciPy's support of other array libraries takes longer than the iterations; this function avoids that.
-
-    Parameters
-    ----------
-    function
-        Function that takes points x, shape (k,), and indices i, shape (k,), and returns the values f_i(x).
-    low, high
-        Ends of the brackets: the sign of f_i should differ at the two ends, shape (n,).
-
-    Returns
-    -------
-    root, is_found : numpy.ndarray
-        The roots, NaN if there is none, and whether there is one, shape (n,).
+    that of `scipy.optimize.elementwise.find_root`. If there are only a few roots, SciPy's support of other
+    array libraries takes longer than the iterations; this function avoids that. ``function`` takes points x
+    and indices i, and returns the values f_i(x). The sign of f_i should differ at the two ends of its
+    bracket. The result is the roots, NaN if there is none, and whether there is one.
     """
     root, is_found, active = np.full(low.shape, np.nan), np.zeros(low.shape, bool), np.arange(low.size)
     # Rows: newest point x1, other end of the bracket x2, last discarded point x3, and the values there.
@@ -57,14 +47,9 @@ def find_roots(
 def _share(state: Array, tolerance: Array) -> Array:
     """Return the position of the next point in the bracket: 0 at x1, 1 at x2, shape (k,).
 
-    The position follows from inverse quadratic interpolation if that is safe, and is 0.5 otherwise.
-
-    Parameters
-    ----------
-    state
-        Points x1, x2, x3 and values f1, f2, f3, shape (6, k).
-    tolerance
-        Width of the bracket at which the iteration ends, shape (k,).
+    The position follows from inverse quadratic interpolation if that is safe, and is 0.5 otherwise. ``state``
+    has the points x1, x2, x3 and the values f1, f2, f3, shape (6, k). ``tolerance`` is the width of the
+    bracket at which the iteration ends.
     """
     x1, x2, x3, f1, f2, f3 = state
     position = (x1 - x2) / (x3 - x2)

@@ -11,17 +11,7 @@ from accelerated_evaluation.distributions.protocol import Distribution
 def interval_probability(law: Distribution, start: ArrayLike, end: ArrayLike) -> Array:
     """Return P(start <= X < end), element by element, without subtracting nearly equal numbers.
 
-    Parameters
-    ----------
-    law
-        The distribution of X. For a mixture, the weighted probabilities of the components are added up.
-    start, end
-        Ends of the intervals, of shapes that broadcast; the end may be infinite.
-
-    Returns
-    -------
-    numpy.ndarray
-        Probabilities, of the broadcast shape.
+    For a mixture, the weighted probabilities of the components are added up. The end may be infinite.
     """
     start, end = np.broadcast_arrays(np.asarray(start, dtype=float), np.asarray(end, dtype=float))
     if not isinstance(law, Mixture):

@@ -97,18 +97,8 @@ def read_law(path: str | os.PathLike, records: pd.DataFrame | None = None) -> La
 def read_verdict(path: str | os.PathLike, accepted: Iterable[str] = ()) -> Verdict:
     """Return the verdict on the records of a law, which its file contains.
 
-    Parameters
-    ----------
-    path
-        The file; `read_law` checks the rest of it.
-    accepted
-        Names of the checks that the user accepts.
-
-    Raises
-    ------
-    InputError
-        If the file or its verdict cannot be read, or if a check has the verdict ``stop`` and ``accepted``
-        does not name it.
+    InputError is raised if a check has the verdict ``stop`` and ``accepted`` does not name it, or if the file
+    cannot be read.
     """
     require_file(path, CHANGE)
     try:

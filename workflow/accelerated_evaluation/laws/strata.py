@@ -49,18 +49,10 @@ class Factors:
 
 
 class Stratum(ABC):
-    """The distribution of the cut-ins in one stratum of the lead speed.
+    """The distribution of the cut-ins in one stratum of the lead speed."""
 
-    Attributes
-    ----------
-    lead_speed
-        Empirical distribution of v_L [m/s]; importance sampling does not change it.
-    factors
-        Distributions of the two coordinates under the law.
-    """
-
-    lead_speed: Empirical
-    factors: Factors
+    lead_speed: Empirical  # of v_L [m/s]; importance sampling does not change it
+    factors: Factors  # distributions of the two coordinates under the law
 
     @property
     def pieces(self) -> Factors:
@@ -89,20 +81,7 @@ class Stratum(ABC):
         """
 
     def second_at(self, lead_speed: Array, inverse_range: Array, closing_speeds: Array) -> Array:
-        """Return the second coordinate of m closing speeds for each of n pairs of v_L and R^-1.
-
-        Parameters
-        ----------
-        lead_speed, inverse_range
-            v_L [m/s] and R^-1 [1/m], shape (n,).
-        closing_speeds
-            Closing speeds [m/s], shape (n, m).
-
-        Returns
-        -------
-        numpy.ndarray
-            The coordinates, shape (n, m).
-        """
+        """Return the second coordinate of m closing speeds for each of n pairs of v_L and R^-1, (n, m)."""
         columns = [self.second(lead_speed, inverse_range, speed) for speed in closing_speeds.T]
         return np.column_stack(columns)
 
@@ -130,59 +109,26 @@ class Stratum(ABC):
     def closing_speed_probability(
         self, lead_speed: Array, inverse_range: Array, start: Array, end: Array
     ) -> Array:
-        """Return P(start <= closing speed < end) given v_L and R^-1.
+        """Return P(start <= closing speed < end) given v_L [m/s] and R^-1 [1/m], all of shape (n,).
 
-        The exact crash probability of a crash map needs the distribution of the closing speed only in the
-        form of these probabilities.
-
-        Parameters
-        ----------
-        lead_speed, inverse_range
-            v_L [m/s] and R^-1 [1/m], shape (n,).
-        start, end
-            Ends of the intervals of the closing speed [m/s], shape (n,); the end may be infinite.
-
-        Returns
-        -------
-        numpy.ndarray
-            Probabilities, shape (n,).
+        The end may be infinite. The exact crash probability of a crash map needs the distribution of the
+        closing speed only in the form of these probabilities.
         """
         ends = (self.second(lead_speed, inverse_range, speed) for speed in (start, end))
         return interval_probability(self.factors.second, *ends)
 
     def cell_probability(self, lead_speed: Array, inverse_range: Array) -> Array:
-        """Return the probability of rectangular cells of v_L and R^-1.
+        """Return the probability of cells of v_L [m/s] and R^-1 [1/m], given by bounds (cells, 2).
 
-        If the first coordinate depends on v_L, it is evaluated at the middle of the cell's interval of v_L.
-
-        Parameters
-        ----------
-        lead_speed, inverse_range
-            Lower and upper v_L [m/s] and R^-1 [1/m] of each cell, shape (cells, 2); the last R^-1 may be
-            infinite.
-
-        Returns
-        -------
-        numpy.ndarray
-            Probabilities, shape (cells,).
+        The last R^-1 may be infinite. If the first coordinate depends on v_L, it is evaluated at the middle
+        of the cell's interval of v_L.
         """
         middle = lead_speed.mean(axis=1)
         ends = (self.first(middle, inverse_range[:, side]) for side in (0, 1))
         return self.lead_speed_share(lead_speed) * interval_probability(self.factors.first, *ends)
 
     def lead_speed_share(self, lead_speed: Array) -> Array:
-        """Return the share of the recorded v_L in each interval [low, high) [m/s].
-
-        Parameters
-        ----------
-        lead_speed
-            The intervals, shape (n, 2).
-
-        Returns
-        -------
-        numpy.ndarray
-            Shares, shape (n,).
-        """
+        """Return the share of the recorded v_L in each interval [low, high) [m/s], shape (n, 2)."""
         speeds = self.lead_speed.values
         return np.diff(np.searchsorted(speeds, lead_speed), axis=1)[:, 0] / speeds.size
 

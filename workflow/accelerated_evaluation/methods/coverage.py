@@ -62,24 +62,10 @@ def predicted_size(
 ) -> int:
     """Return how many simulations give a relative half-width of beta, predicted from a pilot study.
 
-    This number is N-hat in section VI.C of the paper.
-
-    The result is at most `LARGEST`. If the pilot study has fewer than two events, its variance is unknown,
-    and the result is the largest number of simulations that the stopping rule allows.
-
-    Parameters
-    ----------
-    problem
-        The law, the vehicle and the event.
-    searches
-        The accelerated distribution f* of each stratum, for each search. The variance is averaged over the
-        searches.
-    generator
-        Source of all randomness.
-    pilot
-        Number of simulations from the f* of each search.
-    stopping
-        The stopping rule; alpha, beta and the largest number of simulations are used.
+    This number is N-hat in section VI.C of the paper. It is at most `LARGEST`. If the pilot study has fewer
+    than two events, its variance is unknown, and the result is the largest number of simulations that the
+    stopping rule allows. The pilot study has ``pilot`` simulations from the f* of each search, over which the
+    variance is averaged.
     """
     pilots = (Sums.of(draw_weights(problem, proposals, generator, pilot)) for proposals in searches)
     sums = sum(pilots, Sums())
@@ -94,15 +80,6 @@ class Stream:
 
     The weights are drawn in blocks of `BLOCK`. A replicate begins where the previous one ended. Where a
     replicate ends depends only on its own weights, so the replicates are independent.
-
-    Parameters
-    ----------
-    problem
-        The law, the vehicle and the event.
-    proposals
-        f* of each stratum.
-    generator
-        Source of all randomness.
     """
 
     def __init__(
@@ -126,19 +103,8 @@ class Stream:
 def stop_importance_sampling(stream: Stream, fixed: int, stopping: Stopping) -> dict[str, tuple[Sums, bool]]:
     """Run one replicate of importance sampling, and stop it by each of the stopping rules.
 
-    Parameters
-    ----------
-    stream
-        The stream of importance weights, at the beginning of a replicate.
-    fixed
-        Number of simulations of the two rules with a fixed size.
-    stopping
-        Criterion of the two sequential rules.
-
-    Returns
-    -------
-    dict
-        For each rule, the sums of the weights of its simulations, and whether its criterion was met.
+    The stream is at the beginning of a replicate, and ``fixed`` is the size of the two rules with a fixed
+    size. The result has, for each rule, the sums of its weights, and whether its criterion was met.
     """
     maximum, used = stopping.maximum_simulations, 0
 
@@ -172,22 +138,9 @@ def stop_crude(
 
     With k crashes, the relative half-width of the normal interval is z / sqrt(k) for a rare event. The
     paper's rule therefore stops at a fixed number of crashes, and the number of simulations until then is
-    negative binomial.
-
-    Parameters
-    ----------
-    probability
-        The exact probability of the event.
-    generator
-        Source of all randomness.
-    stopping
-        Criterion of the sequential rules; crude Monte Carlo has no largest number of simulations here.
-
-    Returns
-    -------
-    dict
-        For each rule, the sums at its end, and whether its criterion was met. If the probability is below
-        `VANISHING`, every rule ends without an event at the largest number of simulations of ``stopping``.
+    negative binomial. The result has, for each rule, the sums at its end, and whether its criterion was met.
+    There is no largest number of simulations, except that below the probability `VANISHING` every rule ends
+    without an event at that of ``stopping``.
     """
     if probability < VANISHING:
         nothing = Sums.unweighted(stopping.maximum_simulations, 0), False
@@ -220,19 +173,8 @@ def replicate_rows(
 ) -> list[dict[str, Any]]:
     """Return the results of one replicate as rows of a table, one for each stopping rule.
 
-    Parameters
-    ----------
-    stopped
-        For each rule, the sums at its end, and whether its criterion was met.
-    weight_bound
-        Upper bound on every importance weight, which the gamma interval uses; None if it is not known.
-
-    Returns
-    -------
-    list of dict
-        Keys ``stopping``, ``converged``, ``simulations``, ``events``, ``probability``, ``cov_reported`` (the
-        estimated coefficient of variation of the estimate), and the ends of the intervals, ``ci80_low`` to
-        ``ci95_high``.
+    ``weight_bound`` is an upper bound on every importance weight, which the gamma interval uses.
+    ``cov_reported`` is the estimated coefficient of variation of the estimate.
     """
     rows = []
     for stopping, (sums, converged) in stopped.items():
@@ -258,21 +200,9 @@ def replicate_rows(
 def coverage_table(replicates: pd.DataFrame, probability: float, standard_error: float = 0.0) -> pd.DataFrame:
     """Compare the estimates and intervals of many replicates with the exact probability.
 
-    Parameters
-    ----------
-    replicates
-        Rows of `replicate_rows`, with the additional columns ``method`` and ``replicate``.
-    probability, standard_error
-        The exact probability and its standard error.
-
-    Returns
-    -------
-    pandas.DataFrame
-        One row for each method and stopping rule: the number of ``replicates``; the share ``converged``;
-        mean and standard deviation of the simulations, ``simulations_mean`` and ``simulations_sd``; the
-        relative ``bias``; the coefficient of variation of the estimates, ``cov_true``, and the mean of those
-        reported, ``cov_reported``; the shares of intervals that contain the exact probability, ``coverage80``
-        and ``coverage95``; and standard errors ``*_se``.
+    There is a row for each method and stopping rule. ``bias`` is relative, ``cov_true`` is the coefficient of
+    variation of the estimates, ``cov_reported`` the mean of those reported, and ``coverage80`` and
+    ``coverage95`` are shares of intervals that contain the exact probability. Standard errors end in ``_se``.
     """
     groups = replicates.groupby(["method", "stopping"], sort=False)
     return pd.DataFrame(

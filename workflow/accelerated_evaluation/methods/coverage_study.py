@@ -30,32 +30,10 @@ def coverage_replicates(
 ) -> pd.DataFrame:
     """Run many replicates of one method, each of which is stopped by every stopping rule.
 
-    Replicate k uses the result of search k modulo the number of searches.
-
-    Parameters
-    ----------
-    method
-        Name of the method.
-    problem
-        The law, the vehicle and the event.
-    searches
-        The accelerated distribution f* of each stratum, for each search. If it is empty, the method is crude
-        Monte Carlo.
-    probability
-        The exact crash probability. The number of crashes of crude Monte Carlo is drawn with it.
-    generator_of
-        Function that returns a random generator. It is called with "pilot", with the number of a search, or,
-        for crude Monte Carlo, without an argument.
-    stopping
-        Criterion of the sequential rules.
-    coverage
-        Section ``coverage`` of the configuration: ``pilot`` (simulations of the pilot study for each search)
-        and ``replicates`` are used.
-
-    Returns
-    -------
-    pandas.DataFrame
-        Columns ``method``, ``replicate`` and those of `coverage.replicate_rows`.
+    Replicate k uses the result of search k modulo the number of searches. Without a search, the method is
+    crude Monte Carlo, whose number of crashes is drawn with the exact probability. ``generator_of`` is called
+    with "pilot", with the number of a search, or, for crude Monte Carlo, without an argument. The columns are
+    ``method``, ``replicate`` and those of `coverage.replicate_rows`.
     """
     if searches:
         size = predicted_size(problem, searches, generator_of("pilot"), coverage["pilot"], stopping)

@@ -51,18 +51,11 @@ SETTINGS = section(
 
 @dataclass(frozen=True)
 class Checkpoint:
-    """The file that contains the counts of all finished batches of one piece of work.
-
-    Attributes
-    ----------
-    path
-        Path of the file.
-    work
-        Digest of the files and settings of the work, from `fingerprint`. Counts with another digest are
-        ignored.
-    """
+    """The file that contains the counts of all finished batches of one piece of work."""
 
     path: str | os.PathLike
+    # Digest of the files and settings of the work, from `fingerprint`; counts with another digest are
+    # ignored.
     work: str
 
     def read(self) -> list[Counts]:
@@ -126,25 +119,10 @@ def simulate_batches(
     batch_size: int,
     save_every: int,
 ) -> list[Counts]:
-    """Simulate the batches that are not in the checkpoint, and return the counts of all batches.
+    """Simulate the batches that are not in the checkpoint, and return the counts of all batches by stratum.
 
-    Parameters
-    ----------
-    problem
-        The law, the vehicle and the event.
-    checkpoint
-        File of counts, which is written after every ``save_every`` batches and at the end.
-    seed
-        Root seed, from which the random generator of every batch is derived.
-    batches, batch_size
-        Number of batches, and number of simulations in each.
-    save_every
-        Number of batches after which the counts are saved.
-
-    Returns
-    -------
-    list of dict
-        For each batch, the numbers of simulations and of events by stratum.
+    The checkpoint is written after every ``save_every`` batches and at the end. The random generator of every
+    batch is derived from the root seed.
     """
     done = checkpoint.read()
     with tqdm(
@@ -200,19 +178,8 @@ class Crude(Method):
 def crude_estimates(batches: list[Counts], alpha: float) -> pd.DataFrame:
     """Estimate the crash probability of each segment and of all segments together.
 
-    Parameters
-    ----------
-    batches
-        Counts of all batches.
-    alpha
-        The level of the intervals ``ci_low`` to ``ci_high`` is 100 (1 - alpha) %.
-
-    Returns
-    -------
-    pandas.DataFrame
-        Columns ``segment``, ``simulations``, ``crashes``, ``probability``, the ends of the Clopper-Pearson
-        interval, ``ci_low`` and ``ci_high``, and those of the 95 % interval, ``ci95_low`` and ``ci95_high``.
-        If there is no crash, the lower ends are 0.
+    ``ci_low`` and ``ci_high`` are the ends of the Clopper-Pearson interval of level 100 (1 - alpha) %, and
+    ``ci95_low`` and ``ci95_high`` those of 95 %. Without a crash the lower ends are 0.
     """
     segments = {segment: np.sum([counts[segment] for counts in batches], axis=0) for segment in batches[0]}
     totals = segments | {ALL: sum(segments.values())}

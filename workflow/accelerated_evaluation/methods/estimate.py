@@ -20,29 +20,16 @@ def configured_stopping(section: Mapping[str, Any]) -> Stopping:
 
 
 class Method(ABC):
-    """A method that estimates the probability of an event.
+    """A method that estimates the probability of an event."""
 
-    Attributes
-    ----------
-    name
-        Name in the registry, in files and in tables.
-    style
-        Colour, line style and marker in figures.
-    settings
-        Sections of the configuration that this method adds, by name: schemas with defaults.
-    sections
-        Names of all sections of the configuration that `configured` reads.
-    tables
-        Names of the tables in its estimates.
-    learns_apart
-        Whether the study runs the learning in separate jobs, whose results the replicates share.
-    """
-
-    name: ClassVar[str]
-    style: ClassVar[Mapping[str, Any]]
+    name: ClassVar[str]  # in the registry, in files and in tables
+    style: ClassVar[Mapping[str, Any]]  # colour, line style and marker in figures
+    # Sections of the configuration that this method adds, by name: schemas with defaults.
     settings: ClassVar[Mapping[str, Schema]] = {}
+    # Names of all sections of the configuration that `configured` reads.
     sections: ClassVar[tuple[str, ...]] = ()
-    tables: ClassVar[tuple[str, ...]] = ()
+    tables: ClassVar[tuple[str, ...]] = ()  # names of the tables in its estimates
+    # Whether the study runs the learning in separate jobs, whose results the replicates share.
     learns_apart: ClassVar[bool] = False
 
     @classmethod
@@ -65,14 +52,9 @@ class Method(ABC):
 
     @classmethod
     def stream(cls, scope: str, replicate: int) -> tuple[str | int, ...]:
-        """Return the name of the random stream of one replicate; streams with other names are independent.
+        """Return the name of the random stream of a replicate in a stratum, or in ``all`` strata.
 
-        Parameters
-        ----------
-        scope
-            The stratum, or ``all``.
-        replicate
-            Number of the replicate.
+        Streams with other names are independent.
         """
         return cls.name, scope, replicate
 
@@ -80,12 +62,5 @@ class Method(ABC):
     def estimate(self, problem: ScoreProblem, stopping: Stopping, generator: np.random.Generator) -> Estimate:
         """Return the estimated probability of the event of a problem, with its interval.
 
-        Parameters
-        ----------
-        problem
-            The law, the vehicle and the event. Some methods need a `Problem`, others only a `ScoreProblem`.
-        stopping
-            The stopping rule.
-        generator
-            Source of all randomness.
+        Some methods need a problem with a `StratifiedLaw`, others only normal scores.
         """

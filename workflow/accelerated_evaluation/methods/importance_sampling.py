@@ -26,22 +26,6 @@ def draw_weights(
 
     I(x) is 1 if the event happened and 0 otherwise. The stratum of a cut-in and its lead speed v_L are drawn
     from the law, and only range and time to collision are accelerated.
-
-    Parameters
-    ----------
-    problem
-        The law f, the vehicle and the event.
-    proposals
-        f* of each stratum.
-    generator
-        Source of all randomness.
-    size
-        Number n of cut-ins.
-
-    Returns
-    -------
-    numpy.ndarray
-        Weights, 0 if the event did not happen, shape (n,).
     """
     shares = np.array(list(problem.law.shares.values()))
     which = generator.choice(len(shares), size=size, p=shares / shares.sum())
@@ -62,25 +46,9 @@ def draw_log_ratios(
     *,
     of_law: bool = False,
 ) -> Array:
-    """Draw cut-ins over all strata, and return the logarithms of f / f*; nothing is simulated.
+    """Draw cut-ins over all strata, and return log f / f*, sorted by stratum; nothing is simulated.
 
-    Parameters
-    ----------
-    law
-        The law f.
-    proposals
-        The accelerated distribution f* of each stratum.
-    generator
-        Source of all randomness.
-    size
-        Number of cut-ins.
-    of_law
-        Whether the cut-ins are drawn from f instead of f*.
-
-    Returns
-    -------
-    numpy.ndarray
-        Logarithms of f / f*, sorted by stratum, shape (size,).
+    They are drawn from f*, or from f if ``of_law`` is true.
     """
     shares = np.array(list(law.shares.values()))
     counts = generator.multinomial(size, shares / shares.sum())
@@ -106,19 +74,6 @@ def bound_without_event(
     probability is the limit. It is computed from draws that are not simulated, in two ways: from draws of f*,
     which determine the set, and from draws of f, which also reach the places where f* has almost no
     probability. The larger of the two values is returned.
-
-    Parameters
-    ----------
-    law
-        The law f.
-    proposals
-        The accelerated distribution f* of each stratum.
-    simulations
-        Number n of simulations from f*.
-    alpha
-        The limit has confidence 1 - alpha / 2.
-    generator
-        Source of all randomness.
     """
     if simulations == 0:
         return 1.0
@@ -132,27 +87,13 @@ def bound_without_event(
 
 
 def estimate_from_weights(weights: Array, alpha: float, *, converged: bool, learning: int = 0) -> Estimate:
-    """Return the mean weight as the estimated probability of the event, with a normal interval.
+    """Return the mean weight I f / f* as the estimated probability of the event, with a normal interval.
 
-    Parameters
-    ----------
-    weights
-        I f / f* of all simulations, shape (n,).
-    alpha
-        The level of the interval is 100 (1 - alpha) %.
-    converged
-        Whether the stopping rule is satisfied.
-    learning
-        Number of simulations of the search for f*.
-
-    Returns
-    -------
-    Estimate
-        With fewer than two events no variance can be estimated, and the interval is [0, 1]; see
-        `bound_without_event` for a better limit. Without simulations the estimate is NaN. The diagnostics are
-        ``relative_half_width``, the half-width of the interval divided by the estimate;
-        ``effective_sample_size``, (sum w)^2 / sum w^2 over the events; ``largest_weight_share``, the largest
-        weight divided by the sum of all weights, which is near one if a single event dominates.
+    The interval has the level 100 (1 - alpha) %, and ``learning`` is the number of simulations of the search
+    for f*. With fewer than two events no variance can be estimated, and the interval is [0, 1]; see
+    `bound_without_event` for a better limit. Without simulations the estimate is NaN. The diagnostics are
+    ``relative_half_width``; ``effective_sample_size``, (sum w)^2 / sum w^2 over the events; and
+    ``largest_weight_share``, which is near one if a single event dominates.
     """
     n, events = weights.size, int(np.count_nonzero(weights))
     mean = float(weights.mean()) if n else math.nan
@@ -174,23 +115,13 @@ def estimate_from_weights(weights: Array, alpha: float, *, converged: bool, lear
 
 @dataclass(frozen=True)
 class Running:
-    """The estimate after each of n simulations, from all simulations up to it.
-
-    Attributes
-    ----------
-    probability, variance
-        The estimates and their estimated variances, shape (n,).
-    relative_half_width
-        Half-width of the normal interval divided by the estimate, shape (n,); infinite with fewer than two
-        events.
-    events
-        Number of events so far, shape (n,).
-    """
+    """The estimate after each of n simulations, from all simulations up to it."""
 
     probability: Array
     variance: Array
+    # Half-width of the normal interval over the estimate, infinite with fewer than two events.
     relative_half_width: Array
-    events: Array
+    events: Array  # number of events so far
 
 
 def running(weights: Array, alpha: float) -> Running:
@@ -229,23 +160,8 @@ def run_to_convergence(
 ) -> tuple[Array, int | None]:
     """Simulate in batches until the estimate has converged, or the limit of simulations is reached.
 
-    Parameters
-    ----------
-    problem, proposals
-        The law f, the vehicle and the event; and f* of each stratum.
-    generator
-        Source of all randomness.
-    stopping
-        The stopping rule, which is checked after every simulation.
-    batch
-        Number of simulations that are drawn at once.
-
-    Returns
-    -------
-    weights : numpy.ndarray
-        Weights of all simulations drawn, shape (n,).
-    converged_at : int or None
-        Number of simulations after which the rule was first satisfied; None if it was not.
+    The stopping rule is checked after every simulation. The result is the weights of all simulations, and the
+    number of simulations after which the rule was first satisfied, or None.
     """
     weights = np.empty(0)
     converged_at = None
@@ -257,22 +173,7 @@ def run_to_convergence(
 
 
 def course_table(weights: Array, alpha: float, step: int) -> pd.DataFrame:
-    """Tabulate an estimate as a function of the number of simulations.
-
-    Parameters
-    ----------
-    weights
-        Weights I f / f* of all simulations, shape (n,).
-    alpha
-        The level of the intervals is 100 (1 - alpha) %.
-    step
-        Number of simulations between two rows.
-
-    Returns
-    -------
-    pandas.DataFrame
-        Columns ``simulations``, ``probability``, ``variance``, ``relative_half_width`` and ``events``.
-    """
+    """Tabulate an estimate every ``step`` simulations; the intervals have the level 100 (1 - alpha) %."""
     course = running(weights, alpha)
     shown = np.arange(step - 1, weights.size, step)
     return pd.DataFrame(
@@ -287,13 +188,5 @@ def course_table(weights: Array, alpha: float, step: int) -> pd.DataFrame:
 
 
 def crude_simulations(probability: float, alpha: float, beta: float) -> float:
-    """Return how many simulations crude Monte Carlo needs for a relative half-width of beta (VI.C, N-hat).
-
-    Parameters
-    ----------
-    probability
-        Probability of the event.
-    alpha, beta
-        Level 100 (1 - alpha) % of the normal interval, and its half-width divided by the probability.
-    """
+    """Return how many simulations crude Monte Carlo needs for a relative half-width of beta (VI.C, N-hat)."""
     return normal_reach(alpha) ** 2 * (1 - probability) / (beta**2 * probability)

@@ -39,23 +39,13 @@ class Interval(NamedTuple):
 
 @dataclass(frozen=True)
 class Sums:
-    """Sums of crash weights; the sums of two samples can be added.
+    """Sums of crash weights; the sums of two samples can be added."""
 
-    Attributes
-    ----------
-    simulations, events
-        Number of simulated cut-ins, and number of crashes among them.
-    total, squares
-        Sum of the importance weights of the crashes, and sum of their squares.
-    largest
-        The largest weight.
-    """
-
-    simulations: int = 0
-    events: int = 0
-    total: float = 0.0
-    squares: float = 0.0
-    largest: float = 0.0
+    simulations: int = 0  # number of simulated cut-ins
+    events: int = 0  # number of crashes among them
+    total: float = 0.0  # sum of the importance weights of the crashes
+    squares: float = 0.0  # sum of their squares
+    largest: float = 0.0  # the largest weight
 
     @classmethod
     def of(cls, weights: Array) -> "Sums":
@@ -97,13 +87,6 @@ def normal_interval(sums: Sums, alpha: float) -> Interval:
     """Return the normal 100 (1 - alpha) % interval, which the paper uses (section VI.C).
 
     The interval is [0, 1] if there are fewer than two crashes.
-
-    Parameters
-    ----------
-    sums
-        Sums of the weights of all simulations.
-    alpha
-        1 - level of the interval.
     """
     if sums.events < 2:
         return Interval(0.0, 1.0)
@@ -114,22 +97,11 @@ def normal_interval(sums: Sums, alpha: float) -> Interval:
 def gamma_interval(sums: Sums, alpha: float, weight_bound: float | None = None) -> Interval:
     """Return the 100 (1 - alpha) % gamma interval of Fay and Feuer (1997), derived at the top of the module.
 
-    Parameters
-    ----------
-    sums
-        Sums of all simulations.
-    alpha
-        1 - level of the interval.
-    weight_bound
-        An upper bound on the weight f / f* of every crash, if one is known: 1 for crude Monte Carlo. By
-        default the largest observed weight is used, which is unreliable if a few weights dominate.
-
-    Returns
-    -------
-    Interval
-        Without a crash the interval is from 0 to weight_bound log(2 / alpha) / n. If there is no bound
-        either, it is [0, 1]: a sample without a crash contains no information about the weights, because an
-        f* that misses the crashes gives the same result as a vehicle that never crashes.
+    ``weight_bound`` is an upper bound on the weight f / f* of every crash, if one is known: 1 for crude Monte
+    Carlo. By default the largest observed weight is used, which is unreliable if a few weights dominate.
+    Without a crash the interval is from 0 to weight_bound log(2 / alpha) / n. If there is no bound either, it
+    is [0, 1]: a sample without a crash contains no information about the weights, because an f* that misses
+    the crashes gives the same result as a vehicle that never crashes.
     """
     if sums.events == 0 and weight_bound is None:
         return Interval(0.0, 1.0)
@@ -178,26 +150,9 @@ def sequential_estimate(
     coverage of 78 %, so skewness is a larger problem than the stopping rule. `coverage` measures the coverage
     for any study. If the weights are so unequal that the largest are rarely drawn, the coverage of this rule
     is too low as well: in a trial with log-normal weights for a tenth of the simulations, it was 94 % for 95
-    % if the logarithm has a standard deviation of 1.5, and 89 % if it has 2.
-
-    Parameters
-    ----------
-    draw
-        Function that simulates a given number of new cut-ins and returns the sums of their crash weights.
-    stopping
-        The stopping rule.
-    weight_bound
-        Upper bound on every weight, for `gamma_interval`; None if it is not known.
-    first, growth
-        The interval is checked after ``first`` simulations, and whenever their number has grown by the factor
-        ``growth``.
-
-    Returns
-    -------
-    sums : Sums
-        Sums of all simulations; `gamma_interval` gives the interval.
-    converged : bool
-        Whether the interval is narrow enough.
+    % if the logarithm has a standard deviation of 1.5, and 89 % if it has 2. ``draw`` simulates a given
+    number of new cut-ins and returns the sums of their crash weights. The result is the sums of all
+    simulations, and whether the interval is narrow enough.
     """
     sums, next_check = Sums(), float(first)
     while True:

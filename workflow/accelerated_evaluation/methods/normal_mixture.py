@@ -31,19 +31,11 @@ WIDE = 1.5  # standard deviation of the draws of the first stage
 
 @dataclass(frozen=True)
 class NormalMixture:
-    """A mixture of normal distributions; the first component is standard normal with share DEFENSIVE.
+    """A mixture of normal distributions; the first component is standard normal with share DEFENSIVE."""
 
-    Attributes
-    ----------
-    shares, means
-        Share and mean of each component, shapes (K,) and (K, d).
-    factors
-        Lower Cholesky factors of the covariance matrices, shape (K, d, d).
-    """
-
-    shares: Array
-    means: Array
-    factors: Array
+    shares: Array  # (K,)
+    means: Array  # (K, d)
+    factors: Array  # lower Cholesky factors of the covariance matrices, (K, d, d)
 
     def sample(self, n: int, generator: np.random.Generator) -> Array:
         """Draw n points of d normal scores, shape (n, d)."""
@@ -66,14 +58,9 @@ class NormalMixture:
 
     @classmethod
     def fitted(cls, z: Array, weights: Array, generator: np.random.Generator) -> "NormalMixture":
-        """Return a mixture of a standard normal component and one component for each cluster of points.
+        """Return a mixture of a standard normal component and one for each cluster of points.
 
-        Parameters
-        ----------
-        z, weights
-            Points, shape (n, d), and their weights, shape (n,).
-        generator
-            Source of the random starts of the clustering by k-means.
+        The points are clustered by k-means from random starts.
         """
         dimension = z.shape[1]
         count = max(1, min(COMPONENTS, len(z) // (4 * dimension)))

@@ -23,29 +23,11 @@ def study_method(
     labels: Mapping[str, str],
     proposals: Sequence[Proposals] = (),
 ) -> dict[str, pd.DataFrame]:
-    """Estimate the probability of the event in independent replicates.
+    """Estimate the probability of the event in independent replicates, one for each generator.
 
-    Parameters
-    ----------
-    method
-        The method with its settings.
-    problem
-        The law, the vehicle and the event.
-    stopping
-        The stopping rule.
-    generators
-        One random generator for each replicate.
-    labels
-        Columns that identify the estimates, such as the study, the scope and the method.
-    proposals
-        Results of the separate searches of a method with `Method.learns_apart`. Replicate k uses result k
-        modulo their number.
-
-    Returns
-    -------
-    dict
-        Tables by name: ``estimates``, with one row for each replicate, and the tables of `Method.tables` with
-        the rows of all replicates.
+    The tables are ``estimates``, with one row for each replicate, and those of `Method.tables`; ``labels``
+    are columns that identify the estimates. With separate searches of a method, replicate k uses result k
+    modulo their number.
     """
     rows, tables = [], {name: [] for name in method.tables}
     for replicate, generator in zip(
@@ -67,19 +49,9 @@ def study_method(
 def with_encounters(runs: pd.DataFrame, problem: Problem) -> pd.DataFrame:
     """Rename the normal scores of simulations by the coordinates of the law, and add these coordinates.
 
-    Parameters
-    ----------
-    runs
-        One row for each simulation, with the normal scores ``z_1``, ``z_2`` and so on.
-    problem
-        The problem, whose law maps the scores to encounters.
-
-    Returns
-    -------
-    pandas.DataFrame
-        For a cut-in, the scores are called ``z_lead_speed``, ``z_range`` and ``z_closing_speed``, and the new
-        columns are ``lead_speed`` [m/s], ``range`` [m], ``closing_speed`` [m/s] and, under a law with
-        strata, ``segment``. For other scenarios, the names are those of their variables.
+    For a cut-in, the scores are called ``z_lead_speed``, ``z_range`` and ``z_closing_speed``, and the new
+    columns are ``lead_speed`` [m/s], ``range`` [m], ``closing_speed`` [m/s] and, under a law with strata,
+    ``segment``. For other scenarios, the names are those of their variables.
     """
     scores = [f"z_{k + 1}" for k in range(problem.dimension)]
     z = runs[scores].to_numpy()
@@ -94,17 +66,7 @@ def with_encounters(runs: pd.DataFrame, problem: Problem) -> pd.DataFrame:
 def in_scope(
     problem: Problem, proposals: Sequence[Proposals], scope: str
 ) -> tuple[Problem, Sequence[Proposals]]:
-    """Return a problem and its proposals, restricted to one stratum.
-
-    Parameters
-    ----------
-    problem
-        The law, the vehicle and the event.
-    proposals
-        Results of searches.
-    scope
-        Name of the stratum; ``all`` leaves problem and proposals unchanged.
-    """
+    """Return a problem and its proposals, restricted to one stratum; ``all`` leaves them unchanged."""
     if scope == ALL:
         return problem, proposals
     return problem.only(scope), [found.only(scope) for found in proposals]
@@ -115,23 +77,8 @@ def search_strata(
 ) -> tuple[Proposals, pd.DataFrame]:
     """Search for the accelerated distribution f* of every stratum by the Cross-Entropy method.
 
-    A search that does not reach the event gives a warning.
-
-    Parameters
-    ----------
-    method
-        A method with a function ``search``, as `CrossEntropyMethod` has.
-    problem
-        The law, the vehicle and the event.
-    generator_of
-        Function that returns the random generator of a stratum.
-
-    Returns
-    -------
-    proposals : Proposals
-        f* of each stratum.
-    trace : pandas.DataFrame
-        Every iteration of every search, with ``segment`` as first column.
+    A search that does not reach the event gives a warning. The second result is the trace, every iteration of
+    every search.
     """
     searches = {}
     for stratum in problem.law.strata:

@@ -93,18 +93,7 @@ def _rules_of(problem: ScoreProblem) -> dict[str, Any]:
 @METHODS.add("surrogate")
 @dataclass(frozen=True)
 class Surrogate(Method):
-    """Estimate the probability of an event with few simulations, guided by a surrogate that learns the event.
-
-    Attributes
-    ----------
-    state_file
-        File in which the state is saved after every batch. If the file exists, its runs are reused and the
-        work is resumed. Each problem needs its own file. By default nothing is saved.
-    on_batch
-        Function that is called with the estimate after every batch, for example to show progress.
-    batch_size, predecessor
-        Arguments of `Sampler`.
-    """
+    """Estimate the probability of an event with few simulations, guided by a surrogate of the event."""
 
     name: ClassVar[str] = "surrogate"
     style: ClassVar[dict[str, Any]] = {"color": "#6a3d9a", "linestyle": (0, (3, 1, 1, 1)), "marker": "D"}
@@ -113,7 +102,10 @@ class Surrogate(Method):
     tables: ClassVar[tuple[str, ...]] = ("runs",)
 
     batch_size: int = 5
+    # File in which the state is saved after every batch. If the file exists, its runs are reused and the work
+    # is resumed. Each problem needs its own file. By default nothing is saved.
     state_file: str | os.PathLike | None = None
+    # Called with the estimate after every batch, for example to show progress.
     on_batch: Callable[[Estimate], None] | None = None
     predecessor: Predecessor | None = None
 

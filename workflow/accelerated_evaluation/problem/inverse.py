@@ -13,22 +13,11 @@ SAME = 1e-6  # relative tolerance for an encounter that its normal scores reprod
 
 
 def normal_scores(from_normal_scores: Callable[[Array], Array], x: Array) -> tuple[Array, NDArray[np.bool_]]:
-    """Return the normal scores of encounters under a law, by bisection of one variable after the other.
+    """Return the normal scores of encounters x, shape (n, d), by bisection of one variable after the other.
 
-    Parameters
-    ----------
-    from_normal_scores
-        The map of the law, from shape (n, d) to (n, d). Each variable depends on the scores up to its own,
-        and increases or decreases with its own, as in a Rosenblatt transformation.
-    x
-        Encounters, shape (n, d).
-
-    Returns
-    -------
-    z : Array
-        Normal scores, shape (n, d).
-    is_found : Array
-        Whether they reproduce the encounter, shape (n,). They do not if it is outside of the law.
+    Each variable depends on the scores up to its own, and increases or decreases with its own, as in a
+    Rosenblatt transformation. The second result says whether the scores reproduce the encounter, shape (n,).
+    They do not if it is outside of the law.
     """
     z = np.zeros_like(x)
 

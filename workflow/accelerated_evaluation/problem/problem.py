@@ -168,12 +168,7 @@ def loaded_problem(
 ) -> Iterator[Problem]:
     """Yield the problem of a vehicle in cut-ins under a law file, and close the vehicle at the end.
 
-    Parameters
-    ----------
-    law, encounters
-        Law file, and the encounter table to which the law was fitted.
-    vehicle, simulations
-        The sections of the configuration with these names.
+    ``encounters`` is the table to which the law was fitted.
     """
     with loaded_for(vehicle, simulations) as car:
         yield Problem(SCENARIOS["cut_in"], read_law(law, read_encounters(encounters)), car)

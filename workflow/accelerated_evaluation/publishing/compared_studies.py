@@ -25,17 +25,8 @@ def changed_cells(first: Study, second: Study) -> pd.DataFrame:
 
     Rows are matched by their leading columns of text, such as the method or the event, and by their order if
     several rows have the same text. A cell that only one of the studies has is missing in the other.
-
-    Returns
-    -------
-    pandas.DataFrame
-        ``table``, ``row``, ``column``, the cell in each study, and ``ratio``, the second to the first if both
-        are numbers.
-
-    Raises
-    ------
-    InputError
-        If the studies have no published table of the same name in the working folder.
+    ``ratio`` is that of the second to the first if both are numbers. InputError is raised if the studies have
+    no published table of the same name in the working folder.
     """
     tables = [_published(study) for study in (first, second)]
     common = sorted(tables[0].keys() & tables[1].keys())

@@ -35,16 +35,8 @@ WIDTH = 150 * COLUMN_WIDTH  # [px], width of a figure in a notebook
 def figure(make: Make) -> Make:
     """Register a function that returns a Matplotlib figure and the table of its data.
 
-    Parameters
-    ----------
-    make
-        The function, whose name is that of the figure and its files. Its parameters are properties of
-        `Study`.
-
-    Returns
-    -------
-    Callable
-        The same function with an attribute ``publish``, which saves the figure and which `show` calls.
+    Its name is that of the figure and its files, its parameters are properties of `Study`, and its new
+    attribute ``publish`` saves the figure.
     """
 
     def publish(study: Study, made: tuple[Figure, pd.DataFrame]) -> ShownFigure:
@@ -66,19 +58,8 @@ def table(
 ) -> Callable[[Make], Make]:
     """Return a decorator that registers a function which returns a table.
 
-    Parameters
-    ----------
-    name
-        Name of its files.
-    digits
-        Number of significant digits in Markdown, LaTeX and notebooks; by default all digits are written.
-    digest
-        Function that returns a shorter table for Markdown, LaTeX and notebooks.
-
-    Returns
-    -------
-    Callable
-        The decorator. It returns the same function, which `show` can then publish.
+    In Markdown, LaTeX and notebooks, the table has ``digits`` significant digits, by default all, and may be
+    the shorter one that ``digest`` returns.
     """
 
     def register(make: Make) -> Make:
@@ -102,22 +83,9 @@ def result_table(
     digits: int | None = None,
     digest: Callable[[pd.DataFrame], pd.DataFrame] | None = None,
 ) -> Callable[..., pd.DataFrame]:
-    """Register a table of results that is published without changes.
+    """Register a table of results that is published without changes, as by `table`.
 
-    Parameters
-    ----------
-    name
-        Name of the files, and of the result in `Study`.
-    result
-        Name of the result, if it is another one.
-    digits, digest
-        Number of significant digits in Markdown, LaTeX and notebooks (all by default), and a function that
-        returns a shorter table for them.
-
-    Returns
-    -------
-    Callable
-        A registered function, to be used with `show`, that returns the table.
+    ``result`` is the name of the result in `Study`, if it is not that of the files.
     """
 
     def make(**results: pd.DataFrame) -> pd.DataFrame:
@@ -130,18 +98,10 @@ def result_table(
 
 @dataclass(frozen=True)
 class ShownFigure:
-    """A published figure, which a notebook displays.
+    """A published figure, which a notebook displays."""
 
-    Attributes
-    ----------
-    data
-        The data that are drawn.
-    png
-        Path of the published image.
-    """
-
-    data: pd.DataFrame = field(repr=False)
-    png: Path
+    data: pd.DataFrame = field(repr=False)  # the data that are drawn
+    png: Path  # path of the published image
 
     def _repr_png_(self) -> tuple[bytes, dict[str, float | str]]:
         """Return the published image and its metadata; the book identifies the figure by the name in these.
@@ -153,18 +113,10 @@ class ShownFigure:
 
 @dataclass(frozen=True)
 class ShownTable:
-    """A published table, of which a notebook displays a shorter version.
+    """A published table, of which a notebook displays a shorter version."""
 
-    Attributes
-    ----------
-    data
-        The whole table.
-    digest
-        The table that is displayed.
-    """
-
-    data: pd.DataFrame
-    digest: pd.DataFrame
+    data: pd.DataFrame  # the whole table
+    digest: pd.DataFrame  # the table that is displayed
 
     def _repr_html_(self) -> str:
         return as_html(self.digest)
@@ -179,19 +131,7 @@ Shown = ShownFigure | ShownTable
 def show(study: Study, make: Callable[..., Any], **given: Any) -> Shown:  # noqa: ANN401
     """Make a registered figure or table of a study, publish it, and return an object for the notebook.
 
-    Parameters
-    ----------
-    study
-        The study, from which the parameters of ``make`` are read by name.
-    make
-        A function that `figure` or `table` registered.
-    given
-        Arguments that are not read from the study.
-
-    Returns
-    -------
-    ShownFigure or ShownTable
-        The data, with an image or a table that the notebook displays.
+    The parameters of ``make`` are read from the study by name, except for those that are given.
     """
     read = [name for name in inspect.signature(make).parameters if name not in given]
     made = make(**{name: getattr(study, name) for name in read}, **given)

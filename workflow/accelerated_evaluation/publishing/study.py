@@ -34,22 +34,9 @@ class Study:
 
     The parameters of a figure or table are the names of the results that it uses: a parameter ``estimates``
     is read from the property ``estimates`` of this class (`publishing.published.show`). A file name with
-    parts in braces represents several files.
-
-    Attributes
-    ----------
-    used
-        The results that were read, and the figures and tables that were published.
-
-    Parameters
-    ----------
-    results, figures
-        Folder of the study's results, and folder for its figures; tables are in ``tables`` inside the latter.
-
-    Raises
-    ------
-    InputError
-        By each property if its result does not exist yet; the error contains the command that makes it.
+    parts in braces represents several files. ``used`` are the results that were read, and the figures and
+    tables that were published; tables are in ``tables`` inside the folder of the figures. Each property
+    raises InputError with the command that makes its result, if this does not exist yet.
     """
 
     def __init__(self, results: str | Path, figures: str | Path) -> None:
@@ -63,19 +50,9 @@ class Study:
         return cls(Path("results") / name, Path("figures") / name)
 
     def path(self, name: str, **parts: str) -> Path:
-        """Return the path of a result, which has to exist.
+        """Return the path of a result, such as ``cross_entropy/{method}_0.json`` with a method.
 
-        Parameters
-        ----------
-        name
-            Path relative to the folder of the results, such as ``cross_entropy/{method}_0.json``.
-        parts
-            Values for the names in braces.
-
-        Raises
-        ------
-        InputError
-            If the file does not exist.
+        InputError is raised if the file does not exist.
         """
         if name not in self.used.reads:
             self.used.reads.append(name)
@@ -97,13 +74,7 @@ class Study:
         return self.__dict__[name]
 
     def table(self, name: str) -> pd.DataFrame:
-        """Read a table of results from the CSV file ``name``, a path relative to the folder of the results.
-
-        Raises
-        ------
-        InputError
-            If the file does not exist.
-        """
+        """Read a table of results from a CSV file; InputError is raised if the file does not exist."""
         table = pd.read_csv(self.path(name))
         if "study" in table:  # pandas would read a name such as NaN or 007 as a number
             table["study"] = self.results.name

@@ -14,21 +14,12 @@ QUANTITIES = (*NUMBERS, "range_rate", "ttc")  # names of columns in the records 
 
 
 def complete(raw: pd.DataFrame) -> pd.DataFrame:
-    """Compute the five numbers of the encounter table from the three columns of a source.
+    """Compute the five `NUMBERS` of the encounter table from the three columns of a source.
 
-    Columns that the source provides are not changed.
-
-    Parameters
-    ----------
-    raw
-        ``lead_speed`` [m/s]; ``range`` [m] or ``inverse_range`` [1/m]; and one of ``closing_speed`` [m/s],
-        ``range_rate`` [m/s], ``ttc`` [s] and ``inverse_ttc`` [1/s].
-
-    Returns
-    -------
-    pandas.DataFrame
-        Columns ``NUMBERS``, index of ``raw``. TTC = -R / (dR/dt), the first equation of section II of the
-        paper, and the closing speed is -dR/dt.
+    The columns are ``lead_speed`` [m/s]; ``range`` [m] or ``inverse_range`` [1/m]; and one of
+    ``closing_speed`` [m/s], ``range_rate`` [m/s], ``ttc`` [s] and ``inverse_ttc`` [1/s]. They are not
+    changed. TTC = -R / (dR/dt), the first equation of section II of the paper, and the closing speed is
+    -dR/dt.
     """
     range_ = raw["range"] if "range" in raw else 1 / raw["inverse_range"]
     inverse_range = raw["inverse_range"] if "inverse_range" in raw else 1 / range_
@@ -43,40 +34,17 @@ def complete(raw: pd.DataFrame) -> pd.DataFrame:
 
 
 def write_encounters(path: str | os.PathLike, encounters: pd.DataFrame, description: str) -> None:
-    """Write an encounter table as a Parquet file.
-
-    Parameters
-    ----------
-    path
-        File to write.
-    encounters
-        Table with the columns `COLUMNS`; its index and other columns are not written.
-    description
-        Description of the data, which is stored in the metadata of the file.
-    """
+    """Write the columns `COLUMNS` of an encounter table, and a description of the data, as a Parquet file."""
     table = encounters[list(COLUMNS)].reset_index(drop=True)
     table.attrs = {"description": description}
     write_parquet(path, table)
 
 
 def read_encounters(path: str | os.PathLike) -> pd.DataFrame:
-    """Read an encounter table from a Parquet file.
+    """Read an encounter table from a Parquet file that `write_encounters` wrote.
 
-    Parameters
-    ----------
-    path
-        File that `write_encounters` wrote.
-
-    Returns
-    -------
-    pandas.DataFrame
-        One row for each encounter, with the columns `COLUMNS`. Its ``attrs["description"]`` contains the
-        description of the data.
-
-    Raises
-    ------
-    InputError
-        If the file is missing or is not an encounter table.
+    ``attrs["description"]`` contains the description of the data. InputError is raised if the file is missing
+    or is not an encounter table.
     """
     require_file(path, "Run the ingest step, or correct the path.")
     table = read_parquet(path)

@@ -16,12 +16,8 @@ FASTEST = 300.0  # [m/s]; a larger speed is a wrong unit or a code for a missing
 class Account:
     """The account of the records: the number of rows that each step found, dropped and kept.
 
-    Parameters
-    ----------
-    rows
-        Number of rows that were read.
-    earlier
-        Lines of the account of an extraction that found these rows in recordings; they come first.
+    The lines of an earlier account, of an extraction that found these ``rows`` rows in recordings, come
+    first.
     """
 
     def __init__(self, rows: int, earlier: Iterable[dict] = ()) -> None:
@@ -42,21 +38,7 @@ class Account:
     ) -> pd.DataFrame:
         """Add one line to the account, and return ``table`` without the rows that were found.
 
-        Parameters
-        ----------
-        table
-            Records, indexed by their row in the source.
-        found
-            Boolean, with the index of ``table``.
-        step, reason
-            Name of the filter, and the reason for dropping a row.
-        drop
-            If False, the rows are only counted and the complete table is returned.
-
-        Returns
-        -------
-        pandas.DataFrame
-            The remaining rows.
+        If ``drop`` is false, the rows are only counted and the complete table is returned.
         """
         self.enter(
             int(found.sum()), step=step, reason=reason, drop=drop, examples=table.index[found][:NAMED_ROWS]
@@ -68,16 +50,7 @@ class Account:
     ) -> None:
         """Add one line to the account about rows that are counted elsewhere, for example in a database.
 
-        Parameters
-        ----------
-        count
-            Number of rows that were found.
-        step, reason
-            Name of the filter, and the reason for dropping a row.
-        drop
-            If False, the rows are only counted.
-        examples
-            Names of a few of these rows.
+        If ``drop`` is false, the rows are only counted; ``examples`` are the names of a few of them.
         """
         dropped = count if drop else 0
         rows_in, self._rows = self._rows, self._rows - dropped
@@ -111,29 +84,9 @@ class Account:
 def drop_invalid(raw: pd.DataFrame, account: Account, *, policy: str, where: str) -> pd.DataFrame:
     """Compute the numbers of the encounter table, and drop or refuse rows that are not a valid encounter.
 
-    Parameters
-    ----------
-    raw
-        The three columns of a source: lead speed, range or its inverse, and closing speed or an equivalent
-        (`encounter_table.complete`). Cells may be missing or text. Other columns are ignored.
-    account
-        Account to which one line is added for each reason.
-    policy
-        ``"drop"`` to drop invalid rows, ``"refuse"`` to raise an error if there is one.
-    where
-        Name of the data, for the error.
-
-    Returns
-    -------
-    pandas.DataFrame
-        Columns ``lead_speed`` [m/s], ``range`` [m], ``closing_speed`` [m/s], ``inverse_range`` [1/m] and
-        ``inverse_ttc`` [1/s], all finite.
-
-    Raises
-    ------
-    InputError
-        If the policy is to refuse and there is an invalid row. The message names the first few with their
-        values.
+    Cells may be missing or text, and other columns than those of `encounter_table.complete` are ignored. The
+    columns of the result are finite, and the account gets one line for each reason. With the policy
+    ``"refuse"`` instead of ``"drop"``, InputError names the first few invalid rows with their values.
     """
     raw = raw[[name for name in raw if name in QUANTITIES]]
     numbers = raw.apply(pd.to_numeric, errors="coerce").astype(float)
@@ -165,18 +118,7 @@ def drop_invalid(raw: pd.DataFrame, account: Account, *, policy: str, where: str
 
 
 def drop_repeated(encounters: pd.DataFrame, account: Account, *, policy: str) -> pd.DataFrame:
-    """Count the rows that are equal to the row before them and, if the policy is ``"drop"``, drop them.
-
-    Parameters
-    ----------
-    encounters
-        Columns ``lead_speed`` [m/s], ``range`` [m], ``closing_speed`` [m/s], ``inverse_range`` [1/m] and
-        ``inverse_ttc`` [1/s], in the order of the record.
-    account
-        Account to which one line is added.
-    policy
-        ``"drop"``; with any other value the rows are only counted.
-    """
+    """Count the rows that are equal to the row before them and, if the policy is ``"drop"``, drop them."""
     repeated = (encounters == encounters.shift()).all(axis=1)
     return account.take(
         encounters, repeated, step="repeated", reason="same as the row before", drop=policy == "drop"
@@ -186,17 +128,8 @@ def drop_repeated(encounters: pd.DataFrame, account: Account, *, policy: str) ->
 def apply_filters(encounters: pd.DataFrame, account: Account, filters: Mapping[str, float]) -> pd.DataFrame:
     """Return the rows in which the gap closes, and lead speed and range are within the limits.
 
-    These are the rows that section II of the paper keeps.
-
-    Parameters
-    ----------
-    encounters
-        Columns ``lead_speed`` [m/s], ``range`` [m], ``closing_speed`` [m/s], ``inverse_range`` [1/m] and
-        ``inverse_ttc`` [1/s].
-    account
-        Account to which one line is added for each filter.
-    filters
-        ``lead_speed_min`` [m/s] (inclusive), ``lead_speed_max`` [m/s] (exclusive) and ``range_max`` [m].
+    These are the rows that section II of the paper keeps. The account gets one line for each filter:
+    ``lead_speed_min`` [m/s] (inclusive), ``lead_speed_max`` [m/s] (exclusive) and ``range_max`` [m].
     """
     opening = encounters["closing_speed"] <= 0
     encounters = account.take(encounters, opening, step="closing", reason="range rate not negative")
@@ -204,18 +137,7 @@ def apply_filters(encounters: pd.DataFrame, account: Account, filters: Mapping[s
 
 
 def apply_limits(encounters: pd.DataFrame, account: Account, filters: Mapping[str, float]) -> pd.DataFrame:
-    """Return the rows whose lead speed and range are within the limits, and count the others.
-
-    Parameters
-    ----------
-    encounters
-        Columns ``lead_speed`` [m/s], ``range`` [m], ``closing_speed`` [m/s], ``inverse_range`` [1/m] and
-        ``inverse_ttc`` [1/s].
-    account
-        Account to which one line is added for each limit.
-    filters
-        ``lead_speed_min`` [m/s] (inclusive), ``lead_speed_max`` [m/s] (exclusive) and ``range_max`` [m].
-    """
+    """Return the rows whose lead speed and range are within the limits of `apply_filters`."""
     low, high, range_max = (filters[key] for key in ("lead_speed_min", "lead_speed_max", "range_max"))
     outside = ~encounters["lead_speed"].between(low, high, inclusive="left")
     encounters = account.take(

@@ -18,29 +18,12 @@ from accelerated_evaluation.records.segments import assign_segments
 
 
 def ingest(raw: pd.DataFrame, config: Mapping[str, Any], account: Account) -> pd.DataFrame:
-    """Validate, filter and segment the records of a source.
+    """Validate, filter and segment the records of a source, and return the encounter table.
 
-    Parameters
-    ----------
-    raw
-        Unfiltered records of a source: columns ``lead_speed`` [m/s], range and closing speed (or their
-        inverses, as in `encounter_table.complete`), index ``row`` from 1.
-    config
-        A valid configuration; its sections ``data``, ``filters`` and ``segments`` are used.
-    account
-        A new account of the records. It contains the dropped rows even if an error is raised later.
-
-    Returns
-    -------
-    pandas.DataFrame
-        The encounter table, in the order of the source: columns ``lead_speed`` [m/s], ``range`` [m],
-        ``closing_speed`` [m/s], ``inverse_range`` [1/m], ``inverse_ttc`` [1/s] and ``segment``.
-
-    Raises
-    ------
-    InputError
-        If the configuration refuses invalid rows and there is one, if no row remains, if a segment is empty,
-        or if an outlier row named in the configuration does not exist.
+    The records have the columns of `encounter_table.complete`, and an index ``row`` from 1. The account
+    contains the dropped rows even if an error is raised later. InputError is raised if the configuration
+    refuses invalid rows and there is one, if no row remains, if a segment is empty, or if an outlier row
+    named in the configuration does not exist.
     """
     data = config["data"]
     source = data[data["source"]]
@@ -69,22 +52,8 @@ def opening_cut_ins(raw: pd.DataFrame, config: Mapping[str, Any]) -> pd.DataFram
     """Return the cut-ins whose closing speed is 0 or negative, within the limits of lead speed and range.
 
     The paper leaves these cut-ins out, because they cannot end in a crash while the lead vehicle keeps its
-    speed. Records with a negative host speed (lead speed plus closing speed) are left out here.
-
-    Parameters
-    ----------
-    raw
-        Unfiltered records of a source: columns ``lead_speed`` [m/s], range and closing speed (or their
-        inverses, as in `encounter_table.complete`), index ``row`` from 1.
-    config
-        A valid configuration; its sections ``data`` and ``filters`` are used.
-
-    Returns
-    -------
-    pandas.DataFrame
-        Columns ``lead_speed`` [m/s], ``range`` [m], ``closing_speed`` [m/s], ``inverse_range`` [1/m] and
-        ``inverse_ttc`` [1/s]. The table is empty if the source has only closing cut-ins, like the published
-        lane changes of the paper.
+    speed. Records with a negative host speed (lead speed plus closing speed) are left out here. The table is
+    empty if the source has only closing cut-ins, like the published lane changes of the paper.
     """
     data, account = config["data"], Account.of(raw)
     found = drop_invalid(raw, account, policy=data["invalid_rows"], where=data[data["source"]]["path"])

@@ -72,25 +72,10 @@ def with_limits(
 ) -> dict[str, Any]:
     """Return a configuration in which each ``auto`` is replaced by a value.
 
-    Parameters
-    ----------
-    config
-        A valid configuration.
-    files
-        The files of the records. Limits that were saved earlier are reused only if the contents are
-        unchanged.
-    kept
-        File in which the limits are saved, so that the records are read only once; None to read them every
-        time.
-    trust
-        Whether to use the saved limits without checking that they belong to these records. The jobs of a run
-        do so, because the run has already checked the limits.
-
-    Raises
-    ------
-    InputError
-        If the records cannot be read, if no row has three valid numbers, or if no lead speed is within the
-        stated limits.
+    The limits are saved in ``kept``, so that the records are read only once; they are reused only if the
+    contents of ``files`` are unchanged. With ``trust`` they are used without this check. The jobs of a run do
+    so, because the run has already checked the limits. InputError is raised if the records cannot be read, if
+    no row has three valid numbers, or if no lead speed is within the stated limits.
     """
     asked = [key for key in AUTOMATIC if value_of(config, key) == AUTO]
     if not asked:
@@ -135,18 +120,7 @@ def limits_of(raw: pd.DataFrame, config: Mapping[str, Any]) -> dict[str, Any]:
       twice the cap, and at least up to `NO_CHANGE`.
     - The sensitivity study tries segments of several widths, and the multiples `CAPS` of the cap.
 
-    Parameters
-    ----------
-    raw
-        Unfiltered records of a source: columns ``lead_speed`` [m/s], range and closing speed (or their
-        inverses, as in `encounter_table.complete`), index ``row`` from 1.
-    config
-        A configuration that is complete except for the values ``auto``.
-
-    Raises
-    ------
-    InputError
-        If no row has three valid numbers, or if no lead speed is within the stated limits.
+    InputError is raised if no row has three valid numbers, or if no lead speed is within the stated limits.
     """
     limits = {key: value_of(config, key) for key in AUTOMATIC}
 
@@ -181,18 +155,9 @@ def limits_of(raw: pd.DataFrame, config: Mapping[str, Any]) -> dict[str, Any]:
 
 
 def edges_of(lead_speed: pd.Series, low: float, high: float, width: float, rows: int) -> list[float]:
-    """Return edges of segments of about equal width, joined until each segment has enough rows.
+    """Return edges [m/s] of segments of about equal width, joined until each segment has enough rows.
 
-    Parameters
-    ----------
-    lead_speed
-        Lead speeds of the records [m/s].
-    low, high
-        First and last edge [m/s].
-    width
-        Approximate width of a segment [m/s].
-    rows
-        Least number of rows in a segment, unless there is only one segment.
+    If there is only one segment, it may have fewer.
     """
     inner = np.linspace(low, high, max(round((high - low) / width), 1) + 1)[1:-1].round()
     edges = [low, *(int(edge) for edge in np.unique(inner) if low < edge < high), high]

@@ -24,26 +24,10 @@ def segment_names(lead_speed_edges: Sequence[float]) -> list[str]:
 
 
 def assign_segments(encounters: pd.DataFrame, lead_speed_edges: Sequence[float]) -> pd.DataFrame:
-    """Add the column ``segment`` with the name of the segment of lead speed to which each row belongs.
+    """Add the column ``segment`` with the name of the segment of lead speed [m/s] of each row.
 
-    Each segment includes its lower edge but not its upper one (section II of the paper).
-
-    Parameters
-    ----------
-    encounters
-        Table with the column ``lead_speed`` [m/s].
-    lead_speed_edges
-        Increasing edges [m/s], shape (number of segments + 1,).
-
-    Returns
-    -------
-    pandas.DataFrame
-        The table with the additional column.
-
-    Raises
-    ------
-    InputError
-        If a row lies below the first edge, or at or above the last one, or if a segment has no row.
+    Each segment includes its lower edge but not its upper one (section II of the paper). InputError is raised
+    if a row lies below the first edge, or at or above the last one, or if a segment has no row.
     """
     names, speeds = segment_names(lead_speed_edges), encounters["lead_speed"].to_numpy()
     outside = ~((speeds >= lead_speed_edges[0]) & (speeds < lead_speed_edges[-1]))
@@ -70,16 +54,8 @@ def assign_segments(encounters: pd.DataFrame, lead_speed_edges: Sequence[float])
 def require_rows(encounters: pd.DataFrame) -> None:
     """Check that there are enough encounters to fit a law.
 
-    Parameters
-    ----------
-    encounters
-        Encounter table, with the column ``segment``.
-
-    Raises
-    ------
-    InputError
-        If a segment has fewer than `MINIMUM_ROWS` rows. Also if the range or the closing speed in all rows,
-        or TTC^-1 in the rows of a segment, has fewer than `MINIMUM_VALUES` different values.
+    InputError is raised if a segment has fewer than `MINIMUM_ROWS` rows. Also if the range or the closing
+    speed in all rows, or TTC^-1 in the rows of a segment, has fewer than `MINIMUM_VALUES` different values.
     """
     counts = segment_counts(encounters)
     few = counts[counts["rows"] < MINIMUM_ROWS]
@@ -107,41 +83,18 @@ def require_rows(encounters: pd.DataFrame) -> None:
 
 
 def segment_counts(encounters: pd.DataFrame) -> pd.DataFrame:
-    """Count the rows of each segment of an encounter table.
-
-    Parameters
-    ----------
-    encounters
-        Encounter table, with the column ``segment``.
-
-    Returns
-    -------
-    pandas.DataFrame
-        Columns ``segment`` (name), ``rows`` (number of rows) and ``share`` (of all rows), in order of lead
-        speed.
-    """
+    """Count the ``rows`` of each segment, and their ``share`` of all rows, in order of lead speed."""
     order = encounters.groupby("segment")["lead_speed"].min().sort_values().index
     rows = encounters["segment"].value_counts().reindex(order)
     return pd.DataFrame({"segment": order, "rows": rows.to_numpy(), "share": (rows / rows.sum()).to_numpy()})
 
 
 def dependence(encounters: pd.DataFrame, confidence: float = 0.95) -> pd.DataFrame:
-    """Return Kendall's tau of each pair of variables in each segment, with a confidence interval.
+    """Return Kendall's tau-b of each pair of variables in each segment, with a confidence interval.
 
-    The intervals are valid for dependent variables and for rows that are not independent (block jackknife).
-
-    Parameters
-    ----------
-    encounters
-        Encounter table, with rows in the order of the record.
-    confidence
-        Level of the intervals.
-
-    Returns
-    -------
-    pandas.DataFrame
-        Columns ``segment``, ``pair``, ``tau`` (tau-b), ``ci_low``, ``ci_high``, ``n``. Tau is NaN if a
-        variable is constant, and the interval is NaN if there are fewer than two rows per block.
+    The rows are in the order of the record. The intervals are valid for dependent variables and for rows that
+    are not independent (block jackknife). Tau is NaN if a variable is constant, and the interval is NaN if
+    there are fewer than two rows per block.
     """
     table = []
     for segment in segment_counts(encounters)["segment"]:
@@ -170,22 +123,11 @@ def tau_interval(x: np.ndarray, y: np.ndarray, confidence: float) -> tuple[float
 
 
 def similarity(encounters: pd.DataFrame, confidence: float = 0.95) -> pd.DataFrame:
-    """Compare quantiles of TTC^-1 between the segments; the ratio is one if the segments are alike.
+    """Compare quantiles of TTC^-1 [1/s] between the segments; the ratio is one if the segments are alike.
 
-    Parameters
-    ----------
-    encounters
-        Encounter table, with rows in the order of the record.
-    confidence
-        Level of the intervals.
-
-    Returns
-    -------
-    pandas.DataFrame
-        Columns ``quantile``; ``largest_in`` and ``smallest_in``, the segments with its largest and smallest
-        value; ``largest`` and ``smallest`` [1/s]; their ``ratio``, and its interval ``ci_low`` to ``ci_high``
-        from the errors of `jackknife` of both logarithms. The interval allows for the choice of the two
-        segments among all pairs (Bonferroni).
+    The rows are in the order of the record. The ratio is that of the largest to the smallest value. Its
+    interval is from the errors of `jackknife` of both logarithms, and allows for the choice of the two
+    segments among all pairs (Bonferroni).
     """
     from scipy.stats import t
 

@@ -144,26 +144,9 @@ class Verdict:
 
 
 def verdict_on(records: Records, where: str, accepted: Iterable[str] = ()) -> Verdict:
-    """Check records of any scenario, and raise an error unless the user accepts each ``stop``.
+    """Check records of any scenario, and raise InputError unless the user accepts each ``stop``.
 
-    Parameters
-    ----------
-    records
-        The records in the form for the checks.
-    where
-        File of the records, for the error.
-    accepted
-        Names of the checks that the user accepts.
-
-    Returns
-    -------
-    Verdict
-        The checks with the verdict ``stop``, all of them accepted, and those with the verdict ``warning``.
-
-    Raises
-    ------
-    InputError
-        If a check has the verdict ``stop`` and ``accepted`` does not name it.
+    ``where`` is the file of the records, for the error.
     """
     verdict = Verdict.of(inspect_records(records), accepted)
     verdict.require_accepted(where)
@@ -171,28 +154,9 @@ def verdict_on(records: Records, where: str, accepted: Iterable[str] = ()) -> Ve
 
 
 def verdict_on_encounters(encounters: pd.DataFrame, where: str, accepted: Iterable[str] = ()) -> Verdict:
-    """Check an encounter table, and raise an error unless the user accepts each ``stop``.
+    """Check an encounter table, and raise InputError unless the user accepts each ``stop``.
 
     The limits and segments for the checks are those of the table itself.
-
-    Parameters
-    ----------
-    encounters
-        Encounter table, with one row for each recorded cut-in.
-    where
-        File of the table, for the error.
-    accepted
-        Names of the checks that the user accepts.
-
-    Returns
-    -------
-    Verdict
-        The checks with the verdict ``stop``, all of them accepted, and those with the verdict ``warning``.
-
-    Raises
-    ------
-    InputError
-        If a check has the verdict ``stop`` and ``accepted`` does not name it.
     """
     edges = sorted({float(edge) for name in encounters["segment"].unique() for edge in name.split("-")})
     filters = {

@@ -30,27 +30,10 @@ def simulate_in_slices(
 ) -> Any:  # noqa: ANN401
     """Return the outcomes of n encounters, simulated in equal slices, one for each thread.
 
-    Small batches use fewer threads than ``threads``.
-
-    Parameters
-    ----------
-    scenario
-        The scenario, which determines the type of the outcomes.
-    simulate_slice
-        Compiled function ``(encounters, begin, end, *numbers, outcomes)``. It writes the outcomes of the
-        encounters from ``begin`` to ``end`` to the same columns of ``outcomes``, and releases Python's global
-        interpreter lock.
-    encounters
-        Checked encounters, shape (d, n).
-    numbers
-        Parameters of the vehicle, which are passed to ``simulate_slice``.
-    threads
-        The largest number of threads; by default that of `available_threads`.
-
-    Returns
-    -------
-    object
-        The outcomes, an instance of ``scenario.outcome_type``.
+    Small batches use fewer threads than ``threads``. ``simulate_slice(encounters, begin, end, *numbers,
+    outcomes)`` writes the outcomes of the encounters from ``begin`` to ``end`` to the same columns of
+    ``outcomes``, and releases Python's global interpreter lock. The encounters are checked before, and the
+    outcomes are those of the scenario.
     """
     n, threads = encounters.shape[1], available_threads() if threads is None else threads
     outcomes = np.empty((len(scenario.outcomes), n))

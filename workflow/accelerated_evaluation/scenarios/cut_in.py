@@ -39,17 +39,8 @@ ROOM = Path(__file__).parents[1] / "vehicles"
 class Outcomes:
     """Outcomes of n simulated cut-ins; every array has shape (n,).
 
-    Attributes
-    ----------
-    crash
-        Whether the range reached zero.
-    min_range
-        Smallest range [m], including the initial range; 0 or negative after a crash.
-    min_ttc
-        Smallest positive time to collision [s]; infinity if the host never closed in on the lead vehicle.
-    impact_speed
-        Closing speed at the crash [m/s]; 0 without a crash. It can be negative only if lateral motion is
-        simulated, and the other car moves sideways into a slower host; see `driver.ReferenceDriver`.
+    The range includes the initial range. The impact speed can be negative only if lateral motion is
+    simulated, and the other car moves sideways into a slower host; see `driver.ReferenceDriver`.
     """
 
     crash: NDArray[np.bool_] = outcome(FLAG, "1 if the range reached 0, else 0")

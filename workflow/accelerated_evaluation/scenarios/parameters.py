@@ -28,20 +28,7 @@ def zero_or_more(default: float) -> Any:  # noqa: ANN401
 
 
 def check_number(name: str, value: object, *, least: float | None = None) -> None:
-    """Raise InputError if the value of a parameter is not a finite number, or is too small.
-
-    Parameters
-    ----------
-    name, value
-        Name and value of the parameter.
-    least
-        Smallest permitted value; minus infinity to permit any sign, None to require a number above 0.
-
-    Raises
-    ------
-    InputError
-        If the value is not a finite number in this range.
-    """
+    """Raise InputError if a parameter is not a finite number of at least ``least``, or above 0 for None."""
     if isinstance(value, bool) or not isinstance(value, int | float | np.number) or not np.isfinite(value):
         raise parameter_error(name, value, "a finite number")
     if least is None and value <= 0:
@@ -51,15 +38,7 @@ def check_number(name: str, value: object, *, least: float | None = None) -> Non
 
 
 def parameter_error(name: str, value: object, expected: str) -> InputError:
-    """Return the error for an invalid parameter of a built-in vehicle.
-
-    Parameters
-    ----------
-    name, value
-        Name and value of the parameter.
-    expected
-        Description of the values that are permitted.
-    """
+    """Return the error for an invalid parameter of a built-in vehicle."""
     return InputError(
         f"vehicle parameter {name}",
         seen=repr(value),

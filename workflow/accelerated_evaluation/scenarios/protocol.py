@@ -106,24 +106,12 @@ def outcome(unit: str, description: str) -> Any:  # noqa: ANN401
 
 @dataclass(frozen=True)
 class Panel:
-    """A panel of the figure of one simulated encounter, over time.
+    """A panel of the figure of one simulated encounter, over time."""
 
-    Attributes
-    ----------
-    label
-        Label of the vertical axis, with the unit.
-    lines
-        Mapping from the columns of the trace that are drawn to their names in the legend.
-    zero
-        Whether a horizontal line is drawn at 0.
-    limits
-        Limits of the vertical axis; None to show all values.
-    """
-
-    label: str
-    lines: Mapping[str, str]
-    zero: bool = False
-    limits: tuple[float, float] | None = None
+    label: str  # label of the vertical axis, with the unit
+    lines: Mapping[str, str]  # names in the legend of the columns of the trace that are drawn
+    zero: bool = False  # whether a horizontal line is drawn at 0
+    limits: tuple[float, float] | None = None  # of the vertical axis; None to show all values
 
 
 @dataclass(frozen=True, order=True)

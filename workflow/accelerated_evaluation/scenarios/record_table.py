@@ -22,25 +22,11 @@ REPEATED, OUTSIDE = "repeated", "outside"  # columns of flags for the two reason
 def read_record_table(scenario: Scenario, path: str | os.PathLike, cluster: str) -> pd.DataFrame:
     """Return the records of a scenario from a file, and mark the rows to which laws are fitted.
 
-    Parameters
-    ----------
-    scenario
-        The scenario.
-    path
-        Parquet file, or otherwise a CSV file, with the variables of the scenario and the column ``cluster``.
-    cluster
-        Name of the column that identifies clusters of records, such as the records of one driver.
-
-    Returns
-    -------
-    pandas.DataFrame
-        All columns of the file, `CLUSTER` as text, and three flags: `REPEATED` (an earlier row has the same
-        variables and cluster), `OUTSIDE` (a variable is beyond its limits), and `FITTED` (neither of them).
-
-    Raises
-    ------
-    InputError
-        If the file cannot be read, a column is missing, or a variable is not a finite number.
+    The file, Parquet or CSV, has the variables and a column that identifies clusters, such as the records of
+    one driver. It is returned with `CLUSTER` as text, and three flags: `REPEATED` (an earlier row has the
+    same variables and cluster), `OUTSIDE` (a variable is beyond its limits), and `FITTED` (neither of them).
+    InputError is raised if the file cannot be read, a column is missing, or a variable is not a finite
+    number.
     """
     require_file(path, "Correct the path of the records.")
     names = list(scenario.names)
@@ -60,22 +46,8 @@ def read_record_table(scenario: Scenario, path: str | os.PathLike, cluster: str)
 def read_scenario_records(scenario: Scenario, path: str | os.PathLike | None = None) -> pd.DataFrame:
     """Return the records of a scenario, after a check of the rows to which laws are fitted.
 
-    Parameters
-    ----------
-    scenario
-        The scenario.
-    path
-        File of the records; by default the records that come with the project.
-
-    Returns
-    -------
-    pandas.DataFrame
-        All columns of the file, and flags for rows that are repeated, outside the limits, or used in fits.
-
-    Raises
-    ------
-    InputError
-        If there is no file, or if a row to which laws are fitted cannot be simulated.
+    By default, they are those that come with the project. InputError is raised if there is no file, or if a
+    row to which laws are fitted cannot be simulated.
     """
     source = path or scenario.records
     if source is None:
@@ -95,14 +67,7 @@ def read_scenario_records(scenario: Scenario, path: str | os.PathLike | None = N
 def configured_records(config: Mapping[str, Any], simulate: Simulate | None = None) -> Records:
     """Return the records that a configuration names, of any scenario, in the form for the checks of records.
 
-    Parameters
-    ----------
-    config
-        A resolved configuration; its sections ``scenario``, ``data``, ``filters`` and ``segments``, and its
-        ``seed`` are used.
-    simulate
-        Function that simulates encounters, given the variables of the scenario; None to skip the check that
-        replays the records.
+    Without ``simulate``, the check that replays the records is skipped.
     """
     settings = config["scenario"]
     if settings["name"] == "cut_in":
@@ -115,15 +80,8 @@ def configured_records(config: Mapping[str, Any], simulate: Simulate | None = No
 def records_to_check(scenario: Scenario, table: pd.DataFrame, simulate: Simulate | None = None) -> Records:
     """Return records of a scenario other than the cut-in in the form for the checks of records.
 
-    Parameters
-    ----------
-    scenario
-        The scenario.
-    table
-        Result of `read_scenario_records`; its rows are counted from 1.
-    simulate
-        Function that simulates encounters, given the variables of the scenario; None to skip the check that
-        replays the records.
+    The rows of the table are counted from 1. Without ``simulate``, the check that replays the records is
+    skipped.
     """
     names = list(scenario.names)
     shipped = None if scenario.records is None else project_file(scenario.records)
@@ -141,18 +99,9 @@ def records_to_check(scenario: Scenario, table: pd.DataFrame, simulate: Simulate
 
 
 def account(table: pd.DataFrame) -> pd.Series:
-    """Return the number of records, of records to which laws are fitted, and of records left out.
+    """Return the number of ``records``, and of those that are `FITTED`, `REPEATED` and `OUTSIDE`.
 
-    Parameters
-    ----------
-    table
-        Result of `read_record_table`.
-
-    Returns
-    -------
-    pandas.Series
-        Numbers of rows: ``records`` (all), `FITTED`, `REPEATED` and `OUTSIDE`; the last three add up to the
-        first. A repeated row that is also outside the limits counts as repeated.
+    The last three add up to the first. A repeated row that is also outside the limits counts as repeated.
     """
     outside = table[OUTSIDE] & ~table[REPEATED]
     parts = {FITTED: table[FITTED], REPEATED: table[REPEATED], OUTSIDE: outside}
@@ -162,19 +111,8 @@ def account(table: pd.DataFrame) -> pd.Series:
 def records_account(scenario: Scenario, records: pd.DataFrame) -> pd.DataFrame:
     """Describe the records of a scenario: number of rows and clusters, and quantiles of each variable.
 
-    Parameters
-    ----------
-    scenario
-        The scenario.
-    records
-        Its record table.
-
-    Returns
-    -------
-    pandas.DataFrame
-        One row for each variable: ``variable``; ``unit``; the numbers of ``records``, of records for the fit
-        (``fitted``), of ``clusters``, of ``repeated`` records (all variables are equal to those of an earlier
-        record) and of records ``outside`` of the limits; ``smallest``, ``median`` and ``largest`` value.
+    There is a row for each variable. The numbers of records are those of `account`, with those for the fit as
+    ``fitted``.
     """
     repeated = int(records.duplicated(list(scenario.names)).sum())
     rows = []

@@ -100,11 +100,6 @@ def completed(config: Mapping[str, Any]) -> dict[str, Any]:
     for its source of records. For another source, missing limits are `limits.AUTO`, and are later derived
     from the records (`limits.with_limits`). A scenario other than the cut-in has its own default vehicle. In
     a study of a slow vehicle, the outcomes of a Python class are stored, too.
-
-    Parameters
-    ----------
-    config
-        The configuration of a user, which need not be valid.
     """
     defaults = default_configuration()
     data = config.get("data")
@@ -169,10 +164,7 @@ def resolved(
 def validate(config: Mapping[str, Any]) -> None:
     """Check a complete configuration against the schema and against conditions between keys.
 
-    Raises
-    ------
-    ConfigurationError
-        With all violations, one line each.
+    ConfigurationError is raised with all violations, one line each.
     """
     validator = StrictValidator(schema())
     violations = [violation for error in validator.iter_errors(config) for violation in _violations(error)]
@@ -223,11 +215,8 @@ class _StrictLoader(yaml.SafeLoader):
 def read_yaml(path: Path) -> dict[str, Any]:
     """Read a single configuration file.
 
-    Raises
-    ------
-    InputError
-        If the file is missing or too large, is not YAML in UTF-8, contains a key twice, or is not a mapping
-        of keys to values.
+    InputError is raised if the file is missing or too large, is not YAML in UTF-8, contains a key twice, or
+    is not a mapping of keys to values.
     """
     try:
         if path.stat().st_size > LARGEST:

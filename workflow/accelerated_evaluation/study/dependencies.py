@@ -59,13 +59,6 @@ def without_unused(config: Mapping[str, Any], sources: Iterable[str]) -> dict[st
     The keys of all mappings are in alphabetical order.
 
     Editing an unused section must not cause any job to run again.
-
-    Parameters
-    ----------
-    config
-        A valid configuration.
-    sources
-        Names of all sources.
     """
     unused = set(sources) - {config["data"]["source"]}
     data = {key: value for key, value in config["data"].items() if key not in unused}

@@ -34,30 +34,17 @@ LIMITS = ("lead_speed_min", "lead_speed_max", "range_max")  # filters that are t
 
 @dataclass(frozen=True)
 class StudyInputs:
-    """The inputs of a study, which have been checked.
+    """The inputs of a study, which have been checked."""
 
-    Attributes
-    ----------
-    config
-        The complete configuration, without the sections of sources that are not used.
-    records
-        Paths of the records.
-    vehicles
-        Sections of the configuration for the vehicles: ``under_test``, and the compared vehicles by label.
-    files
-        Paths of the files on which each vehicle depends.
-    accepted
-        Names of the checks of the records whose warnings the user accepts. They are not in ``config``,
-        because they are used only by the last job, and editing them must not run other jobs again.
-    verdicts
-        Paths of published verdicts for a scenario other than the cut-in.
-    """
-
-    config: dict[str, Any]
-    records: list[str]
+    config: dict[str, Any]  # the complete configuration, without the sections of sources that are not used
+    records: list[str]  # paths of the records
+    # Sections of the configuration: ``under_test``, and the compared vehicles by label.
     vehicles: dict[str, dict[str, Any]]
-    files: dict[str, list[str]]
+    files: dict[str, list[str]]  # paths of the files on which each vehicle depends
+    # Names of the checks of the records whose warnings the user accepts. They are not in `config`, because
+    # they are used only by the last job, and editing them must not run other jobs again.
     accepted: list[str]
+    # Paths of published verdicts for a scenario other than the cut-in.
     verdicts: list[str] = field(default_factory=list)
 
     @classmethod
@@ -72,28 +59,11 @@ class StudyInputs:
     ) -> Self:
         """Complete and check a configuration, and find all files that it names.
 
-        Parameters
-        ----------
-        config
-            The configuration as Snakemake has merged it.
-        paths
-            The configuration files. They are checked for repeated keys, which Snakemake does not report.
-        project
-            Folder of this project. Paths of records are relative to the working directory or to this folder.
-        cores
-            Number of cores that Snakemake may use; None if it is not limited.
-        is_main_process
-            Whether this is the main process of Snakemake. The processes of jobs skip slow checks.
-
-        Returns
-        -------
-        StudyInputs
-            The checked configuration, with the paths of all files.
-
-        Raises
-        ------
-        StudyError
-            If the configuration is not valid, or if a file or vehicle that it names cannot be used.
+        ``config`` is as Snakemake has merged it, and ``paths`` are the configuration files, which are checked
+        for repeated keys, because Snakemake does not report them. Paths of records are relative to the
+        working directory or to the folder of the project. The processes of jobs, which are not the main
+        process, skip slow checks. StudyError is raised if the configuration is not valid, or if a file or
+        vehicle that it names cannot be used.
         """
         for path in paths:
             read_yaml(Path(path))
@@ -198,13 +168,6 @@ class StudyInputs:
         """Return all settings on which the crash map of a vehicle depends.
 
         Studies of the same vehicle with equal settings share the crash map.
-
-        Parameters
-        ----------
-        name
-            Label of the vehicle.
-        crash_map
-            Settings of the map.
         """
         return {
             "vehicle": self.vehicles[name]["name"],
@@ -225,12 +188,6 @@ def part(section: Mapping[str, Any], *keys: str) -> dict[str, Any]:
 
 
 def map_folder(description: Mapping[str, Any]) -> str:
-    """Return the folder of a crash map, whose name contains a digest of its settings.
-
-    Parameters
-    ----------
-    description
-        The settings from `StudyInputs.mapped`.
-    """
+    """Return the folder of a crash map, named by a digest of its settings from `StudyInputs.mapped`."""
     vehicle = Path(description["vehicle"].replace(":", "/")).name
     return f"results/vehicles/{vehicle}-{value_digest(description)[:10]}"

@@ -22,17 +22,7 @@ def job(log: str | os.PathLike) -> Iterator[Callable[[str], object]]:
     Jobs run at the same time, so only the logger of the workflow writes to the terminal. If there is no such
     logger, or if the log cannot be written, a job reports its failure on the terminal. An error ends the
     process with status 1. A `StudyError` is reported by its message, a full disk by a short message, and
-    other errors with a traceback.
-
-    Parameters
-    ----------
-    log
-        Path of the log.
-
-    Yields
-    ------
-    callable
-        Function that prints a line on the terminal.
+    other errors with a traceback. The yielded function prints a line on the terminal.
     """
     terminal = os.dup(2)
     message = ""
@@ -80,11 +70,6 @@ def without(module: str) -> Iterator[None]:
 
     The package jsonschema would otherwise load a grammar of web addresses. This takes more than a second at
     each start of Snakemake and of each notebook, and no schema of the study needs it.
-
-    Parameters
-    ----------
-    module
-        Name of the module.
     """
     if module in sys.modules:
         yield

@@ -13,17 +13,7 @@ def release_dead_locks(folder: str | os.PathLike = ".snakemake") -> BinaryIO:
     A run that is killed cannot remove its locks, and Snakemake cannot distinguish them from the locks of an
     active run. Every run therefore holds a shared lock on a file until its process ends. If a run can lock
     this file exclusively, no other run is active, and all of Snakemake's locks are left over from killed
-    runs.
-
-    Parameters
-    ----------
-    folder
-        Snakemake's folder of metadata.
-
-    Returns
-    -------
-    BinaryIO
-        The locked file; keep it open until the run ends.
+    runs. The result is the locked file; keep it open until the run ends.
     """
     folder = Path(folder)
     folder.mkdir(exist_ok=True)

@@ -27,17 +27,9 @@ ENDINGS = {
 
 
 def compared_sections(compared: Mapping[str, Mapping[str, Any]]) -> dict[str, dict[str, Any]]:
-    """Complete the entries of the section ``compared_vehicles`` with all keys of a vehicle.
+    """Complete the sections ``compared_vehicles``, by label, with all keys of a vehicle.
 
-    Parameters
-    ----------
-    compared
-        Sections by label. If a section has no key ``name``, its label is the name of a built-in vehicle.
-
-    Returns
-    -------
-    dict
-        Sections by label, with the keys ``name``, ``parameters``, ``files`` and ``deterministic``.
+    If a section has no key ``name``, its label is the name of a built-in vehicle.
     """
     return {
         label: {"name": label, "parameters": {}, "files": [], "deterministic": None, **entry}
@@ -48,10 +40,7 @@ def compared_sections(compared: Mapping[str, Mapping[str, Any]]) -> dict[str, di
 def require_named(config: Mapping[str, Any]) -> None:
     """Check that the records and the vehicles of a valid configuration exist, and load each vehicle once.
 
-    Raises
-    ------
-    InputError
-        If a file does not exist, or a vehicle cannot be created with its parameters.
+    InputError is raised if a file does not exist, or a vehicle cannot be created with its parameters.
     """
     from accelerated_evaluation.vehicles.loading import load_vehicle  # the compiler takes a second
 
@@ -72,18 +61,7 @@ def require_named(config: Mapping[str, Any]) -> None:
 
 
 def require_cores(cores: int | None) -> None:
-    """Check the number of cores; with fewer than one, Snakemake would wait forever.
-
-    Parameters
-    ----------
-    cores
-        Number of cores; None if none was given.
-
-    Raises
-    ------
-    InputError
-        If the number is below 1.
-    """
+    """Raise InputError if there is fewer than one core, with which Snakemake would wait forever."""
     if cores is not None and cores < 1:
         raise InputError(
             "--cores (CORES of make)",
@@ -94,13 +72,7 @@ def require_cores(cores: int | None) -> None:
 
 
 def require_places(*folders: Path) -> None:
-    """Check that no file is in the place of a results folder, and no folder in the place of a result file.
-
-    Raises
-    ------
-    InputError
-        If a file has the path of a folder of results, or a folder the path of a result file.
-    """
+    """Raise InputError if a file has the path of a results folder, or a folder that of a result file."""
     for folder in folders:
         for place in (folder, *folder.parents):
             if place.exists() and not place.is_dir():
@@ -118,13 +90,7 @@ def require_places(*folders: Path) -> None:
 
 
 def require_plain(paths: Iterable[str]) -> None:
-    """Check that the paths of a user's files contain no braces, which Snakemake would treat as wildcards.
-
-    Raises
-    ------
-    InputError
-        For the first path with a brace.
-    """
+    """Raise InputError for a path with a brace, which Snakemake would treat as a wildcard."""
     for path in paths:
         if set("{}") & set(path):
             raise InputError(

@@ -42,15 +42,7 @@ def schema() -> dict[str, Any]:
 
 
 def keys(part: Schema | None = None, prefix: str = "") -> Iterator[tuple[str, Schema]]:
-    """Yield the dotted name of every key, with its part of the schema; a section comes before its keys.
-
-    Parameters
-    ----------
-    part
-        Part of the schema whose keys are yielded; by default the complete schema.
-    prefix
-        Text before each name.
-    """
+    """Yield the dotted name of every key, with its part of the schema; a section comes before its keys."""
     for name, below in (schema() if part is None else part).get("properties", {}).items():
         if "$ref" in below:
             below = schema()["$defs"][below["$ref"].rsplit("/", 1)[1]]

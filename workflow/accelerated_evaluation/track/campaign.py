@@ -34,22 +34,12 @@ MOST_EMPTY = 100  # largest number of consecutive batches without a run within t
 
 @dataclass
 class Run:
-    """A run that the sampler has requested.
+    """A run that the sampler has requested."""
 
-    Attributes
-    ----------
-    number, batch
-        Number of the run and of its batch, counted from 1.
-    encounter
-        Values of the variables of the scenario, in their order.
-    outcome
-        The outcome of the run; None if it has not been reported yet.
-    """
-
-    number: int
-    batch: int
-    encounter: tuple[float, ...]
-    outcome: DrivenOutcome | None = None
+    number: int  # counted from 1
+    batch: int  # number of the batch, counted from 1
+    encounter: tuple[float, ...]  # values of the variables of the scenario, in their order
+    outcome: DrivenOutcome | None = None  # None if it has not been reported yet
 
     @property
     def concrete(self) -> ConcreteScenario:
@@ -59,37 +49,18 @@ class Run:
 
 @dataclass
 class Campaign:
-    """The complete state of a campaign.
-
-    Attributes
-    ----------
-    law, encounters
-        The law file, and the encounter table to which the law was fitted; the table is None for a joint law.
-    description
-        The description of the law.
-    event
-        The event whose probability is estimated.
-    goal
-        The stopping rule, which contains the required width of the interval.
-    sampler
-        The sampler that chooses the runs.
-    limits, beyond
-        Limits of the proving ground, and the probability of a cut-in beyond the limits.
-    runs
-        All runs that the sampler has chosen, in the order of their numbers. A run beyond the limits has the
-        outcome `driven.BEYOND`.
-    scenario
-        The scenario.
-    """
+    """The complete state of a campaign."""
 
     law: Source
-    encounters: Source | None
-    description: str
+    encounters: Source | None  # table to which the law was fitted; None for a joint law
+    description: str  # of the law
     event: Event
-    goal: Stopping
+    goal: Stopping  # the stopping rule, which contains the required width of the interval.
     sampler: Sampler
     limits: Limits = UNLIMITED
-    beyond: float = 0.0
+    beyond: float = 0.0  # probability of a cut-in beyond the limits
+    # All runs that the sampler has chosen, in the order of their numbers. A run beyond the limits has the
+    # outcome `driven.BEYOND`.
     runs: list[Run] = field(default_factory=list)
     scenario: Scenario = CUT_IN
 
@@ -109,38 +80,14 @@ class Campaign:
         deterministic: bool | None = None,
         scenario: Scenario = CUT_IN,
     ) -> Self:
-        """Begin a new campaign. The law is read once, to check that it can be used.
+        """Begin a new campaign.
 
-        Parameters
-        ----------
-        law, encounters
-            The law file, and the encounter table to which the law was fitted, with their checksums. The table
-            is None for a joint law of another scenario.
-        event, goal
-            The event whose probability is estimated, and the stopping rule.
-        batch_size, seed
-            Number of runs in a batch, and root seed of all randomness.
-        limits
-            Limits of the proving ground.
-        predecessor
-            Campaign of a similar vehicle. The new campaign begins with encounters in which the event happened
-            in this campaign.
-        deterministic
-            Whether the vehicle always has the same outcome in the same encounter; None if this is not known,
-            so that some runs have to be repeated.
-        scenario
-            The scenario of the law.
-
-        Returns
-        -------
-        Campaign
-            The campaign, which has not requested any run yet.
-
-        Raises
-        ------
-        InputError
-            If a file cannot be used, if the batch size is out of range, if too few cut-ins are within the
-            limits, or if the predecessor belongs to another law or event, or has no event.
+        The law is read once, to check that it can be used. ``encounters`` is the table to which the law was
+        fitted, None for a joint law. Encounters in which the event happened in the campaign of a similar
+        vehicle, the predecessor, are requested first. If it is not known whether the vehicle is
+        ``deterministic``, some runs have to be repeated. InputError is raised if a file cannot be used, if
+        the batch size is out of range, if too few cut-ins are within the limits, or if the predecessor
+        belongs to another law or event, or has no event.
         """
         check_batch_size(batch_size)
         read = law_in(scenario, law, encounters)
@@ -169,18 +116,9 @@ class Campaign:
     def ask(self, law: Law, batch_size: int | None = None) -> list[Run]:
         """Return the runs to drive next: the outstanding runs, or a new batch if there are none.
 
-        Parameters
-        ----------
-        law
-            The law of the campaign.
-        batch_size
-            Number of runs of the new batch and of all later ones; None leaves it unchanged. It does not
-            change an outstanding batch, because the inclusion probabilities of its runs depend on its size.
-
-        Raises
-        ------
-        InputError
-            If the batch size is out of range, or if `MOST_EMPTY` batches had no run within the limits.
+        A batch size holds for the new batch and all later ones. It does not change an outstanding batch,
+        because the inclusion probabilities of its runs depend on its size. InputError is raised if it is out
+        of range, or if `MOST_EMPTY` batches had no run within the limits.
         """
         if batch_size is not None:
             check_batch_size(batch_size)
@@ -215,24 +153,11 @@ class Campaign:
         return self.runs[-1].batch if self.runs else 0
 
     def tell(self, results: Mapping[int, DrivenOutcome], *, correct: bool = False) -> int:
-        """Receive the outcomes of some runs, and pass the batch to the sampler when it is complete.
+        """Receive outcomes by the number of the run, and pass the batch to the sampler when it is complete.
 
-        Parameters
-        ----------
-        results
-            Outcomes by the number of the run, as `results.read_results` returns them.
-        correct
-            Whether the outcomes may replace earlier reports of runs in the open batch.
-
-        Returns
-        -------
-        int
-            Number of outcomes that are new or corrected.
-
-        Raises
-        ------
-        InputError
-            If an outcome contradicts an earlier report that may not be replaced. No outcome is then accepted.
+        Return how many are new or corrected. With ``correct`` they may replace earlier reports of runs in the
+        open batch. InputError is raised if an outcome contradicts an earlier report that may not be replaced.
+        No outcome is then accepted.
         """
         news = {
             number: outcome for number, outcome in results.items() if self.runs[number - 1].outcome != outcome
@@ -272,15 +197,8 @@ class Campaign:
     def as_predecessor(self, law: Source, event: Event) -> Predecessor:
         """Return the runs of the complete batches, to guide the campaign of a similar vehicle.
 
-        Parameters
-        ----------
-        law, event
-            The law file and the event of the new campaign.
-
-        Raises
-        ------
-        InputError
-            If this campaign has another law or event, or if the event did not happen in its complete batches.
+        InputError is raised if this campaign has another law or event, or if the event did not happen in its
+        complete batches.
         """
         change = "Name a campaign with the same law and event, or leave --predecessor out."
         own, other = (

@@ -50,11 +50,6 @@ def locked(path: str | os.PathLike) -> Iterator[None]:
 
     If two processes read a campaign, add to it and write it at the same time, the additions of one of them
     are lost. The folder is locked and not the file, because the file is replaced whenever it is written.
-
-    Parameters
-    ----------
-    path
-        File of a campaign.
     """
     folder = Path(path).resolve().parent
     if not folder.is_dir():  # reading the file will raise an error
@@ -71,10 +66,8 @@ def locked(path: str | os.PathLike) -> Iterator[None]:
 def law_of(campaign: Campaign) -> Law:
     """Return the law of a campaign, read from its law file.
 
-    Raises
-    ------
-    InputError
-        If the law file or the encounter table is missing, or has changed since the campaign began.
+    InputError is raised if the law file or the encounter table is missing, or has changed since the campaign
+    began.
     """
     for source in (campaign.law, campaign.encounters):
         if source is not None and source_of(source.file) != source:
@@ -111,10 +104,8 @@ def write_campaign(path: str | os.PathLike, campaign: Campaign) -> None:
 def read_campaign(path: str | os.PathLike) -> Campaign:
     """Read a campaign from its file.
 
-    Raises
-    ------
-    InputError
-        If the file is missing, is not a campaign, is of another version, or was edited or damaged.
+    InputError is raised if the file is missing, is not a campaign, is of another version, or was edited or
+    damaged.
     """
     change = "Name the file of a campaign, or begin one with `accelerated-evaluation campaign new`."
     require_file(path, change)

@@ -11,22 +11,12 @@ from accelerated_evaluation.scenarios.protocol import Scenario
 
 @dataclass(frozen=True)
 class DrivenOutcome:
-    """The reported outcome of a run that was driven.
-
-    Attributes
-    ----------
-    crash
-        Whether there was a crash.
-    measured
-        The measured quantities by name, such as the smallest range; quantities that were not measured are
-        left out.
-    note
-        A remark of the testers.
-    """
+    """The reported outcome of a run that was driven."""
 
     crash: bool
+    # By name, such as the smallest range; quantities that were not measured are left out.
     measured: dict[str, float] = field(default_factory=dict)
-    note: str = ""
+    note: str = ""  # a remark of the testers
 
 
 BEYOND = DrivenOutcome(False, note="beyond the limits, not to be driven")
@@ -37,13 +27,6 @@ def outcomes_of(driven: Iterable[DrivenOutcome], scenario: Scenario) -> Any:  # 
 
     If an event is scored by a quantity that was not measured, the quantity gets the value 0 after a crash and
     infinity otherwise. All other quantities that were not measured are 0. All runs are marked as ended.
-
-    Parameters
-    ----------
-    driven
-        Reported outcomes of n runs.
-    scenario
-        The scenario.
     """
     rows = list(driven)
     crash = np.array([row.crash for row in rows])

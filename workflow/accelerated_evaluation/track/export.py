@@ -47,25 +47,9 @@ def write_set(
     """Write a weighted set into a new folder, which appears only when it is complete.
 
     The folder contains ``scenarios.csv`` and ``README.md``; for a set with draws of the law ``weights.csv``;
-    and for cut-ins the OpenSCENARIO files and their road.
-
-    Parameters
-    ----------
-    folder
-        A folder that does not exist yet, or is empty.
-    drawn
-        The weighted set.
-    origin
-        Statements about the origin of the set, which the page lists by name.
-    scenario
-        The scenario of the set.
-
-    Raises
-    ------
-    InputError
-        If the folder is not empty.
-    StudyError
-        If the library scenariogeneration is needed but not installed.
+    and for cut-ins the OpenSCENARIO files and their road. ``origin`` are statements about the origin of the
+    set, which the page lists by name. InputError is raised if the folder is not empty, and StudyError if the
+    library scenariogeneration is needed but not installed.
     """
     if scenario is CUT_IN:
         require_scenariogeneration()
@@ -94,20 +78,8 @@ def write_set(
 def table_of(drawn: WeightedSet, names: list[str], scenario: Scenario = CUT_IN) -> pd.DataFrame:
     """Return the table ``scenarios.csv`` of a weighted set.
 
-    Parameters
-    ----------
-    drawn
-        The weighted set.
-    names
-        Names of the scenarios, which are those of their files without the ending.
-    scenario
-        The scenario of the set.
-
-    Returns
-    -------
-    pandas.DataFrame
-        `WeightedSet.table` with the derived quantities of the scenario, such as the host speed, and for
-        cut-ins the column ``file``.
+    It has the derived quantities of the scenario, such as the host speed, and for cut-ins the column
+    ``file``; the names of the scenarios are those of their files without the ending.
     """
     files = {"file": [f"{name}.xosc" for name in names]} if scenario is CUT_IN else {}
     return drawn.table.assign(**scenario.derived, **files)
@@ -122,21 +94,8 @@ def _scenario(name: str, row: Mapping[str, float]) -> ConcreteScenario:
 def with_motion(drawn: WeightedSet, motion: LeadMotion, generator: np.random.Generator) -> WeightedSet:
     """Add a random motion of the lead vehicle to each cut-in of a weighted set.
 
-    The motions are drawn from their law, so the weights do not change.
-
-    Parameters
-    ----------
-    drawn
-        A weighted set of cut-ins.
-    motion
-        The law of lead motion.
-    generator
-        Source of all randomness.
-
-    Returns
-    -------
-    WeightedSet
-        The set with the lead speeds [m/s] after the cut-in in the columns `SPEED_COLUMNS`.
+    The motions are drawn from their law, so the weights do not change. The lead speeds [m/s] after the cut-in
+    are in the columns `SPEED_COLUMNS`.
     """
     encounters = drawn.table[list(CUT_IN.names)].to_numpy(dtype=float).T
     speeds = draw_lead_speeds(motion, encounters, generator)[:, 1:]
@@ -145,17 +104,7 @@ def with_motion(drawn: WeightedSet, motion: LeadMotion, generator: np.random.Gen
 
 
 def page(drawn: WeightedSet, origin: Mapping[str, str], scenario: Scenario = CUT_IN) -> str:
-    """Return the page of instructions: how to compute the crash probability from a vehicle's outcomes.
-
-    Parameters
-    ----------
-    drawn
-        The weighted set.
-    origin
-        Statements about the origin of the set, by name.
-    scenario
-        The scenario of the set.
-    """
+    """Return the page of instructions: how to compute the crash probability from a vehicle's outcomes."""
     parts = _parts_of(drawn, scenario) if drawn.scored else _parts_of_cut_ins(drawn)
     counts = drawn.table["shell"].value_counts(sort=False)
     beyond = "more" if drawn.edges[-1] > drawn.edges[0] else "less"

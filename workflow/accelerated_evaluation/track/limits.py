@@ -24,34 +24,18 @@ NODES, WEIGHTS = np.polynomial.legendre.leggauss(
 
 @dataclass(frozen=True)
 class Limits:
-    """The limits of a proving ground; None means no limit.
+    """The limits of a proving ground; None means no limit."""
 
-    Attributes
-    ----------
-    host_speed_max
-        Largest speed of the host at the cut-in [m/s].
-    closing_speed_max
-        Largest closing speed at the cut-in [m/s].
-    range_min
-        Smallest range at the cut-in [m].
-    """
-
-    host_speed_max: float | None = None
-    closing_speed_max: float | None = None
-    range_min: float | None = None
+    host_speed_max: float | None = None  # at the cut-in [m/s]
+    closing_speed_max: float | None = None  # at the cut-in [m/s]
+    range_min: float | None = None  # at the cut-in [m]
 
     def __bool__(self) -> bool:
         """Whether there is any limit."""
         return self != UNLIMITED
 
     def hold(self, lead_speed: Array, range_: Array, closing_speed: Array) -> NDArray[np.bool_]:
-        """Return whether each cut-in is within the limits, shape (n,).
-
-        Parameters
-        ----------
-        lead_speed, range_, closing_speed
-            Lead speed [m/s], range [m] and closing speed [m/s] of n cut-ins, shape (n,).
-        """
+        """Return whether each cut-in is within the limits, shape (n,)."""
         return (range_ >= (self.range_min or 0.0)) & (closing_speed <= self.closing_speed(lead_speed))
 
     def closing_speed(self, lead_speed: Array) -> Array:
@@ -120,23 +104,8 @@ def _binned(values: Array) -> tuple[Array, Array]:
 def require_limits(limits: Limits, law: Law) -> float:
     """Check the limits, and return the probability under a law that a cut-in is beyond the limits.
 
-    Parameters
-    ----------
-    limits
-        Limits of the proving ground.
-    law
-        Law of cut-ins.
-
-    Returns
-    -------
-    float
-        The probability.
-
-    Raises
-    ------
-    InputError
-        If a limit is not a positive number, if the law has no strata, or if the probability beyond the limits
-        exceeds `MOST_BEYOND`.
+    InputError is raised if a limit is not a positive number, if the law has no strata, or if the probability
+    beyond the limits exceeds `MOST_BEYOND`.
     """
     for name, value in asdict(limits).items():
         if value is not None and not 0 < value < math.inf:

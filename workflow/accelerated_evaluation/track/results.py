@@ -34,25 +34,9 @@ def read_results(path: str | os.PathLike, campaign: Campaign) -> dict[int, Drive
 
     The table may be one that `write_table` wrote and that was filled in, or the output of
     ``accelerated-evaluation simulate`` for it. Rows without a crash flag are ignored, because these runs have
-    not been driven yet.
-
-    Parameters
-    ----------
-    path
-        The table.
-    campaign
-        The campaign, whose runs the table is checked against.
-
-    Returns
-    -------
-    dict
-        Outcomes by the number of the run.
-
-    Raises
-    ------
-    InputError
-        If a row cannot be interpreted, names a run that was not requested, or contradicts itself, the
-        requested run or another row. The message contains the row number as in a spreadsheet.
+    not been driven yet. The result has the outcomes by the number of the run. InputError, which contains the
+    row number as in a spreadsheet, is raised if a row cannot be interpreted, names a run that was not
+    requested, or contradicts itself, the requested run or another row.
     """
     require_file(path, "Write the table, or correct its path.")
     table = read_csv(path)
@@ -162,17 +146,7 @@ def _refuse(where: str, column: str, seen: str, expected: str) -> None:
 
 
 def write_table(path: str | os.PathLike, runs: Iterable[Run], scenario: Scenario) -> None:
-    """Write the runs to drive as a table with empty columns for the outcomes, atomically.
-
-    Parameters
-    ----------
-    path
-        CSV file to write.
-    runs
-        The runs, at least one.
-    scenario
-        The scenario, whose variables and outcomes are the columns.
-    """
+    """Write the runs to drive as a table with empty columns for the outcomes, atomically."""
     rows = [
         {"run": run.number, **scenario.with_derived(dict(zip(scenario.names, run.encounter, strict=True)))}
         for run in runs

@@ -40,48 +40,23 @@ NOT_WRITTEN = "no OpenSCENARIO files, because they are written for cut-ins only;
 
 @dataclass(frozen=True)
 class ConcreteScenario:
-    """One cut-in that is written as an OpenSCENARIO file.
+    """One cut-in that is written as an OpenSCENARIO file."""
 
-    Attributes
-    ----------
-    name
-        Name of the file, without its ending.
-    lead_speed, range_, closing_speed
-        At the moment of the cut-in: lead speed [m/s], distance between the bumpers [m], and host speed minus
-        lead speed [m/s].
-    notes
-        Further properties in the header of the file, by name, such as the weight of the scenario.
-    later_speeds
-        Lead speeds [m/s] 0.1, 0.2, ... s after the cut-in; empty if the lead speed is constant.
-    """
-
-    name: str
-    lead_speed: float
-    range_: float
-    closing_speed: float
+    name: str  # of the file, without its ending
+    lead_speed: float  # m/s at the cut-in
+    range_: float  # distance between the bumpers at the cut-in [m]
+    closing_speed: float  # host speed minus lead speed at the cut-in [m/s]
+    # Further properties in the header of the file, by name, such as the weight of the scenario.
     notes: Mapping[str, str]
+    # Lead speeds [m/s] 0.1, 0.2, ... s after the cut-in; empty if the lead speed is constant.
     later_speeds: Sequence[float] = ()
 
 
 def write_scenarios(folder: str | os.PathLike, scenarios: Iterable[ConcreteScenario]) -> list[Path]:
-    """Write scenarios and the road that they share into a folder.
+    """Write scenarios with different names and the road that they share into a folder, each file atomically.
 
-    Parameters
-    ----------
-    folder
-        The folder, which is created if necessary. Every file is written atomically.
-    scenarios
-        The scenarios, with different names.
-
-    Returns
-    -------
-    list
-        Paths of the scenario files, in the order of the scenarios.
-
-    Raises
-    ------
-    StudyError
-        If the library scenariogeneration is not installed.
+    The result has the paths of the scenario files. StudyError is raised if the library scenariogeneration is
+    not installed.
     """
     require_scenariogeneration()
     folder = Path(folder)

@@ -14,15 +14,7 @@ from accelerated_evaluation.scenarios.protocol import Scenario
 
 @dataclass(frozen=True)
 class Source:
-    """An input file.
-
-    Attributes
-    ----------
-    file
-        Path of the file.
-    sha256
-        SHA-256 checksum of its contents.
-    """
+    """An input file with the SHA-256 checksum of its contents."""
 
     file: str
     sha256: str
@@ -36,20 +28,8 @@ def source_of(path: str | os.PathLike) -> Source:
 
 
 def law_in(scenario: Scenario, law: Source, encounters: Source | None) -> Law:
-    """Read a law.
+    """Read a law: for cut-ins with the encounter table to which it was fitted, otherwise a joint law.
 
-    Parameters
-    ----------
-    scenario
-        The scenario.
-    law
-        The law file: a law of cut-ins, or a joint law of the variables of another scenario.
-    encounters
-        The encounter table to which a law of cut-ins was fitted; None for a joint law.
-
-    Raises
-    ------
-    InputError
-        If a file cannot be used, or if the law belongs to another scenario.
+    InputError is raised if a file cannot be used, or if the law belongs to another scenario.
     """
     return read_law_of(scenario, law.file, None if encounters is None else read_encounters(encounters.file))

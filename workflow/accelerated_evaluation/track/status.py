@@ -17,29 +17,17 @@ MOST_BATCHES = 10_000  # largest number of further batches that a forecast consi
 
 @dataclass(frozen=True)
 class Status:
-    """The status of a campaign.
+    """The status of a campaign."""
 
-    Attributes
-    ----------
-    asked, reported
-        Number of requested runs, and number of those whose outcome has been reported.
-    used
-        Number of runs in complete batches, on which the estimate is based.
-    spared
-        Number of runs that the sampler chose beyond the limits, which need not be driven. They are not
-        included in the other numbers.
-    estimate
-        The estimate from the complete batches.
-    needed
-        Predicted number of runs that are still needed; 0 if the campaign may stop, None if the number cannot
-        be predicted.
-    """
-
-    asked: int
-    reported: int
-    used: int
+    asked: int  # number of requested runs
+    reported: int  # number of those whose outcome has been reported
+    used: int  # number of runs in complete batches, on which the estimate is based
+    # Number of runs that the sampler chose beyond the limits, which need not be driven. They are not included
+    # in the other numbers.
     spared: int
     estimate: Estimate
+    # Predicted number of runs that are still needed; 0 if the campaign may stop, None if the number cannot be
+    # predicted.
     needed: int | None
 
     @property
@@ -70,21 +58,8 @@ def forecast(found: Estimate, batch_size: int, goal: Stopping) -> int | None:
 
     The squared relative error of the mean of b batches is proportional to 1 / b, and Student's quantile
     decreases with b. The result is the smallest number of further batches with which the half-width meets the
-    goal, times the number of runs in a batch.
-
-    Parameters
-    ----------
-    found
-        The estimate so far.
-    batch_size
-        Number of runs of each further batch.
-    goal
-        The stopping rule, which contains the required width of the interval.
-
-    Returns
-    -------
-    int or None
-        None if there is no estimate yet, or if more than `MOST_BATCHES` batches would be needed.
+    goal, times the number of runs in a batch. The result is None if there is no estimate yet, or if more than
+    `MOST_BATCHES` batches would be needed.
     """
     batches = found.diagnostics["batches"]
     if not (found.probability > 0 and batches >= 2):
@@ -100,13 +75,7 @@ def forecast(found: Estimate, batch_size: int, goal: Stopping) -> int | None:
 
 
 def in_words(campaign: Campaign, status: Status) -> str:
-    """Return the status of a campaign as text of several lines.
-
-    Parameters
-    ----------
-    campaign, status
-        The campaign, and its status from `status_of`.
-    """
+    """Return the status of a campaign, from `status_of`, as text of several lines."""
     found, goal = status.estimate, campaign.goal
     event = campaign.scenario.event_in_words(campaign.event)
     lines = [

@@ -42,30 +42,18 @@ EDGE = 1e-12  # smallest distance of a number of the lattice from 0 and 1
 
 @dataclass(frozen=True)
 class WeightedSet:
-    """A weighted set of encounters, with the shells that they represent.
+    """A weighted set of encounters, with the shells that they represent."""
 
-    Attributes
-    ----------
-    table
-        One row for each encounter: ``scenario`` (its number, from 1), ``shell`` (from 1), ``weight``, and the
-        variables of the scenario; for a cut-in, these are ``lead_speed`` [m/s], ``range`` [m] and
-        ``closing_speed`` [m/s].
-    edges
-        Value at which each shell begins: the deceleration [m/s^2] of a cut-in, or the score of a built-in
-        vehicle, shape (shells,). The last shell has no end.
-    probabilities
-        Probability of each shell under the law, shape (shells,).
-    draws
-        For a law with draws, the weight of each encounter under some of them: columns ``scenario``,
-        ``draw_001`` and so on. None for a law without draws.
-    scored
-        Whether the encounters are ordered by the score of a built-in vehicle, and not by deceleration.
-    """
-
+    # One row for each encounter: ``scenario`` and ``shell``, both numbered from 1, ``weight``, and the
+    # variables of the scenario.
     table: pd.DataFrame
+    # Value at which each shell begins: the deceleration [m/s^2] of a cut-in, or the score of a built-in
+    # vehicle, (shells,). The last shell has no end.
     edges: Array
-    probabilities: Array
+    probabilities: Array  # of each shell under the law, (shells,)
+    # Weight of each encounter under some draws of the law: ``scenario``, ``draw_001`` and so on.
     draws: pd.DataFrame | None = None
+    # Whether the encounters are ordered by the score of a built-in vehicle, and not by deceleration.
     scored: bool = False
 
     @property
@@ -77,23 +65,11 @@ class WeightedSet:
 def draw_weighted_set(
     law: StratifiedLaw, size: int, safe_deceleration: float, generator: np.random.Generator
 ) -> WeightedSet:
-    """Draw a weighted set of cut-ins.
+    """Draw a weighted set of at most ``size`` cut-ins; all shells have the same number.
 
-    Parameters
-    ----------
-    law
-        Law of the cut-ins.
-    size
-        Largest number of cut-ins; all shells have the same number.
-    safe_deceleration
-        A cut-in is assumed to be safe if a constant deceleration below this value [m/s^2] avoids a crash.
-    generator
-        Source of all randomness.
-
-    Raises
-    ------
-    InputError
-        If the size or the deceleration is out of range, or a shell has no probability under the law.
+    A cut-in is assumed to be safe if a constant deceleration below ``safe_deceleration`` [m/s^2] avoids a
+    crash. InputError is raised if the size or the deceleration is out of range, or a shell has no probability
+    under the law.
     """
     _check_size(size)
     _check_deceleration(safe_deceleration)
@@ -130,21 +106,8 @@ def draw_scored_set(scenario: Scenario, law: Law, size: int, generator: np.rando
     whose shares decrease in geometric progression. The same number of encounters is selected from each shell
     at random (two-phase sampling for stratification: Cochran 1977, chapter 12). No encounter is assumed to be
     safe. The sum of the weights of the crashes is an unbiased estimate for every vehicle, and more accurate
-    if the vehicle is similar to the built-in one.
-
-    Parameters
-    ----------
-    scenario, law
-        The scenario and a law of its variables, of which at most `DRAWS` draws are used.
-    size
-        Largest number of encounters; all shells have the same number.
-    generator
-        Source of all randomness.
-
-    Raises
-    ------
-    InputError
-        If the size is out of range.
+    if the vehicle is similar to the built-in one. At most `DRAWS` draws of the law are used, and the set has
+    at most ``size`` encounters. InputError is raised if the size is out of range.
     """
     _check_size(size)
     draws = as_draws(law).thinned(DRAWS)

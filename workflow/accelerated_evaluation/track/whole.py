@@ -40,16 +40,8 @@ def read_draws(path: Path, campaign: Campaign) -> Draws:
 def whole_in_words(campaign: Campaign, law: Law, draws: Draws | None = None) -> list[str]:
     """Return lines of text with the probability that a campaign estimates under all draws of a law.
 
-    The runs of the open batch are not used.
-
-    Parameters
-    ----------
-    campaign
-        The campaign.
-    law
-        The law under which the runs were chosen.
-    draws
-        The draws for which the runs are reweighted; by default those of ``law``, if it has any.
+    The runs of the open batch are not used. The runs were chosen under ``law``, whose draws, if it has any,
+    are the default.
     """
     under = law if draws is None and isinstance(law, Draws) else draws
     if under is None:
@@ -87,13 +79,7 @@ def laws_under(law: Law, draws: Draws) -> SeveralLaws:
 
 
 def _reach(effective: Array) -> list[str]:
-    """Return lines of text about the effective number of events under the draws.
-
-    Parameters
-    ----------
-    effective
-        Effective number of events under each draw, shape (K,).
-    """
+    """Return lines of text about the effective number of events under each of K draws."""
     few = np.mean(effective < FEWEST)
     low, middle = np.quantile(effective, (0.05, 0.5))
     lines = [

@@ -18,24 +18,10 @@ checked_encounters = CUT_IN.checked
 def checked_outcomes(
     outcomes: object, encounters: Array, *, vehicle: str, scenario: Scenario = CUT_IN
 ) -> Any:  # noqa: ANN401
-    """Check the outcomes of a user's vehicle, and return them as an instance of the scenario's outcome type.
+    """Check what ``simulate`` of a user's vehicle returned, and return it as the scenario's outcome type.
 
-    Parameters
-    ----------
-    outcomes
-        Object that the method ``simulate`` of the vehicle returned.
-    encounters
-        The encounters that were simulated, shape (d, n).
-    vehicle
-        Name of the vehicle for messages.
-    scenario
-        The scenario of the encounters.
-
-    Raises
-    ------
-    InputError
-        If an outcome is missing, has a wrong shape or type, or breaks a rule of the scenario. The message
-        names the first such encounter.
+    InputError names the first encounter for which an outcome is missing, has a wrong shape or type, or breaks
+    a rule of the scenario.
     """
     columns = {
         each.name: _checked_column(outcomes, each, encounters.shape[1], vehicle, scenario)
@@ -54,15 +40,7 @@ def checked_outcomes(
 def outcome_error(
     vehicle: str, what: str, seen: str, expected: str, change: str = "Correct the vehicle."
 ) -> InputError:
-    """Return the error for a user's vehicle whose outcomes are not as expected.
-
-    Parameters
-    ----------
-    vehicle, what
-        Name of the vehicle, and the faulty part of its result.
-    seen, expected, change
-        What was found, what was expected, and what the user should do.
-    """
+    """Return the error for a user's vehicle whose outcomes (``what`` names the part) are not as expected."""
     advice = f"{change} See accelerated_evaluation.vehicles.protocol for the outcomes that are expected."
     return InputError(f"vehicle {vehicle}, {what}", seen=seen, expected=expected, change=advice)
 

@@ -56,13 +56,7 @@ def events_of(scenario: Scenario, thresholds: Mapping[str, list[float]]) -> list
 
 
 def events_from(thresholds: Mapping[str, list[float]]) -> list[Event]:
-    """Return the crash, followed by the events with given thresholds.
-
-    Parameters
-    ----------
-    thresholds
-        List of thresholds for each quantity of a cut-in, such as ``impact_speed`` [m/s].
-    """
+    """Return the crash, followed by events with thresholds of quantities such as ``impact_speed`` [m/s]."""
     return [
         CRASH,
         *(CUT_IN.event(name, float(value)) for name, values in thresholds.items() for value in values),

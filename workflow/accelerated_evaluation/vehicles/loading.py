@@ -91,13 +91,6 @@ def vehicle_files(name: str, parameters: Mapping[str, Any], scenario: Scenario =
 
     They are the file of a class, the FMU, or the files that a command names. Further files that these files
     load are not included.
-
-    Parameters
-    ----------
-    name, parameters
-        Name and parameters of the vehicle, as for `load_vehicle`.
-    scenario
-        The scenario whose encounters the vehicle simulates.
     """
     if ":" in name or name.endswith(".py"):
         return [name.rpartition(":")[0] or name]
@@ -106,21 +99,9 @@ def vehicle_files(name: str, parameters: Mapping[str, Any], scenario: Scenario =
 
 
 def section_files(vehicle: Mapping[str, Any], scenario: Scenario = CUT_IN) -> list[str]:
-    """Return all files of a vehicle in the configuration.
+    """Return the files of a vehicle in the configuration: `vehicle_files`, and those under ``files``.
 
-    They are the files that `vehicle_files` returns, and the files that the user lists under ``files``.
-
-    Parameters
-    ----------
-    vehicle
-        The section ``vehicle`` of the configuration, or a section of the same form.
-    scenario
-        The scenario whose encounters the vehicle simulates.
-
-    Raises
-    ------
-    InputError
-        If a listed file does not exist.
+    InputError is raised if a listed file does not exist.
     """
     for file in vehicle["files"]:
         require_file(file, "Correct vehicle.files.")

@@ -19,17 +19,12 @@ TOLERANCE = 1e-9  # [m/s], largest difference of the lead speed and the first of
 
 
 class CompiledVehicle:
-    """Base class of deterministic vehicles that are simulated by compiled code, with changing lead speeds.
+    """Base class of deterministic vehicles that are simulated by compiled code, with changing lead speeds."""
 
-    Attributes
-    ----------
-    kernel
-        Compiled function ``(encounters, begin, end, numbers, lead_speeds, outcomes)``. It takes encounters of
-        shape (3, n), the result of `compiled`, and lead speeds over time of shape (n, states), or of shape
-        (n, 1) for lead vehicles that keep their speeds. It writes the outcomes of the encounters from
-        ``begin`` to ``end``, shape (4, n).
-    """
-
+    # Compiled function ``(encounters, begin, end, numbers, lead_speeds, outcomes)``. It takes encounters of
+    # shape (3, n), the result of `compiled`, and lead speeds over time of shape (n, states), or of shape (n,
+    # 1) for lead vehicles that keep their speeds. It writes the outcomes of the encounters from ``begin`` to
+    # ``end``, shape (4, n).
     kernel: ClassVar[Callable[..., None]]
 
     def compiled(self) -> Any:  # noqa: ANN401
@@ -39,27 +34,10 @@ class CompiledVehicle:
     def simulate(self, lead_speed: ArrayLike, range_: ArrayLike, closing_speed: ArrayLike) -> Outcomes:
         """Simulate n cut-ins behind a lead vehicle that keeps its speed.
 
-        Parameters
-        ----------
-        lead_speed
-            Speed of the lead vehicle [m/s], not negative, shape (n,).
-        range_
-            Distance to the lead vehicle at the start [m], positive, shape (n,).
-        closing_speed
-            Host speed minus lead speed at the start [m/s], shape (n,). It may be 0 or negative (the gap
-            opens), but the host speed, its sum with the lead speed, must not be negative.
-
-        Returns
-        -------
-        Outcomes
-            The outcomes, of shape (n,). They do not depend on the batch or on the number of threads, not even
-            in the last bit.
-
-        Raises
-        ------
-        InputError
-            If shapes differ or a value is outside its limits. The message names the first such row, counted
-            from 0.
+        The closing speed [m/s] may be 0 or negative (the gap opens), but the host speed, its sum with the
+        lead speed, must not be negative. The outcomes do not depend on the batch or on the number of threads,
+        not even in the last bit. InputError names the first row, counted from 0, whose value is outside its
+        limits.
         """
         return self.outcomes(checked_encounters(lead_speed, range_, closing_speed))
 
@@ -73,19 +51,10 @@ class CompiledVehicle:
     def simulate_moving(
         self, lead_speed: ArrayLike, range_: ArrayLike, closing_speed: ArrayLike, lead_speeds: ArrayLike
     ) -> Outcomes:
-        """Return the outcomes of n cut-ins behind lead vehicles that change their speeds.
+        """Simulate n cut-ins with lead speeds [m/s] at 0, 0.1, ... s, shape (n, at least 81).
 
-        Parameters
-        ----------
-        lead_speed, range_, closing_speed
-            Lead speed [m/s], range [m] and closing speed [m/s] at the start, each of shape (n,).
-        lead_speeds
-            Lead speeds [m/s] at 0, 0.1, ... s, shape (n, at least 81). The first column is ``lead_speed``.
-
-        Raises
-        ------
-        InputError
-            If the encounters are not valid, or if lead speeds are negative, not finite, or end before 8 s.
+        The first column is ``lead_speed``. InputError is raised if the encounters are not valid, or if lead
+        speeds are negative, not finite, or end before 8 s.
         """
         encounters = checked_encounters(lead_speed, range_, closing_speed)
         return self.outcomes(encounters, checked_lead_speeds(lead_speeds, encounters[0]))
@@ -125,16 +94,7 @@ def simulate_motion(
 ) -> Outcomes:
     """Return the outcomes of n cut-ins with given lead speeds, and inner variables if there are any.
 
-    Parameters
-    ----------
-    vehicle
-        The vehicle.
-    cut_ins
-        Lead speeds [m/s], ranges [m] and closing speeds [m/s], each of shape (n,).
-    lead_speeds
-        Lead speeds over time [m/s], shape (n, states).
-    inner
-        Inner variables of a `RandomVehicle`, shape (n, variables); with None, the vehicle draws them itself.
+    With ``inner`` None, a `RandomVehicle` draws them itself.
     """
     if inner is None or not isinstance(vehicle, RandomVehicle):
         return vehicle.simulate_moving(*cut_ins, lead_speeds)
@@ -142,20 +102,11 @@ def simulate_motion(
 
 
 def checked_lead_speeds(lead_speeds: ArrayLike, lead_speed: Array) -> Array:
-    """Check lead speeds over time, and return them as an array of floats.
+    """Check lead speeds [m/s] at 0, 0.1, ... s, shape (n, at least 81), and return them as floats.
 
-    Parameters
-    ----------
-    lead_speeds
-        Lead speeds [m/s] at 0, 0.1, ... s, shape (n, at least 81).
-    lead_speed
-        Lead speeds of the encounters [m/s], shape (n,), which must be equal to the first column.
-
-    Raises
-    ------
-    InputError
-        If the shape is wrong, if a speed is negative or not finite, or if the first column differs from the
-        lead speeds of the encounters. The message names the first such encounter, counted from 0.
+    InputError is raised if the shape is wrong, if a speed is negative or not finite, or if the first column
+    differs from the lead speeds of the encounters. The message names the first such encounter, counted from
+    0.
     """
     speeds = np.ascontiguousarray(lead_speeds, dtype=np.float64)
     if speeds.ndim != 2 or len(speeds) != len(lead_speed) or speeds.shape[1] < STATES:
@@ -196,18 +147,9 @@ def checked_motion(lead_speeds: ArrayLike | None, encounter: Array) -> Array | N
 def speeds_in(columns: Mapping[str, Sequence[float]], rows: Sequence[object], where: str) -> Array:
     """Return the lead speeds [m/s] of n encounters of a table at 0, 0.1, ..., 8 s, shape (n, 81).
 
-    Parameters
-    ----------
-    columns
-        ``lead_speed`` [m/s], and columns such as ``speed_0.1``, which contains the lead speed [m/s] 0.1 s
-        after the start. The columns reach 8 s or more, and speeds in between are interpolated.
-    rows, where
-        Names of the n rows and of the table, for the error.
-
-    Raises
-    ------
-    InputError
-        If a speed is negative, not finite or impossible, or if the columns do not cover 8 s.
+    A column such as ``speed_0.1`` contains the lead speed [m/s] 0.1 s after the start. The columns reach 8 s
+    or more, and speeds in between are interpolated. InputError is raised if a speed is negative, not finite
+    or impossible, or if the columns do not cover 8 s.
     """
     import pandas as pd  # imported here, because this and the next import take long
 

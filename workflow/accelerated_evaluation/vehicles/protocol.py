@@ -56,21 +56,8 @@ class RandomVehicle(Vehicle, Protocol):
 
         The distribution of the inner variables has parameters that are known only within ranges. `draw_inner`
         draws from the mixture over all values of the parameters. The weights are the ratios of the density
-        for one value of the parameters to the density of this mixture.
-
-        Parameters
-        ----------
-        inner
-            Inner variables of n encounters, shape (n, variables).
-        draws
-            Number of values of the parameters that are drawn.
-        generator
-            Random generator for the parameters.
-
-        Returns
-        -------
-        numpy.ndarray
-            Weights, shape (draws, n). The mean over the draws is 1 for each encounter.
+        for one value of the parameters to the density of this mixture. The weights have the shape (draws, n),
+        and their mean over the draws is 1 for each encounter.
         """
 
 
@@ -85,28 +72,13 @@ class MovingVehicle(Protocol):
     def simulate_moving(
         self, lead_speed: Array, range_: Array, closing_speed: Array, lead_speeds: Array
     ) -> Outcomes:
-        """Simulate n cut-ins with given lead speeds over time, and return their outcomes.
-
-        Parameters
-        ----------
-        lead_speed, range_, closing_speed
-            Lead speed [m/s], range [m] and closing speed [m/s] at the start, each of shape (n,).
-        lead_speeds
-            Lead speeds [m/s] at 0, 0.1, ... s, up to 8 s or more, shape (n, states).
-        """
+        """Simulate n cut-ins with lead speeds [m/s] at 0, 0.1, ... s, up to 8 s or more, (n, states)."""
 
 
 def simulate_inner(vehicle: Vehicle, cut_ins: tuple[Array, Array, Array], inner: Array | None) -> Outcomes:
     """Return the outcomes of n cut-ins, simulated with given inner variables if the vehicle has any.
 
-    Parameters
-    ----------
-    vehicle
-        The vehicle.
-    cut_ins
-        Lead speeds [m/s], ranges [m] and closing speeds [m/s], each of shape (n,).
-    inner
-        Inner variables of a `RandomVehicle`, shape (n, variables); with None, the vehicle draws them itself.
+    With ``inner`` None, a `RandomVehicle` draws them itself.
     """
     if inner is None or not isinstance(vehicle, RandomVehicle):
         return vehicle.simulate(*cut_ins)

@@ -30,30 +30,10 @@ def trace_encounter(
 ) -> pd.DataFrame:
     """Simulate one encounter with a built-in vehicle, and return the states over time (the trace).
 
-    Parameters
-    ----------
-    name
-        Name of the vehicle.
-    *encounter
-        The variables of the scenario, in order; for a cut-in, lead speed [m/s], range [m] and closing speed
-        [m/s].
-    scenario
-        The scenario.
-    lead_speeds
-        Lead speeds every 0.1 s [m/s], for a cut-in in which the lead vehicle changes its speed.
-
-    Returns
-    -------
-    pandas.DataFrame
-        One row for each state. The columns for a cut-in are listed in `traces.COLUMNS`. The smallest range,
-        the smallest time to collision and the last closing speed are exactly the outcomes of `simulate`. If
-        the vehicle simulates lateral motion, this is true of the states in which the cars are in the same
-        lane.
-
-    Raises
-    ------
-    InputError
-        If the vehicle cannot be traced, or the encounter is not valid.
+    The columns for a cut-in are listed in `traces.COLUMNS`. The smallest range, the smallest time to
+    collision and the last closing speed are exactly the outcomes of `simulate`. If the vehicle simulates
+    lateral motion, this is true of the states in which the cars are in the same lane. InputError is raised if
+    the vehicle cannot be traced, or the encounter is not valid.
     """
     vehicle = load_vehicle(name, scenario)
     if not hasattr(vehicle, "trace"):
@@ -71,23 +51,10 @@ def trace_encounter(
 def write_trace(
     trace: pd.DataFrame, table: Path, figure: Path | None, title: str, panels: Sequence[Panel] = ()
 ) -> None:
-    """Write a trace as CSV, and as a figure whose format follows from the file name.
+    """Write a trace as CSV and, with ``figure``, as a figure whose format follows from the file name.
 
-    Parameters
-    ----------
-    trace
-        The states of one encounter.
-    table, figure
-        The files to write; without ``figure`` only the table is written.
-    title
-        The title of the figure.
-    panels
-        Panels of the figure; by default one for every column of the trace.
-
-    Raises
-    ------
-    InputError
-        If the name of the figure does not end in .png, .pdf or .svg.
+    By default there is a panel for every column. InputError is raised if the name does not end in .png, .pdf
+    or .svg.
     """
     if figure is not None and figure.suffix not in (".png", ".pdf", ".svg"):
         change = "Choose one of these formats."

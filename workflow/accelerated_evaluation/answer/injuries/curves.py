@@ -32,19 +32,11 @@ class RiskCurve(Protocol):
 
 @dataclass(frozen=True)
 class Logistic:
-    """A logistic regression, logit P = intercept + slope * delta-v.
-
-    Attributes
-    ----------
-    intercept, slope
-        Coefficients as they are published.
-    unit
-        Unit of the delta-v in the publication, expressed in m/s.
-    """
+    """A logistic regression, logit P = intercept + slope * delta-v."""
 
     intercept: float
     slope: float
-    unit: float
+    unit: float  # unit of the delta-v in the publication, in m/s
 
     def __call__(self, delta_v: Array) -> Array:
         """Return the probability of an injury at each delta-v [m/s]."""
@@ -58,19 +50,11 @@ class Logistic:
 
 @dataclass(frozen=True)
 class Power:
-    """A power of the delta-v, P = (delta-v / reference)^exponent, at most 1.
+    """A power of the delta-v, P = (delta-v / reference)^exponent, at most 1."""
 
-    Attributes
-    ----------
-    reference, exponent
-        Delta-v at which the curve reaches 1, and exponent, as they are published.
-    unit
-        Unit of the delta-v in the publication, expressed in m/s.
-    """
-
-    reference: float
+    reference: float  # Delta-v at which the curve reaches 1
     exponent: float
-    unit: float
+    unit: float  # unit of the delta-v in the publication, in m/s
 
     def __call__(self, delta_v: Array) -> Array:
         """Return the probability of an injury at each delta-v [m/s]."""
@@ -84,30 +68,15 @@ class Power:
 
 @dataclass(frozen=True)
 class Source:
-    """The curves of one publication, with the information that a reader needs to check them.
+    """The curves of one publication, with the information that a reader needs to check them."""
 
-    Attributes
-    ----------
-    name
-        Authors and year.
-    reference, doi
-        Publication; the number of a report if it has no DOI.
-    table
-        Where the coefficients are in the publication.
-    population
-        The crashes and occupants to which the curves were fitted.
-    checked
-        How the coefficients were checked, and what was not checked.
-    curves
-        The curves by level of injury (`LEVELS`) and by the end of the car that is struck (`FRONTAL`, `REAR`).
-    """
-
-    name: str
+    name: str  # authors and year
     reference: str
-    doi: str
-    table: str
-    population: str
-    checked: str
+    doi: str  # or the number of a report if it has no DOI
+    table: str  # where the coefficients are in the publication
+    population: str  # the crashes and occupants to which the curves were fitted
+    checked: str  # how the coefficients were checked, and what was not checked
+    # By level of injury (`LEVELS`) and struck end of the car (`FRONTAL`, `REAR`).
     curves: Mapping[tuple[str, str], RiskCurve]
 
 

@@ -37,27 +37,17 @@ class MassRatio:
 
     The ratio is lognormal. By default the masses of both cars are drawn independently from the same lognormal
     distribution.
-
-    Attributes
-    ----------
-    mean, deviation
-        Mean and standard deviation of the logarithm of the ratio.
     """
 
-    mean: float = 0.0
+    mean: float = 0.0  # of the logarithm of the ratio
+    # Of the logarithm of the ratio.
     deviation: float = float(np.sqrt(2) * np.log(MASSES[1] / MASSES[0]) / (2 * ndtri(0.95)))
 
     def expected_risk(self, curve: RiskCurve, impact: str, speed: Array) -> Array:
-        """Return the risk of an injury at given impact speeds, averaged over the masses, shape (n,).
+        """Return the risk of an injury at impact speeds [m/s], averaged over the masses, shape (n,).
 
-        Parameters
-        ----------
-        curve
-            Risk of the injury, given the delta-v.
-        impact
-            Struck end of the car, `FRONTAL` for the car under test or `REAR` for the car that cuts in.
-        speed
-            Impact speeds [m/s], shape (n,).
+        ``impact`` is the struck end of the car: `FRONTAL` for the car under test, `REAR` for the car that
+        cuts in.
         """
         nodes, weights = np.polynomial.hermite_e.hermegauss(NODES)
         log_ratio = self.mean + self.deviation * nodes
@@ -85,17 +75,8 @@ def tabulated_risks(masses: MassRatio | None = None) -> dict[Key, Array]:
     """Return the risks of all published curves at `SPEEDS`, averaged over the masses of the cars.
 
     For each curve there is a second entry under the level ``gentle(level)``, whose risk is 0 at impact speeds
-    of `GENTLE` or more.
-
-    Parameters
-    ----------
-    masses
-        Distribution of the ratio of the masses; by default both cars have the same distribution.
-
-    Returns
-    -------
-    dict
-        Risks at `SPEEDS`, by level of injury, struck end of the car and source of the curve.
+    of `GENTLE` or more. The keys are level of injury, struck end of the car and source of the curve. By
+    default both cars have the same distribution of the mass.
     """
     masses = MassRatio() if masses is None else masses
     risks = {

@@ -28,48 +28,20 @@ COLUMNS = ["vehicle", "level", "per", "mean", *SUMMARY[1:], "per_crash", "in_own
 
 @dataclass(frozen=True)
 class Injured:
-    """Draws of the expected number of injured drivers in a cut-in, at one level of injury.
+    """Draws of the expected number of injured drivers in a cut-in, at one level of injury."""
 
-    Attributes
-    ----------
-    own, other
-        Probability in a cut-in that the driver of the car under test, or the driver of the car that cuts in,
-        is injured, by each curve, shape (draws, curves).
-    crash
-        Draws of the crash probability, shape (draws,).
-    member
-        Index of the law of each draw, shape (draws,).
-    sources
-        Names of the sources of the curves of ``own`` and of ``other``.
-    gentle
-        Mean number of drivers in a cut-in who are injured in impacts below `impacts.GENTLE`.
-    """
-
-    own: Array
-    other: Array
-    crash: Array
-    member: NDArray[np.int_]
+    own: Array  # P(driver of the car under test is injured in a cut-in) by curve, (draws, curves)
+    other: Array  # the same for the driver of the car that cuts in
+    crash: Array  # draws of the crash probability, (draws,)
+    member: NDArray[np.int_]  # index of the law of each draw, (draws,)
+    # Names of the sources of the curves of `own` and of `other`.
     sources: tuple[Sequence[str], Sequence[str]]
+    # Mean number of drivers in a cut-in who are injured in impacts below `impacts.GENTLE`.
     gentle: float = 0.0
 
     @classmethod
     def of(cls, posterior: Posterior, expected: Array, keys: Sequence[Key], level: str) -> "Injured":
-        """Collect the draws of one level of injury from a posterior.
-
-        Parameters
-        ----------
-        posterior, expected
-            Draws of the crash probability, and expected value of each risk in an encounter, (draws, risks).
-        keys
-            Level, struck end and source of each risk of the posterior.
-        level
-            Level of injury, one of `curves.LEVELS`.
-
-        Returns
-        -------
-        Injured
-            Draws of the expected numbers of injured drivers, by curve of the risk.
-        """
+        """Collect the draws of one level of injury from a posterior and expected risks, (draws, risks)."""
 
         def drawn(level: str, impact: str) -> tuple[Array, list[str]]:
             chosen = [i for i, (of, end, _) in enumerate(keys) if (of, end) == (level, impact)]
@@ -112,23 +84,10 @@ def injuries_table(
 ) -> pd.DataFrame:
     """Tabulate the injured drivers per cut-in, and per million kilometres and hours if these are known.
 
-    Parameters
-    ----------
-    injured
-        Draws of the number of injured drivers, by vehicle and level of injury.
-    cut_ins
-        Number of distinct closing cut-ins within the limits.
-    exposure
-        ``kilometres`` and ``hours`` in which they were recorded; None if unknown.
-
-    Returns
-    -------
-    pandas.DataFrame
-        Columns ``vehicle``, ``level`` and ``per``; ``mean``, ``median`` and the interval ends ``low50`` to
-        ``high95``, with the uncertainty of the data, the choice of law and the choice of curve;
-        ``per_crash``, the expected number of injured drivers in a crash; ``in_own_car``, the share of the
-        injured drivers who drive the car under test; and ``gentle``, the share of those who are injured in
-        impacts below `impacts.GENTLE`, where the curves are extrapolated.
+    Mean, median and interval ends include the uncertainty of the data, the choice of law and the choice of
+    curve. ``per_crash`` is the expected number of injured drivers in a crash, ``in_own_car`` the share of the
+    injured who drive the car under test, and ``gentle`` the share of those who are injured in impacts below
+    `impacts.GENTLE`, where the curves are extrapolated.
     """
     rates = {f"million {key}": Rate(cut_ins, size) for key in UNITS if (size := exposure[key]) is not None}
     rows = []
@@ -151,20 +110,8 @@ def balance_table(injured: Mapping[str, Mapping[str, Injured]], tested: str) -> 
     """Compare the injured drivers of the vehicle under test with those of each other vehicle.
 
     Both vehicles have the same draws of the law and the same curves, so most of the uncertainty cancels.
-
-    Parameters
-    ----------
-    injured
-        Draws of the number of injured drivers, by vehicle and level of injury.
-    tested
-        Name of the vehicle under test.
-
-    Returns
-    -------
-    pandas.DataFrame
-        Columns ``vehicle``, ``reference``, ``level``; ``ratio``, ``ratio_low80`` and ``ratio_high80`` (median
-        and 80 % interval of the ratio of injured drivers); and ``fewer_injured``, the probability that there
-        are fewer injured drivers with the vehicle under test. A reference that never crashes has no row.
+    ``ratio`` is the median of the ratio of injured drivers, with its 80 % interval, and ``fewer_injured`` the
+    probability that there are fewer with the vehicle under test. A reference that never crashes has no row.
     """
     rows = []
     for reference in injured:
@@ -184,20 +131,9 @@ def balance_table(injured: Mapping[str, Mapping[str, Injured]], tested: str) -> 
 def injury_budget(injured: Mapping[str, Injured], sampling_deviation: float) -> pd.DataFrame:
     """Divide the variance of the logarithm of the injured drivers among its sources, for each level.
 
-    The sources are the data, the choice of law, the choice of curve, and the sampling.
-
-    Parameters
-    ----------
-    injured
-        Draws of the number of injured drivers, by level of injury.
-    sampling_deviation
-        Relative standard deviation of an estimator of the crash probability.
-
-    Returns
-    -------
-    pandas.DataFrame
-        One row for each level and source: ``level``; ``source``, the last of which is ``together``;
-        ``factor``, exp(standard deviation of the logarithm); and ``variance_share``.
+    The sources are the data, the choice of law, the choice of curve, and the sampling. ``sampling_deviation``
+    is the relative standard deviation of an estimator of the crash probability. The last source is
+    ``together``, and ``factor`` is exp(standard deviation of the logarithm).
     """
     sampling = float(np.log1p(sampling_deviation**2))
     parts = [
@@ -211,14 +147,8 @@ def injury_budget(injured: Mapping[str, Injured], sampling_deviation: float) -> 
 def injuries_by_curve(injured: Mapping[str, Mapping[str, Injured]]) -> pd.DataFrame:
     """Tabulate the injured drivers per cut-in for each combination of two curves.
 
-    The columns are ``vehicle``, ``level``, ``frontal`` and ``rear`` (the sources of the curves of the two
-    drivers) and, over the draws of the law, the mean ``probability``, the ``median``, and the ends ``low50``
-    to ``high95`` of the 50, 80 and 95 % credible intervals.
-
-    Parameters
-    ----------
-    injured
-        Draws of the number of injured drivers, by vehicle and level of injury.
+    ``frontal`` and ``rear`` are the sources of the curves of the two drivers. Mean, median and credible
+    intervals are those over the draws of the law.
     """
     rows = [
         {"vehicle": vehicle, "level": level, FRONTAL: names[0], REAR: names[1]}
@@ -263,28 +193,10 @@ def injury_tables(
     exposure: Mapping[str, float | None],
     sampling_deviation: float,
 ) -> dict[str, pd.DataFrame]:
-    """Return all tables of injuries: numbers, comparison of vehicles, budget of the variance, and curves.
+    """Return the tables of injuries: numbers, comparison of vehicles, budget of the variance, and curves.
 
-    Parameters
-    ----------
-    posteriors
-        Posterior of the crash probability of each vehicle, and the expected values of the risks. Vehicles
-        whose crash map was rejected are left out.
-    tested
-        Name of the vehicle under test.
-    keys
-        Level of injury, struck end and source of each risk.
-    cut_ins, exposure
-        Number of distinct closing cut-ins, and the ``kilometres`` and ``hours`` in which they were recorded;
-        None if unknown.
-    sampling_deviation
-        Relative standard deviation of an estimator of the crash probability.
-
-    Returns
-    -------
-    dict
-        ``injuries`` (see `injuries_table`), ``injuries_by_curve``, ``risk_balance`` (`balance_table`),
-        ``injury_budget`` and ``injury_curves`` (`curves_table`).
+    ``posteriors`` has the crash probability and the expected risks of each vehicle; vehicles whose crash map
+    was rejected are left out. The kilometres and hours of ``exposure`` are None if unknown.
     """
     injured = {
         name: {level: Injured.of(posterior, expected, keys, level) for level in LEVELS}

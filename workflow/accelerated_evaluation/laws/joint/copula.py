@@ -26,24 +26,14 @@ STRONGEST = 0.999  # largest absolute correlation
 @LAWS.add("gaussian_copula")
 @dataclass(frozen=True, eq=False)
 class GaussianCopula(JointLaw):
-    """Smooth marginal distributions with a Gaussian copula.
-
-    Attributes
-    ----------
-    box
-        The variables and their limits.
-    margins
-        Marginal distribution of each variable.
-    correlation
-        Correlation matrix of the normal scores, shape (d, d).
-    """
+    """Smooth marginal distributions with a Gaussian copula."""
 
     kind: ClassVar[str] = "gaussian_copula"
     candidates: ClassVar[Mapping[str, Mapping[str, int]]] = {"Gaussian copula": {}}
 
     box: Box
-    margins: Sequence[TruncatedNormalMixture]
-    correlation: Array
+    margins: Sequence[TruncatedNormalMixture]  # marginal distribution of each variable
+    correlation: Array  # correlation matrix of the normal scores, (d, d)
 
     @classmethod
     def fit(

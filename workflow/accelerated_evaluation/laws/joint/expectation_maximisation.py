@@ -37,26 +37,12 @@ Mixture = tuple[Array, Normals]
 
 @dataclass(frozen=True)
 class Fitted:
-    """Summary of a fit.
-
-    Attributes
-    ----------
-    records
-        Number of records.
-    log_likelihood
-        Log likelihood of the records, with weights whose mean is 1.
-    iterations
-        Number of iterations from the best start.
-    converged
-        Whether the log likelihood stopped increasing before the limit of iterations.
-    aic, bic
-        Information criteria of Akaike and Schwarz, with K - 1 + K (d + d (d + 1) / 2) parameters.
-    """
+    """Summary of a fit; the information criteria count K - 1 + K (d + d (d + 1) / 2) parameters."""
 
     records: int
-    log_likelihood: float
-    iterations: int
-    converged: bool
+    log_likelihood: float  # of the records, with weights whose mean is 1
+    iterations: int  # from the best start
+    converged: bool  # whether the log likelihood stopped increasing before the limit of iterations
     aic: float
     bic: float
 
@@ -72,28 +58,15 @@ class Fitted:
 
 @dataclass(frozen=True)
 class Expected:
-    """A mixture, and the result of the E-step that the next M-step needs.
-
-    Attributes
-    ----------
-    shares, normals
-        The mixture.
-    mass, first, second
-        Probability of the box under each component, shape (K,), and first and second moments within the box
-        about the mean of the component, shapes (K, d) and (K, d, d).
-    responsibility
-        Probability of each component given each record, shape (K, n).
-    value
-        Mean log likelihood of a record.
-    """
+    """A mixture, and the result of the E-step that the next M-step needs."""
 
     shares: Array
     normals: Normals
-    mass: Array
-    first: Array
-    second: Array
-    responsibility: Array
-    value: float
+    mass: Array  # probability of the box under each component, (K,)
+    first: Array  # mean within the box of x minus the mean of the component, (K, d)
+    second: Array  # second moments about the same mean, (K, d, d)
+    responsibility: Array  # probability of each component given each record, (K, n)
+    value: float  # mean log likelihood of a record
 
 
 def parameters_of_mixture(components: int, dimension: int) -> int:
@@ -112,32 +85,11 @@ def fit_mixture(
     weights: Array | None = None,
     start: Mixture | None = None,
 ) -> tuple[Array, Normals, Fitted]:
-    """Fit a mixture of K normal distributions, each truncated to a box.
+    """Fit a mixture of K normal distributions, each truncated to a box, to records x of shape (n, d).
 
-    Parameters
-    ----------
-    x
-        Records within the box, shape (n, d).
-    box
-        The box.
-    components
-        Number K of components.
-    generator
-        Random generator for k-means.
-    weights
-        Weight of each record, shape (n,); by default all are equal.
-    start
-        Shares and components from which the iterations begin; by default, the best of `STARTS` runs of
-        k-means.
-
-    Returns
-    -------
-    shares : numpy.ndarray
-        Share of each component within the box, shape (K,).
-    normals : Normals
-        The components before the truncation.
-    fitted : Fitted
-        Summary of the fit.
+    Return the shares of the components within the box, (K,), the components before the truncation, and a
+    summary. Without a ``start`` (shares and components), the iterations begin at the best of `STARTS` runs of
+    k-means.
     """
     n, d = x.shape
     weight, centre, scale = normalised(weights, n), x.mean(axis=0), x.std(axis=0)

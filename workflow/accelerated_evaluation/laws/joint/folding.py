@@ -17,19 +17,8 @@ def folded(law: TruncatedNormalMixture, variable: int) -> TruncatedNormalMixture
     Each component becomes two: its part above zero, and the mirror image of its part below zero. Folding
     helps the sampler in normal scores if events occur at values near zero of either sign. These values are a
     thin layer in the middle of the distribution of the variable, but the lower tail of its absolute value.
-
-    Parameters
-    ----------
-    law
-        The law, whose box has zero inside the limits of the variable.
-    variable
-        Index of the variable.
-
-    Raises
-    ------
-    InputError
-        If the limits of the variable are not symmetric, so that the total probability of the folded law
-        would differ from 1 by more than `BEYOND`.
+    InputError is raised if the limits of the variable are not symmetric, so that the total probability of the
+    folded law would differ from 1 by more than `BEYOND`.
     """
     box, mean, covariance = law.box, law.normals.mean, law.normals.covariance
     sign = np.ones(law.dimension)

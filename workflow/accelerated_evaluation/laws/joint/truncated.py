@@ -52,17 +52,8 @@ def interval_mass(low: Array, high: Array) -> Array:
 def gauss_nodes(low: Array, high: Array) -> tuple[Array, Array]:
     """Return Gauss-Legendre nodes in intervals, and their weights times the standard normal density.
 
-    Parts of an interval in which the density is negligible compared with its largest value are left out.
-
-    Parameters
-    ----------
-    low, high
-        Ends of the intervals, of any shape s.
-
-    Returns
-    -------
-    nodes, weights : numpy.ndarray
-        Both of shape (*s, 32).
+    Nodes and weights have the shape (..., 32). Parts of an interval in which the density is negligible
+    compared with its largest value are left out.
     """
     nearest = np.clip(0.0, low, high)
     reach = np.sqrt(nearest**2 + 2 * NEGLIGIBLE)
@@ -78,19 +69,10 @@ class Normals:
 
     Points are given in standardised variables e of shape (K, n, j): the first j variables of n points for
     each of the K distributions.
-
-    Attributes
-    ----------
-    mean
-        Means, shape (K, d).
-    covariance
-        Covariance matrices, shape (K, d, d).
-    box
-        The box.
     """
 
-    mean: Array
-    covariance: Array
+    mean: Array  # shape (K, d)
+    covariance: Array  # shape (K, d, d)
     box: Box
 
     def __post_init__(self) -> None:
@@ -124,37 +106,13 @@ class Normals:
         return -0.5 * (e * e).sum(axis=2) - scale[:, None] - x.shape[1] * LOG_ROOT_2PI
 
     def next_standardised(self, e: Array, value: Array | float) -> Array:
-        """Return the standardised next variable, given its values and the earlier variables.
-
-        Parameters
-        ----------
-        e
-            Standardised earlier variables, shape (K, n, j).
-        value
-            Values of the next variable, shape (n,).
-
-        Returns
-        -------
-        numpy.ndarray
-            e_(j+1), shape (K, n).
-        """
+        """Return e_(j+1), shape (K, n), from x_(j+1), shape (n,), and the earlier e, shape (K, n, j)."""
         j = e.shape[-1]
         shift = self.mean[:, None, j] + np.einsum("kni,ki->kn", e, self.factor[:, j, :j])
         return (value - shift) / self.factor[:, None, j, j]
 
     def mass_beyond(self, e: Array) -> Array:
-        """Return the probability that the remaining variables are in the box, given the first j variables.
-
-        Parameters
-        ----------
-        e
-            Standardised first j variables, shape (K, n, j).
-
-        Returns
-        -------
-        numpy.ndarray
-            Probabilities, shape (K, n).
-        """
+        """Return P(remaining variables in the box | first j standardised variables e), shape (K, n)."""
         if e.shape[-1] == self.box.dimension:
             return np.ones(e.shape[:2])
         nodes, weight = self._nodes(e)
@@ -162,20 +120,7 @@ class Normals:
         return mass.reshape(*e.shape[:2], -1).sum(axis=2)
 
     def between(self, e: Array, low: Array | float, high: Array | float) -> Array:
-        """Return the probability that the next variable is in an interval and all later ones are in the box.
-
-        Parameters
-        ----------
-        e
-            Standardised earlier variables, which are given, shape (K, n, j).
-        low, high
-            Ends of the interval of the next variable, shape (n,).
-
-        Returns
-        -------
-        numpy.ndarray
-            Probabilities given e, shape (K, n).
-        """
+        """Return P(next variable in [low, high], all later ones in the box | e), shape (K, n)."""
         ends = self.next_standardised(e, low), self.next_standardised(e, high)
         if e.shape[-1] == self.box.dimension - 1:
             return interval_mass(*ends)
@@ -183,35 +128,15 @@ class Normals:
         return (weight * self.mass_beyond(_appended(e, node)).reshape(weight.shape)).sum(axis=2)
 
     def density_of_next(self, e: Array, value: Array) -> Array:
-        """Return the density of the next variable times the probability that all later ones are in the box.
-
-        Parameters
-        ----------
-        e
-            Standardised earlier variables, which are given, shape (K, n, j).
-        value
-            Values of the next variable at which the density is computed, shape (n,).
-
-        Returns
-        -------
-        numpy.ndarray
-            Densities, shape (K, n).
-        """
+        """Return the density of the next variable times P(all later ones in the box), given e, (K, n)."""
         own = self.next_standardised(e, value)
         scale = self.factor[:, None, e.shape[-1], e.shape[-1]]
         return normal_density(own) / scale * self.mass_beyond(_appended(e, own[..., None]))
 
     def moments(self) -> tuple[Array, Array, Array]:
-        """Return the probability of the box, and the first and second moments within the box.
+        """Return P(box) and the first two moments of x - mean within the box, of each distribution.
 
-        Returns
-        -------
-        mass : numpy.ndarray
-            Probability of the box under each distribution, shape (K,).
-        first : numpy.ndarray
-            Mean of x - mean within the box, shape (K, d).
-        second : numpy.ndarray
-            Mean of (x - mean)(x - mean)' within the box, shape (K, d, d).
+        Their shapes are (K,), (K, d) and (K, d, d).
         """
         e, weight = self._nodes(self.nothing_given)
         low, high = self._limits(e)

@@ -38,26 +38,16 @@ MAPPED_AT_ONCE = 800  # number of points times components, so that arrays stay i
 @LAWS.add("truncated_normals")
 @dataclass(frozen=True, eq=False)
 class TruncatedNormalMixture(JointLaw):
-    """Mixture of K normal distributions, each truncated to the box.
-
-    Attributes
-    ----------
-    shares
-        Share of each component in the probability within the box, shape (K,).
-    normals
-        The components before the truncation, with the box.
-    fitted
-        Summary of the fit; None if the law was not fitted.
-    """
+    """Mixture of K normal distributions, each truncated to the box."""
 
     kind: ClassVar[str] = "truncated_normals"
     candidates: ClassVar[Mapping[str, Mapping[str, int]]] = {
         f"truncated normals, K = {k}": {"components": k} for k in (2, 3, 4, 6, 8)
     }
 
-    shares: Array
-    normals: Normals
-    fitted: Fitted | None = None
+    shares: Array  # share of each component in the probability within the box, (K,)
+    normals: Normals  # the components before the truncation, with the box
+    fitted: Fitted | None = None  # None if the law was not fitted
 
     @classmethod
     def fit(
@@ -150,16 +140,10 @@ class TruncatedNormalMixture(JointLaw):
         return x
 
     def _next_quantile(self, e: Array, weight: Array, z: Array) -> Array:
-        """Return the next variable at normal scores, given the earlier variables of each point.
+        """Return the next variable at normal scores z, shape (n,).
 
-        Parameters
-        ----------
-        e
-            Standardised earlier variables, shape (K, n, j); see `Normals`.
-        weight
-            Weight of each component at each point, shape (K, n).
-        z
-            Normal scores of the next variable, shape (n,).
+        It is conditional on the earlier e, shape (K, n, j), with the given weight of each component at each
+        point.
         """
         low, high = self.box.lower[e.shape[-1]], self.box.upper[e.shape[-1]]
         from_top = z > 0

@@ -24,25 +24,10 @@ LARGEST_WEIGHT = 2.0  # largest importance weight of a draw of `draw_wide`
 
 
 def course_columns(names: Iterable[str], where: str) -> list[str]:
-    """Return the columns of lead speeds over time of a table of cut-ins, in the order of their times.
+    """Return ``lead_speed`` and the columns ``speed_0.1``, ... of a table, in the order of their times [s].
 
-    Parameters
-    ----------
-    names
-        Names of all columns; those of lead speeds are ``speed_0.1``, ..., with the time [s].
-    where
-        Name of the table, for the error.
-
-    Returns
-    -------
-    list of str
-        ``lead_speed``, for 0 s, followed by the columns; an empty list if there are none.
-
-    Raises
-    ------
-    InputError
-        If another name begins with ``speed``, if two names have the same time, or if the times do not cover
-        8 s in intervals of at most 8 s.
+    The list is empty if no name begins with ``speed``. InputError is raised if such a name has no time, if
+    two names have the same time, or if the times do not cover 8 s in intervals of at most 8 s.
     """
     similar = [name for name in map(str, names) if SIMILAR_COLUMN.fullmatch(name)]
     wrong = [name for name in similar if not COURSE_COLUMN.fullmatch(name)]
@@ -72,31 +57,16 @@ def _course_error(where: str, seen: str, expected: str) -> InputError:
 
 
 class LeadMotion(Protocol):
-    """A law of lead motion: lead speeds over time as a function of a few uniform random inputs on [0, 1].
+    """A law of lead motion: lead speeds over time as a function of a few uniform random inputs on [0, 1]."""
 
-    Attributes
-    ----------
-    inputs
-        Number of inputs.
-    """
-
-    inputs: int
+    inputs: int  # number of inputs
 
     def lead_speeds(self, encounters: Array, inputs: Array) -> Array:
-        """Return the lead speeds over time for n encounters.
+        """Return the lead speeds [m/s] at 0, 0.1, ..., 8 s for n encounters, shape (n, 81).
 
-        Parameters
-        ----------
-        encounters
-            Lead speed [m/s], range [m] and closing speed [m/s] at the lane change, shape (3, n).
-        inputs
-            Inputs between 0 and 1, shape (n, inputs).
-
-        Returns
-        -------
-        numpy.ndarray
-            Lead speeds [m/s] at 0, 0.1, ..., 8 s, shape (n, 81). They are not negative, and the first one
-            is the lead speed of the encounter.
+        The encounters are lead speed [m/s], range [m] and closing speed [m/s] at the lane change, shape (3,
+        n), and the inputs have the shape (n, inputs). The speeds are not negative, and the first one is that
+        of the encounter.
         """
 
 
@@ -104,22 +74,7 @@ MOTIONS: Registry[type[LeadMotion]] = Registry("lead motion", __package__, [str(
 
 
 def draw_lead_speeds(motion: LeadMotion, encounters: Array, generator: np.random.Generator) -> Array:
-    """Draw random lead speeds over time for n encounters.
-
-    Parameters
-    ----------
-    motion
-        The law of lead motion.
-    encounters
-        Lead speed [m/s], range [m] and closing speed [m/s] at the lane change, shape (3, n).
-    generator
-        Random generator.
-
-    Returns
-    -------
-    numpy.ndarray
-        Lead speeds [m/s] at 0, 0.1, ..., 8 s, shape (n, 81).
-    """
+    """Draw the lead speeds [m/s] at 0, 0.1, ..., 8 s for encounters of shape (3, n), in shape (n, 81)."""
     return motion.lead_speeds(encounters, generator.random((encounters.shape[1], motion.inputs)))
 
 
@@ -127,24 +82,8 @@ def draw_wide(motion: LeadMotion, size: int, generator: np.random.Generator) -> 
     """Draw inputs of a law of lead motion such that extreme inputs are more frequent than under the law.
 
     Half of the draws are from the law. In the other half, one input is chosen at random, and the logarithm of
-    its distance from 0 or from 1 is uniform.
-
-    Parameters
-    ----------
-    motion
-        The law of lead motion.
-    size
-        Number of draws.
-    generator
-        Random generator.
-
-    Returns
-    -------
-    inputs
-        Inputs between 0 and 1, shape (size, inputs).
-    weights
-        Importance weights, which are the density of the law divided by the density of these draws, shape
-        (size,). They are at most `LARGEST_WEIGHT`.
+    its distance from 0 or from 1 is uniform. The function returns the inputs, shape (size, inputs), and their
+    importance weights (density of the law over density of the draws), which are at most `LARGEST_WEIGHT`.
     """
     inputs = generator.random((size, motion.inputs))
     if not motion.inputs:

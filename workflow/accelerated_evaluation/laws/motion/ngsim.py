@@ -44,16 +44,11 @@ class Ngsim:
     The changes of speed at whole seconds are interpolated by monotone cubic polynomials, so that the
     acceleration is continuous. The scores are within the range of the recorded scores. Negative speeds are
     replaced by 0.
-
-    Attributes
-    ----------
-    scale
-        Factor by which the changes of speed are multiplied. With 0 the lead vehicle keeps its speed.
     """
 
     inputs: ClassVar[int] = 3
 
-    scale: float = 1.0
+    scale: float = 1.0  # factor of the changes of speed; with 0 the lead vehicle keeps its speed
 
     def lead_speeds(self, encounters: Array, inputs: Array) -> Array:
         """Return the lead speeds [m/s] of n encounters at 0, 0.1, ..., 8 s, shape (n, 81).

@@ -40,19 +40,12 @@ class Recorded:
     selects a cut-in in the order of the mean change of speed, from the hardest braking at 0 to the strongest
     acceleration at 1. The change of speed over time is that of the selected cut-in. Negative speeds are
     replaced by 0.
-
-    Attributes
-    ----------
-    encounters
-        Lead speed [m/s], range [m] and closing speed [m/s] of the recorded cut-ins, shape (3, n).
-    courses
-        Lead speeds over time [m/s] of the recorded cut-ins, shape (n, STATES). They are `AWAY` after the car
-        has left the lane.
     """
 
     inputs: ClassVar[int] = 1
 
-    encounters: Array = field(repr=False)
+    encounters: Array = field(repr=False)  # lead speed [m/s], range [m] and closing speed [m/s], (3, n)
+    # Lead speeds over time [m/s], (n, STATES); `AWAY` after the car has left the lane.
     courses: Array = field(repr=False)
     _scale: Array = field(init=False, repr=False)
     _tree: cKDTree = field(init=False, repr=False)
@@ -76,20 +69,10 @@ class Recorded:
 
     @classmethod
     def of(cls, table: pd.DataFrame, where: str = "recorded courses") -> Self:
-        """Return the law of a table of cut-ins with speed profiles.
+        """Return the law of a table with ``lead_speed``, ``range``, ``closing_speed`` and speed profiles.
 
-        Parameters
-        ----------
-        table
-            Columns ``lead_speed`` [m/s], ``range`` [m] and ``closing_speed`` [m/s], and the columns of speeds
-            that `recorded_courses` describes.
-        where
-            Name of the table, for the error.
-
-        Raises
-        ------
-        InputError
-            If there are fewer than `FEWEST` cut-ins, or as for `recorded_courses`.
+        InputError is raised if there are fewer than `FEWEST` cut-ins, or as for `recorded_courses`. The table
+        is called ``where`` in errors.
         """
         encounters = _numbers(table[list(NAMES)], where).T
         possible = np.isfinite(encounters) & (encounters >= [[0.0], [np.finfo(float).tiny], [-np.inf]])
@@ -148,14 +131,8 @@ def _balanced(weights: Array, offsets: Array) -> Array:
 
     The mean of m neighbours varies by 1/m of their variance even if they lie on all sides. The balance
     ignores offsets of this size. For this, it has a ridge of 1/m, where m is the effective number of
-    neighbours.
-
-    Parameters
-    ----------
-    weights
-        Weights by distance, shape (n, k).
-    offsets
-        Neighbours minus place, relative to the distance of the farthest one, shape (n, k, 3).
+    neighbours. The weights have the shape (n, k). The offsets, neighbours minus place, are relative to the
+    distance of the farthest neighbour, shape (n, k, 3).
     """
     rows, neighbours, features = offsets.shape
     shares = np.empty_like(weights)
@@ -187,21 +164,12 @@ def recorded_courses(
 ) -> Array:
     """Return the recorded lead speeds [m/s] of n cut-ins at 0, 0.1, ..., 8 s, shape (n, 81).
 
-    Parameters
-    ----------
-    table
-        ``lead_speed`` [m/s], and columns such as ``speed_0.2``, which contains the speed of the lead vehicle
-        [m/s] 0.2 s after the lane change. The columns reach 8 s or more, and speeds in between are
-        interpolated. Cells after the time when the lead vehicle left the lane again are empty; the vehicle
-        then gets the speed `AWAY` (100 m/s), so that it cannot be hit.
-    where, rows
-        Names of the table and of its rows, for the error; by default ``cut-in 0``, ``cut-in 1``, ...
-
-    Raises
-    ------
-    InputError
-        If the columns do not cover 8 s (`course_columns`), or if a speed is negative, infinite, follows an
-        empty cell, or differs from the one before it by more than a car can change its speed.
+    A column such as ``speed_0.2`` contains the speed of the lead vehicle [m/s] 0.2 s after the lane change.
+    The columns reach 8 s or more, and speeds in between are interpolated. Cells after the time when the lead
+    vehicle left the lane again are empty; the vehicle then gets the speed `AWAY` (100 m/s), so that it cannot
+    be hit. InputError is raised if the columns do not cover 8 s (`course_columns`), or if a speed is
+    negative, infinite, follows an empty cell, or differs from the one before it by more than a car can change
+    its speed. ``where`` and ``rows`` name the table and its rows in errors.
     """
     names = course_columns(table.columns, where)
     if not names:

@@ -43,17 +43,7 @@ def _root(gradient: Callable[[float], float], low: float, high: float) -> float:
 
 
 def _climb(negative: Objective, starts: list[list[float]], bounds: list[tuple] | None = None) -> Array:
-    """Return the best minimum of a function that is reached from several starting points.
-
-    Parameters
-    ----------
-    negative
-        Function that returns its value and gradient.
-    starts
-        Starting points.
-    bounds
-        Bounds of each variable; the minimum may be on a bound.
-    """
+    """Return the best minimum reached from several starting points; it may be on a bound."""
     options = {"ftol": 1e-16, "gtol": GRADIENT_LIMIT / 100, "maxiter": 500}
     search = {"method": "L-BFGS-B", "jac": True, "bounds": bounds, "options": options}
     best = min((optimize.minimize(negative, start, **search) for start in starts), key=lambda end: end.fun)

@@ -44,43 +44,17 @@ VANISHES = "the density is zero for all parameters"
 
 @dataclass(frozen=True)
 class CandidateFamily:
-    """A candidate family of distributions.
-
-    Parameters
-    ----------
-    name, parameters
-        Name of the family, and names of its free parameters.
-    coordinate
-        Function ``(x, lower)`` that returns the transformed sample for `estimate`, such as x - lower. It
-        raises NoMaximumError if a value is outside of the support.
-    estimate
-        Function of the transformed sample that returns the maximum-likelihood estimates, in the order of
-        `parameters`.
-    freeze
-        Function ``(lower, *estimates)`` that returns the distribution of x.
-    """
+    """A candidate family of distributions."""
 
     name: str
-    parameters: tuple[str, ...]
+    parameters: tuple[str, ...]  # names of the free parameters
+    # (x, lower) -> sample for `estimate`, such as x - lower; NoMaximumError if a value is outside.
     coordinate: Callable[[Array, float], Array]
-    estimate: Estimator
-    freeze: Callable[..., rv_frozen]
+    estimate: Estimator  # Maximum-likelihood estimates in the order of `parameters`
+    freeze: Callable[..., rv_frozen]  # (lower, *estimates) -> distribution of x
 
     def fit(self, x: Array, lower: float) -> dict[str, float]:
-        """Return the maximum-likelihood estimates of the parameters by name.
-
-        Parameters
-        ----------
-        x
-            Sample, shape (n,).
-        lower
-            Lower end of the support.
-
-        Raises
-        ------
-        NoMaximumError
-            If the likelihood has no maximum, or an estimate is not finite.
-        """
+        """Return the estimates by name. NoMaximumError is raised if the likelihood has no finite maximum."""
         sample = self.coordinate(x, lower)
         if len(self.parameters) > 1 and np.ptp(sample) == 0:
             raise NoMaximumError("all values are equal: the likelihood is unbounded as the scale shrinks")

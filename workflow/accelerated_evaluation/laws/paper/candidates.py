@@ -22,29 +22,16 @@ class CandidateFit:
     """The fit of a model to a sample of size n.
 
     If the model cannot be fitted, `reason` says why and the criteria are NaN.
-
-    Parameters
-    ----------
-    family, parameters
-        Name of the model, and its estimated parameters by name (in the units of the sample).
-    n_parameters
-        Number of free parameters k.
-    log_likelihood, aic, bic
-        Log-likelihood L (in nats, with densities per unit of the sample), AIC 2k - 2L, and BIC k log n - 2L.
-    ks_distance
-        Kolmogorov-Smirnov distance between the sample and the fit.
-    reason
-        Reason why the model cannot be fitted; empty if there is a fit.
     """
 
     family: str
-    parameters: dict[str, float]
-    n_parameters: int
-    log_likelihood: float = np.nan
-    aic: float = np.nan
-    bic: float = np.nan
-    ks_distance: float = np.nan
-    reason: str = ""
+    parameters: dict[str, float]  # in the units of the sample
+    n_parameters: int  # number k of free parameters
+    log_likelihood: float = np.nan  # L, in nats, with densities per unit of the sample
+    aic: float = np.nan  # 2 k - 2 L
+    bic: float = np.nan  # k log n - 2 L
+    ks_distance: float = np.nan  # Kolmogorov-Smirnov distance between the sample and the fit
+    reason: str = ""  # why the model cannot be fitted; empty if there is a fit
 
 
 def assessed_fit(
@@ -58,24 +45,8 @@ def assessed_fit(
 ) -> CandidateFit:
     """Compute log-likelihood, AIC, BIC and KS distance of a model for the sample to which it was fitted.
 
-    Parameters
-    ----------
-    name, n_parameters, parameters
-        Name, number of free parameters and, optionally, the estimated parameters of the model by name.
-    logpdf, cdf
-        Log density of the model per unit of x, and its continuous distribution function.
-    x
-        Sample, shape (n,).
-
-    Returns
-    -------
-    CandidateFit
-        The fit with its criteria, or with a reason if the log density is not finite at some value.
-
-    Raises
-    ------
-    InputError
-        If x is not a one-dimensional array of finite numbers.
+    The fit has a reason instead if the log density is not finite at some value. InputError is raised if x is
+    not a one-dimensional array of finite numbers.
     """
     x = np.sort(_checked(x))
     parameters = parameters or {}
@@ -105,27 +76,11 @@ def fit_candidates(
     *,
     progress: Callable[[Iterable[CandidateFamily]], Iterable[CandidateFamily]] = iter,
 ) -> list[CandidateFit]:
-    """Fit the 18 candidate families to one sample, each by maximum likelihood.
+    """Fit the 18 candidate families to one sample, each by maximum likelihood, in the order of `FAMILIES`.
 
-    Parameters
-    ----------
-    x
-        Sample, shape (n,), any order.
-    lower
-        Lower end of the support, in units of x; it is given and not estimated.
-    progress
-        Function that wraps the loop over families to show the progress, such as ``tqdm.tqdm``.
-
-    Returns
-    -------
-    list of CandidateFit
-        One fit for each family, in the order of `FAMILIES`. The attribute `reason` is set if a family cannot
-        be fitted.
-
-    Raises
-    ------
-    InputError
-        If x is not a one-dimensional array of finite numbers, or ``lower`` is not finite.
+    The lower end of the support is given and not estimated. The loop over families is wrapped by
+    ``progress``. InputError is raised if x is not a one-dimensional array of finite numbers, or ``lower`` is
+    not finite.
     """
     x = np.sort(_checked(x))
     if not np.isfinite(lower):
@@ -166,13 +121,8 @@ def _checked(x: ArrayLike) -> Array:
 def compare(fits: Iterable[CandidateFit]) -> pd.DataFrame:
     """Return a table of fits to one sample, in increasing order of AIC.
 
-    Models that cannot be fitted come last and have no rank.
-
-    Returns
-    -------
-    pandas.DataFrame
-        Columns ``family``, ``n_parameters``, ``log_likelihood``, ``aic``, ``bic``, ``ks_distance``, ``rank``
-        (by AIC, from 1; equal values share the smaller rank), ``parameters`` (JSON text) and ``reason``.
+    Models that cannot be fitted come last and have no rank. Equal values of AIC share the smaller rank, from
+    1, and ``parameters`` are JSON text.
     """
     table = pd.DataFrame([vars(fit) for fit in fits])
     rank = table["aic"].rank(method="min").astype("Int64")

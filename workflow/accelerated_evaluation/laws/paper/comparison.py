@@ -19,24 +19,9 @@ def compare_with_candidates(
 
     The piecewise models are fitted again to the same rows, with their knots. Knots count as parameters. Rows
     exactly at the lower end of the support (R = 75 m in the paper) are counted, but excluded from all fits,
-    because a family whose density is zero or infinite there could not be fitted.
-
-    Parameters
-    ----------
-    encounters
-        Encounter table.
-    models
-        The piecewise models.
-    variable
-        ``inverse_range`` or ``inverse_ttc``.
-    segment
-        Name of a segment, or ``all`` for all rows.
-
-    Returns
-    -------
-    pandas.DataFrame
-        Columns ``variable``, ``segment``, ``rows``, ``rows_on_edge`` and those of `candidates.compare`, best
-        fit first.
+    because a family whose density is zero or infinite there could not be fitted. The table has the columns
+    ``variable``, ``segment``, ``rows``, ``rows_on_edge`` and those of `candidates.compare`. The segment
+    ``all`` means all rows.
     """
     x = encounters.loc[(encounters["segment"] == segment) | (segment == "all"), variable].to_numpy()
     laws: dict[int, PiecewiseMixture] = {}

@@ -50,39 +50,21 @@ class IndependentLaw(StratifiedLaw):
     """The paper's law, in which v_L, R^-1 and TTC^-1 are independent within each segment of v_L.
 
     R^-1 has the same distribution in all segments, and TTC^-1 has one distribution for each segment (paper,
-    section VI.A).
-
-    Attributes
-    ----------
-    description
-        Description of the data to which the law was fitted.
-    counts
-        Number of lane changes in each segment of v_L, in order of speed. The segments are weighted by their
-        share of these counts.
-    inverse_range
-        Distribution of R^-1 [1/m].
-    inverse_ttc
-        Distribution of TTC^-1 [1/s] by segment.
-    lead_speeds
-        The recorded v_L [m/s] by segment. They are read from the encounter table and not stored in the law
-        file, and they are ignored when two laws are compared for equality.
-    closing_speed_max
-        Cap on closing speeds [m/s].
-
-    Raises
-    ------
-    ValueError
-        If counts, distributions and lead speeds have different segments, or a count is not positive.
+    section VI.A). ValueError is raised if counts, distributions and lead speeds have different segments, or a
+    count is not positive.
     """
 
     kind: ClassVar[str] = "independent"
 
     description: str
+    # Lane changes in each segment, in order of speed; their shares are the weights of the segments.
     counts: Mapping[str, int]
-    inverse_range: Described
-    inverse_ttc: Mapping[str, Described]
+    inverse_range: Described  # of R^-1 [1/m]
+    inverse_ttc: Mapping[str, Described]  # of TTC^-1 [1/s], by segment
+    # The recorded v_L [m/s] by segment, which are read from the encounter table and not stored in the law
+    # file.
     lead_speeds: Mapping[str, Empirical] = field(compare=False)
-    closing_speed_max: float = math.inf
+    closing_speed_max: float = math.inf  # cap on closing speeds [m/s]
 
     def __post_init__(self) -> None:
         segments = {name: [*part] for name, part in vars(self).items() if isinstance(part, Mapping)}
@@ -155,20 +137,7 @@ class IndependentLaw(StratifiedLaw):
 
 
 def recorded_lead_speeds(encounters: pd.DataFrame, segments: Mapping[str, Any]) -> dict[str, Empirical]:
-    """Return the recorded v_L [m/s] of each segment of an encounter table, by name of the segment.
-
-    Parameters
-    ----------
-    encounters
-        Encounter table.
-    segments
-        Mapping whose keys are the names of the segments.
-
-    Raises
-    ------
-    ValueError
-        If a segment has no encounter.
-    """
+    """Return the recorded v_L [m/s] of each segment by name; ValueError if a segment has no encounter."""
     speeds = encounters.groupby("segment", observed=True)["lead_speed"]
     missing = [segment for segment in segments if segment not in speeds.groups]
     if missing:

@@ -28,27 +28,11 @@ PAPER_LAWS = (*PIECEWISE, "single")
 def choose_knots(
     x: Array, lower: float, families: list[PieceFamily], settings: Mapping[str, Any]
 ) -> list[float]:
-    """Choose knots by the configured method: at quantiles, at given values, or by profile likelihood.
+    """Choose knots by the configured method: at quantiles, given, or by profile likelihood.
 
     Knots are moved if a piece would contain fewer than two different values. If the profile likelihood cannot
     be computed for any knots of its grid, the best knots for exponential pieces are used. A warning is issued
-    in both cases.
-
-    Parameters
-    ----------
-    x
-        Sample, shape (n,).
-    lower
-        Lower end of the support.
-    families
-        Family of each piece.
-    settings
-        Section of the configuration with the key ``method`` and the settings of the method.
-
-    Returns
-    -------
-    list of float
-        The knots, in increasing order.
+    in both cases. ``settings`` contains the key ``method`` and the settings of the method.
     """
     if settings["method"] == "profile":
         grid = np.linspace(*(settings["profile"][name] for name in ("low", "high", "points")))
@@ -78,24 +62,7 @@ def fit_paper_laws(
 
     The laws ``two_pieces`` and ``three_pieces`` are piecewise mixtures, and are named by the number of pieces
     of R^-1. In the law ``single``, R^-1 has a Pareto distribution and TTC^-1 has an exponential distribution.
-
-    Parameters
-    ----------
-    encounters
-        Encounter table.
-    models
-        Section ``models`` of the configuration.
-    range_max
-        Largest range [m]; the support of R^-1 begins at its inverse.
-    description
-        Description of the encounters.
-    closing_speed_max
-        Cap on closing speeds [m/s].
-
-    Returns
-    -------
-    dict
-        The fitted laws by name.
+    The support of R^-1 begins at 1 / range_max [1/m], and ``closing_speed_max`` is a cap [m/s].
     """
     lower = 1 / range_max
     inverse_range = encounters["inverse_range"].to_numpy()
@@ -138,20 +105,7 @@ def families_of_ttc(models: Mapping[str, Any]) -> list[PieceFamily]:
 
 
 def simpler_pieces(law: IndependentLaw, models: Mapping[str, Any]) -> list[str]:
-    """Return one sentence for each piece that was fitted with a simpler family than configured.
-
-    Parameters
-    ----------
-    law
-        A fitted piecewise law.
-    models
-        Section ``models`` of the configuration with which the law was fitted.
-
-    Returns
-    -------
-    list of str
-        The sentences; empty if all pieces have the configured family.
-    """
+    """Return one sentence for each piece that was fitted with a simpler family than ``models`` configures."""
     laws = {"R^-1": (law.inverse_range, families_of_range(models, len(law.inverse_range.components)))}
     for segment, of_segment in law.inverse_ttc.items():
         laws[f"TTC^-1 in segment {segment} m/s"] = of_segment, families_of_ttc(models)

@@ -12,18 +12,10 @@ from accelerated_evaluation.distributions import DISTRIBUTIONS, Described, Mixtu
 
 @dataclass(frozen=True)
 class PieceFamily:
-    """The family of a piece: a kind of distribution, or mixtures of several components of that kind.
+    """The family of a piece: a kind of distribution, or mixtures of several components of that kind."""
 
-    Attributes
-    ----------
-    kind
-        Name of the distribution in the registry `DISTRIBUTIONS`, such as ``bounded exponential``.
-    components
-        Number of components; a number above one means a mixture.
-    """
-
-    kind: str
-    components: int = 1
+    kind: str  # name in the registry `DISTRIBUTIONS`, such as ``bounded exponential``
+    components: int = 1  # a number above one means a mixture
 
     @classmethod
     def of(cls, piece: Described) -> "PieceFamily":
@@ -33,21 +25,9 @@ class PieceFamily:
         return cls(piece.kind)
 
     def fit(self, x: Array, lower: float, upper: float) -> Described:
-        """Return the member of the family that is fitted to a sample by maximum likelihood.
+        """Return the member of the family that is fitted by maximum likelihood to a sample on [lower, upper).
 
-        Parameters
-        ----------
-        x
-            Sample, shape (n,), on [lower, upper).
-        lower, upper
-            Bounds of the piece.
-
-        Raises
-        ------
-        InputError
-            If no distribution is of this kind.
-        ConvergenceError
-            If the distribution cannot be fitted to these data.
+        ConvergenceError is raised if it cannot be fitted, and InputError if no distribution is of this kind.
         """
         member = DISTRIBUTIONS[self.kind]
         if self.components == 1:

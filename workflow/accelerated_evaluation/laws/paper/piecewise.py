@@ -18,29 +18,10 @@ def fit_piecewise(
 ) -> PiecewiseMixture:
     """Fit a piecewise mixture with given knots by maximum likelihood (equations 7-9).
 
-    The weight of a piece is its share of the sample, and each piece is fitted to its own values. A piece that
-    cannot be fitted with its family gets a simpler one; see `PieceFamily.fit_or_simpler`.
-
-    Parameters
-    ----------
-    x
-        Sample, shape (n,), on [lower, inf).
-    lower
-        gamma_0, the lower end of the support.
-    knots
-        gamma_1 .. gamma_(k-1), in increasing order.
-    families
-        Family of each of the k pieces.
-
-    Returns
-    -------
-    PiecewiseMixture
-        The fitted mixture.
-
-    Raises
-    ------
-    InputError
-        If a piece contains fewer than two different values, or a value lies outside the support.
+    The sample is on [lower, inf). The weight of a piece is its share of the sample, and each piece is fitted
+    to its own values. A piece that cannot be fitted with its family gets a simpler one; see
+    `PieceFamily.fit_or_simpler`. InputError is raised if a piece contains fewer than two different values, or
+    a value lies outside the support.
     """
     outside = np.count_nonzero(~((x >= lower) & (x < math.inf)))
     if outside:
@@ -78,22 +59,7 @@ def knots_at_quantiles(x: Array, quantiles: Sequence[float]) -> list[float]:
 def usable_knots(x: Array, knots: Sequence[float]) -> list[float]:
     """Move knots as little as necessary so that each piece contains two different values of the sample x.
 
-    Parameters
-    ----------
-    x
-        Sample, shape (n,).
-    knots
-        gamma_1 .. gamma_(k-1), in increasing order.
-
-    Returns
-    -------
-    list of float
-        The knots, moved where necessary.
-
-    Raises
-    ------
-    InputError
-        If x has fewer different values than twice the number of pieces.
+    InputError is raised if x has fewer different values than twice the number of pieces.
     """
     values, pieces = np.unique(x), len(knots) + 1
     if values.size < 2 * pieces:
@@ -126,29 +92,8 @@ def knots_by_profile_likelihood(
     """Return the knots with the largest likelihood among all increasing choices from a grid of quantiles.
 
     The log-likelihood is a sum over pieces (equation 7), so each interval of the grid is fitted only once.
-
-    Parameters
-    ----------
-    x
-        Sample, shape (n,).
-    lower
-        gamma_0, the lower end of the support.
-    families
-        Family of each piece.
-    quantiles
-        Levels of the sample quantiles that form the grid.
-    minimum_share
-        Pieces with a smaller share of the sample are excluded.
-
-    Returns
-    -------
-    list of float
-        The knots gamma_1 .. gamma_(k-1), in increasing order.
-
-    Raises
-    ------
-    ConvergenceError
-        If no choice of knots can be fitted.
+    Pieces with less than ``minimum_share`` of the sample are excluded. ConvergenceError is raised if no
+    choice of knots can be fitted.
     """
     x = np.sort(x)
     grid = [lower, *np.unique(np.quantile(x, quantiles)), math.inf]

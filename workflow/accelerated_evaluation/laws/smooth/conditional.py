@@ -33,18 +33,9 @@ def speed_grid(
 ) -> HazardGrid:
     """Return the grid for a smooth hazard of the closing speed given the lead speed and the range.
 
-    The covariates of the grid are the lead speed and the square root of the range.
-
-    Parameters
-    ----------
-    support
-        Limits of the records.
-    segments
-        Number of intervals between the knots of the splines of the closing speed.
-    bins
-        Number of bins of the lead speed, and of the square root of the range.
-    step
-        Width of the bins of the closing speed [m/s].
+    The covariates of the grid are the lead speed and the square root of the range. The bins are those of the
+    lead speed and of the square root of the range. The bins of the closing speed have the width ``step``
+    [m/s].
     """
     edges = [
         np.linspace(basis.low, basis.high, count + 1)
@@ -60,15 +51,7 @@ def range_grid(
     """Return the grid for a smooth hazard of the range given the lead speed.
 
     The variable of the grid is log(R_max / R), where R_max is the largest range in the limits of the records.
-
-    Parameters
-    ----------
-    support
-        Limits of the records.
-    segments
-        Number of intervals between the knots of the splines of log(R_max / R).
-    bins
-        Number of bins of the lead speed, and of log(R_max / R).
+    The bins are those of the lead speed and of log(R_max / R).
     """
     top, ends = support.log_range_top, support.lead_speeds
     edges = np.linspace(*ends, bins[0] + 1), np.array([0.0, 1.0]), np.linspace(0, top, bins[1] + 1)
@@ -77,23 +60,12 @@ def range_grid(
 
 @dataclass(frozen=True)
 class Places:
-    """Pairs of lead speed and range with the values of the splines, which are computed once for many laws.
+    """Pairs of lead speed and range with the values of the splines, which are computed once for many laws."""
 
-    Attributes
-    ----------
-    lead_speed, range_
-        Lead speeds [m/s] and ranges [m], shape (n,).
-    along_speed
-        Values of the p splines of the lead speed, shape (n, p).
-    splines
-        Values of the products of the p splines of lead speed and the q splines of the square root of the
-        range, shape (n, p q).
-    """
-
-    lead_speed: Array
-    range_: Array
-    along_speed: Array
-    splines: Array
+    lead_speed: Array  # m/s, (n,)
+    range_: Array  # m, (n,)
+    along_speed: Array  # values of the p splines of the lead speed, (n, p)
+    splines: Array  # their products with the q splines of the square root of the range, (n, p q)
 
     @classmethod
     def of(cls, lead_speed: ArrayLike, range_: ArrayLike, support: Support = SUPPORT) -> "Places":
@@ -131,35 +103,16 @@ class Threshold:
     """The threshold: a quantile of the closing speed as a function of lead speed and root of the range.
 
     The function is interpolated bilinearly between nodes.
-
-    Attributes
-    ----------
-    level
-        Probability that the closing speed is below the threshold, under the body from which it was computed.
-    lead_speeds, roots
-        Nodes: lead speeds [m/s] and square roots of ranges, equally spaced.
-    table
-        Closing speeds [m/s] at the nodes, shape (lead speeds, roots).
     """
 
-    level: float
-    lead_speeds: Array
-    roots: Array
-    table: Array
+    level: float  # probability of closing speeds below it under the body from which it was computed
+    lead_speeds: Array  # nodes [m/s], equally spaced
+    roots: Array  # Nodes: square roots of ranges, equally spaced
+    table: Array  # closing speeds [m/s] at the nodes, (lead speeds, roots)
 
     @classmethod
     def of(cls, body: SmoothHazard, level: float, support: Support = SUPPORT) -> "Threshold":
-        """Return the threshold, computed as a quantile of the body at all nodes of lead speed and range.
-
-        Parameters
-        ----------
-        body
-            Smooth hazard of the closing speed, fitted to records within the limits.
-        level
-            Probability that the closing speed is below the threshold.
-        support
-            Limits of the records.
-        """
+        """Return the threshold, computed as a quantile of the body at all nodes of lead speed and range."""
         nodes = body.grid.edges[:2]
         speeds, roots = (x.ravel() for x in np.meshgrid(*nodes, indexing="ij"))
         table = Places.of(speeds, roots**2, support).body(body).inverse(-np.log1p(-level))
@@ -206,14 +159,8 @@ def _between(nodes: Array, x: Array) -> tuple[Array, Array]:
 class SpeedLaw:
     """A distribution of the closing speed given lead speed and range: a body, optionally with a tail.
 
-    Attributes
-    ----------
-    body
-        Smooth hazard of the closing speed.
-    threshold, tail
-        Threshold above which the tail begins, and distribution of the excess; None without a tail.
-    far
-        Factors of the hazard where only a few records are; None without factors.
+    The tail is the distribution of the excess over the threshold, and ``far`` are the factors of the hazard
+    where only a few records are.
     """
 
     body: SmoothHazard
@@ -224,12 +171,7 @@ class SpeedLaw:
     def given(self, places: Places, below: Cumulative | None = None) -> "Given":
         """Return the distributions of the closing speed given n pairs of lead speed and range.
 
-        Parameters
-        ----------
-        places
-            The pairs.
-        below
-            Cumulative hazards of the body at these pairs, if they are already known from another law.
+        If the cumulative hazards of the body at these pairs are known, they are taken from ``below``.
         """
         below = places.body(self.body) if below is None else below
         if self.tail is None:
@@ -250,36 +192,17 @@ class SpeedLaw:
 
 @dataclass(frozen=True)
 class Given:
-    """Distributions of the closing speed given n pairs of lead speed and range, under a `SpeedLaw`.
+    """Distributions of the closing speed given n pairs of lead speed and range, under a `SpeedLaw`."""
 
-    Attributes
-    ----------
-    below
-        Cumulative hazards of the body.
-    threshold, at_threshold, scale
-        Threshold [m/s], cumulative hazard of the body at the threshold, and scale of the excess [m/s], each
-        of shape (n,).
-    tail, far
-        Distribution of the excess, and factors of the hazard; None if the law has none.
-    """
-
-    below: Cumulative
-    threshold: Array | None = None
-    at_threshold: Array | None = None
-    scale: Array | None = None
+    below: Cumulative  # cumulative hazards of the body
+    threshold: Array | None = None  # m/s, (n,)
+    at_threshold: Array | None = None  # cumulative hazard of the body at the threshold, (n,)
+    scale: Array | None = None  # scale of the excess [m/s], (n,)
     tail: Excess | None = None
     far: FarTail | None = None
 
     def cumulative(self, closing_speed: Array, row: Array | None = None) -> Array:
-        """Return the cumulative hazard -log P(C > c) at one closing speed c for each pair, shape (n,).
-
-        Parameters
-        ----------
-        closing_speed
-            One closing speed [m/s] for each pair, or for each element of ``row``.
-        row
-            Indices of the pairs; by default all pairs, in order.
-        """
+        """Return -log P(C > c) at one closing speed c [m/s] for each pair (of index ``row``), (n,)."""
         finite = np.isfinite(closing_speed)
         speed = closing_speed if finite.all() else np.where(finite, closing_speed, 0.0)
         if self.tail is None:
@@ -293,19 +216,9 @@ class Given:
         return value if speed is closing_speed else np.where(finite, value, np.inf)
 
     def cumulative_at(self, closing_speeds: Array, part: slice) -> Array:
-        """Return the cumulative hazard -log P(C > c) for some pairs, at the same closing speeds c for all.
+        """Return -log P(C > c) for a slice of k pairs at the same m closing speeds [m/s], shape (m, k).
 
-        Parameters
-        ----------
-        closing_speeds
-            Finite closing speeds [m/s] in increasing order, shape (m,).
-        part
-            The pairs, as a slice of k elements. With a small k the arrays stay in the cache of the processor.
-
-        Returns
-        -------
-        numpy.ndarray
-            -log P(C > c), shape (m, k).
+        The closing speeds are finite and rise. With a small k the arrays stay in the cache of the processor.
         """
         value = self._original_at(closing_speeds, part)
         return value if self.far is None else self.far.cumulative(value)
@@ -338,13 +251,7 @@ class Given:
         return density + self.far.log_density_ratio(original)
 
     def inverse(self, level: ArrayLike) -> Array:
-        """Return the closing speed [m/s] at which the cumulative hazard reaches a level, for each pair.
-
-        Parameters
-        ----------
-        level
-            A level for each of the n pairs, shape (n,), or one level for all.
-        """
+        """Return the closing speed [m/s] at which the cumulative hazard reaches a level, for each pair."""
         level = np.broadcast_to(np.asarray(level, dtype=float), len(self.below.table))
         level = level if self.far is None else self.far.original(level)
         if self.tail is None:

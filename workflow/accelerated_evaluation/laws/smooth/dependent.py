@@ -109,52 +109,27 @@ class DependentStratum(SmoothStratum):
 @LAWS.add("dependent")
 @dataclass(frozen=True)
 class DependentLaw(SmoothLaw):
-    """A law in which v_L is as recorded, the range depends on v_L, and the closing speed on v_L and range.
-
-    Attributes
-    ----------
-    description
-        Description of the data to which the law was fitted.
-    counts
-        Number of lane changes in each segment of v_L, in order of speed. Segments only group results: the
-        conditional distributions are the same in all segments.
-    ranges
-        Smooth hazard of log(R_max / R) given v_L.
-    speeds
-        Distribution of the closing speed given v_L and R.
-    lead_speeds
-        The recorded v_L [m/s] by segment. They are read from the encounter table and not stored in the law
-        file.
-    closing_speed_max
-        Cap on closing speeds [m/s]; infinity means no cap.
-    support
-        Limits of the records to which the law was fitted.
-    """
+    """A law in which v_L is as recorded, the range depends on v_L, and the closing speed on v_L and range."""
 
     kind: ClassVar[str] = "dependent"
 
     description: str
+    # Lane changes by segment, in order of speed; segments only group results, as all have the same
+    # conditional distributions.
     counts: Mapping[str, int]
-    ranges: SmoothHazard = field(compare=False)
-    speeds: SpeedLaw = field(compare=False)
+    ranges: SmoothHazard = field(compare=False)  # of log(R_max / R) given v_L
+    speeds: SpeedLaw = field(compare=False)  # of the closing speed given v_L and R
+    # The recorded v_L [m/s] by segment, which are read from the encounter table and not stored in the law
+    # file.
     lead_speeds: Mapping[str, Empirical] = field(compare=False)
-    closing_speed_max: float = math.inf
-    support: Support = SUPPORT
+    closing_speed_max: float = math.inf  # cap on closing speeds [m/s]
+    support: Support = SUPPORT  # limits of the records to which the law was fitted
 
     @classmethod
     def fitted(cls, family: LawFamily, member: Member, encounters: pd.DataFrame, support: Support) -> Self:
-        """Return the law of one member of a fitted family.
+        """Return the law of one member of a family that was fitted to the encounter table.
 
-        The description of the law is the name of the member.
-
-        Parameters
-        ----------
-        family, member
-            The fitted family, and the member that identifies the law.
-        encounters
-            Encounter table to which the family was fitted. The segments and lead speeds are read from it.
-        support
-            Limits of the records.
+        Its description is the name of the member.
         """
         counts, lead_speeds = recorded_segments(encounters)
         return cls(member.name, counts, family.ranges, family.law(member), lead_speeds, support=support)

@@ -30,28 +30,15 @@ SHARED = 50  # largest number of bodies and of distributions of the range
 
 @dataclass(frozen=True)
 class LawDraws:
-    """K draws of a law of cut-ins from its posterior.
+    """K draws of a law of cut-ins from its posterior."""
 
-    Attributes
-    ----------
-    ranges, bodies
-        Draws of the hazard of log(R_max / R), and of the body of the closing speed. Both have the same number
-        of elements, a, which is at most `SHARED`.
-    laws
-        The K laws of the closing speed. The body of each law is one of ``bodies``.
-    shared
-        Index of each draw into ``ranges`` and ``bodies``, shape (K,).
-    names
-        Name of the member of the family of each draw.
-    support
-        Limits of the records.
-    """
-
+    # Draws of the hazard of log(R_max / R); their number a is at most `SHARED`.
     ranges: tuple[SmoothHazard, ...] = field(repr=False)
-    bodies: tuple[SmoothHazard, ...] = field(repr=False)
+    bodies: tuple[SmoothHazard, ...] = field(repr=False)  # as many draws of the body of the closing speed
+    # The K laws of the closing speed; the body of each is one of `bodies`.
     laws: tuple[SpeedLaw, ...] = field(repr=False)
-    shared: NDArray[np.intp] = field(repr=False)
-    names: tuple[str, ...] = field(repr=False)
+    shared: NDArray[np.intp] = field(repr=False)  # index of each draw into `ranges` and `bodies`, (K,)
+    names: tuple[str, ...] = field(repr=False)  # name of the member of the family of each draw
     support: Support
 
     @classmethod
@@ -142,30 +129,14 @@ class LawDraws:
 
 @dataclass(frozen=True)
 class Group:
-    """The k draws whose tails have the same shape.
-
-    Attributes
-    ----------
-    shape
-        The shape of the excess.
-    index
-        Indices of these draws among all draws, shape (k,).
-    level
-        Index of the threshold of each draw in ``thresholds``, shape (k,).
-    thresholds
-        The thresholds that occur in the group.
-    coefficients
-        Coefficients of the splines of the log scale, shape (k, p).
-    parameters
-        Parameters of the shape, shape (q, k, 1).
-    """
+    """The k draws whose tails have the same shape."""
 
     shape: Shape
-    index: NDArray[np.intp]
-    level: NDArray[np.intp]
+    index: NDArray[np.intp]  # indices of these draws among all draws, (k,)
+    level: NDArray[np.intp]  # index of the threshold of each draw in `thresholds`, (k,)
     thresholds: tuple
-    coefficients: Array
-    parameters: Array
+    coefficients: Array  # of the splines of the log scale, (k, p)
+    parameters: Array  # of the shape, (q, k, 1)
 
     @classmethod
     def of(cls, draws: LawDraws, shape: Shape) -> Self:
@@ -193,50 +164,23 @@ class Group:
 
 @dataclass(frozen=True)
 class Hazards:
-    """Piecewise constant hazards of a variable under several draws, given n values of the covariates.
+    """Piecewise constant hazards of a variable under a number a of draws, given n sets of covariates."""
 
-    In the shapes, a stands for the number of draws.
-
-    Attributes
-    ----------
-    edges
-        Edges of the bins of the variable, shape (bins + 1,); the last bin extends to infinity.
-    hazard
-        Hazard in each bin, shape (a, n, bins).
-    table
-        Cumulative hazard at the edges, shape (a, n, bins + 1).
-    """
-
-    edges: Array
-    hazard: Array
-    table: Array
+    edges: Array  # edges of the bins of the variable, (bins + 1,); the last bin extends to infinity
+    hazard: Array  # hazard in each bin, (a, n, bins)
+    table: Array  # cumulative hazard at the edges, (a, n, bins + 1)
 
     @classmethod
     def of(cls, along: Array, edges: Array, splines: Array) -> Self:
-        """Return the hazards for given values of the splines of the covariates.
-
-        Parameters
-        ----------
-        along
-            Coefficients of the log hazard in each bin, shape (a, p, bins).
-        edges
-            Edges of the bins of the variable, shape (bins + 1,).
-        splines
-            Values of the splines of the covariates, shape (n, p).
-        """
+        """Return the hazards, given splines of the covariates, (n, p), and coefficients, (a, p, bins)."""
         hazard = splines @ along
         np.exp(np.clip(hazard, -LOG_HAZARD_MAX, LOG_HAZARD_MAX, out=hazard), out=hazard)
         return cls(edges, hazard, _integrated(hazard, np.diff(edges)))
 
     def at(self, value: Array, row: NDArray[np.intp] | None = None) -> tuple[Array, Array]:
-        """Return cumulative hazard and hazard at given values; both have shape (a, n).
+        """Return cumulative hazard and hazard, both (a, n), at one value for each set of covariates.
 
-        Parameters
-        ----------
-        value
-            One value of the variable for each set of covariates, or for each element of ``row``, shape (n,).
-        row
-            Indices of the sets of covariates; by default all of them, in order.
+        With ``row``, there is one value for each set of that index.
         """
         bin_ = np.clip(np.searchsorted(self.edges, value, side="right") - 1, 0, self.edges.size - 2)
         row = np.arange(value.size) if row is None else row
@@ -260,17 +204,7 @@ def _integrated(hazard: Array, widths: Array) -> Array:
 
 
 class SpeedsAt:
-    """Distributions of the closing speed under each of K draws, given n pairs of lead speed and range.
-
-    Parameters
-    ----------
-    draws
-        The draws.
-    places
-        The pairs of lead speed and range.
-    body
-        Hazards of the bodies of the draws at the pairs.
-    """
+    """Distributions of the closing speed under each of K draws, given n pairs of lead speed and range."""
 
     def __init__(self, draws: LawDraws, places: Places, body: Hazards) -> None:
         self.draws, self.body, self._tails = draws, body, []
@@ -287,14 +221,9 @@ class SpeedsAt:
             )
 
     def at(self, closing_speed: Array, row: NDArray[np.intp] | None = None) -> tuple[Array, Array]:
-        """Return -log P(C > c) and the log density at given closing speeds c; both have shape (K, n).
+        """Return -log P(C > c) and the log density, both (K, n), at one closing speed c [m/s] for each pair.
 
-        Parameters
-        ----------
-        closing_speed
-            One closing speed [m/s] for each pair, or for each element of ``row``, shape (n,).
-        row
-            Indices of the pairs; by default all pairs, in order.
+        With ``row``, there is one closing speed for each pair of that index.
         """
         cumulative, rate = self.body.at(closing_speed, row)
         cumulative, log_rate = cumulative[self.draws.shared], np.log(rate)[self.draws.shared]

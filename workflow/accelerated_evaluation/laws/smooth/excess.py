@@ -33,27 +33,14 @@ MASSES = np.exp(-NODES) * 2 * np.sqrt(NODES * 40.0) / 200
 
 @dataclass(frozen=True)
 class Excess:
-    """A fitted distribution of excesses over a threshold.
-
-    Attributes
-    ----------
-    shape
-        Distribution of an excess in units of its scale.
-    coefficients
-        Coefficients of the splines of the log scale, shape (p,).
-    parameters
-        Parameters of the shape, shape (q,).
-    smoothing
-        Smoothing parameters of the log scale.
-    factor
-        Upper Cholesky factor of the penalised information of coefficients and parameters; None if the law was
-        read from a file.
-    """
+    """A fitted distribution of excesses over a threshold."""
 
     shape: Shape
-    coefficients: Array
-    parameters: Array
-    smoothing: tuple[float, ...] = ()
+    coefficients: Array  # of the splines of the log scale, (p,)
+    parameters: Array  # of the shape, (q,)
+    smoothing: tuple[float, ...] = ()  # smoothing parameters of the log scale
+    # Upper Cholesky factor of the penalised information of coefficients and parameters; None if the law was
+    # read from a file.
     factor: Array | None = None
 
     def scale(self, covariates: Array) -> Array:
@@ -92,33 +79,12 @@ def fit_excess(
     start: Excess | None = None,
     gram: Array | None = None,
 ) -> Excess:
-    """Fit the scale and the shape of excesses by penalised maximum likelihood.
+    """Fit the scale and the shape of n excesses, which are not negative, by penalised maximum likelihood.
 
-    Parameters
-    ----------
-    excess
-        Excesses over the threshold, not negative, shape (n,).
-    covariates
-        Values of the splines of the log scale, shape (n, p); each row sums to 1.
-    penalty
-        Roughness penalty of the coefficients; its smoothing parameters are estimated by marginal likelihood.
-    shape
-        Distribution of an excess of scale 1.
-    start
-        An earlier fit, which supplies starting values and the smoothing parameters. It is returned unchanged
-        if there are no excesses.
-    gram
-        Matrix covariates' covariates, shape (p, p), if it is already known from another shape.
-
-    Returns
-    -------
-    Excess
-        The fitted distribution.
-
-    Raises
-    ------
-    ConvergenceError
-        If the iteration does not converge.
+    ``covariates`` are the values of the splines of the log scale, shape (n, p), whose rows sum to 1, and
+    ``gram`` is their p x p product if it is known. An earlier fit as ``start`` supplies starting values and
+    the smoothing parameters, which are otherwise estimated by marginal likelihood; it is returned unchanged
+    if there are no excesses. ConvergenceError is raised if the iteration does not converge.
     """
     if start is not None and excess.size == 0:
         return start
@@ -255,19 +221,9 @@ class _Problem:
 
 
 def unit_information(shape: Shape, parameters: Array) -> Array:
-    """Return the expected Fisher information of one excess about log scale and shape parameters.
+    """Return the expected Fisher information of one excess about log scale and the q shape parameters.
 
-    Parameters
-    ----------
-    shape
-        Distribution of an excess of scale 1.
-    parameters
-        Parameters of the shape, shape (q,).
-
-    Returns
-    -------
-    numpy.ndarray
-        Information matrix, shape (1 + q, 1 + q), with the log scale first.
+    Its shape is (1 + q, 1 + q), with the log scale first.
     """
     z = shape.inverse(NODES, parameters)
     by_z, by_parameters = shape.derivatives(z, parameters)

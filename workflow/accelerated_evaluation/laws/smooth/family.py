@@ -32,19 +32,11 @@ FEWEST = 10  # least number of records above a threshold for which tails are fit
 
 @dataclass(frozen=True)
 class Member:
-    """Identifier of one law of the family.
+    """Identifier of one law of the family."""
 
-    Attributes
-    ----------
-    level
-        Level of the threshold, which is the probability of closing speeds below it; None for the law that
-        consists of the body alone.
-    shape
-        Name of the shape of the excess over the threshold; empty for the law that consists of the body alone.
-    """
-
+    # Probability of closing speeds below the threshold; None for the law that is the body alone.
     level: float | None = None
-    shape: str = ""
+    shape: str = ""  # name of the shape of the excess; empty for the law that is the body alone
 
     @property
     def name(self) -> str:
@@ -65,19 +57,11 @@ MEMBERS = members_at(LEVELS)
 
 @dataclass(frozen=True)
 class DistinctRecords:
-    """Distinct recorded cut-ins.
+    """Distinct recorded cut-ins within the limits ``support``."""
 
-    Attributes
-    ----------
-    lead_speed, range_, closing_speed
-        Lead speed [m/s], range [m] and closing speed [m/s], each of shape (n,).
-    support
-        Limits within which records were kept.
-    """
-
-    lead_speed: Array
-    range_: Array
-    closing_speed: Array
+    lead_speed: Array  # m/s, (n,)
+    range_: Array  # m, (n,)
+    closing_speed: Array  # m/s, (n,)
     support: Support = SUPPORT
 
     @classmethod
@@ -110,21 +94,11 @@ class DistinctRecords:
 
 @dataclass(frozen=True)
 class Exceedances:
-    """The m records above a threshold.
+    """The m records above a threshold."""
 
-    Attributes
-    ----------
-    index
-        Indices of the records, shape (m,).
-    excess
-        Closing speed minus threshold [m/s], shape (m,).
-    splines
-        Values of the splines at the lead speeds and ranges of the records, shape (m, p).
-    """
-
-    index: NDArray[np.intp]
-    excess: Array
-    splines: Array
+    index: NDArray[np.intp]  # indices of the records, (m,)
+    excess: Array  # closing speed minus threshold [m/s], (m,)
+    splines: Array  # of the lead speeds and ranges of the records, (m, p)
 
     @classmethod
     def of(cls, records: DistinctRecords, threshold: Threshold) -> "Exceedances":
@@ -136,34 +110,17 @@ class Exceedances:
 
 @dataclass(frozen=True)
 class LawFamily:
-    """Laws of the closing speed with the same body, and the distribution of the range, fitted to records.
+    """Laws of the closing speed with the same body, and the distribution of the range, fitted to records."""
 
-    Attributes
-    ----------
-    ranges
-        Smooth hazard of log(R_max / R) given the lead speed.
-    body
-        Smooth hazard of the closing speed given lead speed and range.
-    thresholds, exceedances
-        Thresholds and the records above them, by level.
-    tails
-        Distribution of the excess, by member of the family.
-    far
-        Factors of the hazard where only a few records are, by member; empty if there are too few records.
-    far_records
-        Records from which the factors follow; None if there are too few records.
-    prior
-        Shape and rate of the gamma prior of the factors in draws.
-    """
-
-    ranges: SmoothHazard
-    body: SmoothHazard
-    thresholds: dict[float, Threshold]
-    exceedances: dict[float, Exceedances]
-    tails: dict[Member, Excess]
+    ranges: SmoothHazard  # of log(R_max / R) given the lead speed
+    body: SmoothHazard  # of the closing speed given lead speed and range
+    thresholds: dict[float, Threshold]  # by level
+    exceedances: dict[float, Exceedances]  # the records above each threshold, by level
+    tails: dict[Member, Excess]  # distribution of the excess, by member
+    # Factors of the hazard where only a few records are; empty if there are too few records.
     far: dict[Member, FarTail]
-    far_records: FarRecords | None = None
-    prior: float = PRIOR
+    far_records: FarRecords | None = None  # records from which the factors follow; None if there are too few
+    prior: float = PRIOR  # shape and rate of the gamma prior of the factors in draws
 
     def law(self, member: Member) -> SpeedLaw:
         """Return the distribution of the closing speed of one member of the family."""
@@ -186,24 +143,12 @@ class LawFamily:
 
 @dataclass(frozen=True)
 class Fitter:
-    """Fits the family of laws to distinct records, and keeps the data that several fits need.
+    """Fits the family of laws to distinct records, and keeps the data that several fits need."""
 
-    Attributes
-    ----------
-    records
-        Distinct cut-ins in the order of the record.
-    members
-        Laws to fit.
-    grids
-        Grids of the range and of the closing speed.
-    binned
-        The records in the bins of the two grids.
-    """
-
-    records: DistinctRecords
+    records: DistinctRecords  # in the order of the record
     members: tuple[Member, ...] = MEMBERS
-    grids: tuple[HazardGrid, HazardGrid] = field(init=False)
-    binned: tuple[Binned, Binned] = field(init=False)
+    grids: tuple[HazardGrid, HazardGrid] = field(init=False)  # of the range and of the closing speed
+    binned: tuple[Binned, Binned] = field(init=False)  # the records in the bins of the two grids
 
     def __post_init__(self) -> None:
         support = self.records.support
@@ -215,13 +160,9 @@ class Fitter:
     def fit(self, start: LawFamily | None = None) -> LawFamily:
         """Return the family of laws fitted to all records.
 
-        No tails are fitted above a threshold that fewer than `FEWEST` records exceed.
-
-        Parameters
-        ----------
-        start
-            A fit to similar records, whose parameters are the starting values. Its smoothing parameters are
-            used without a new estimate.
+        No tails are fitted above a threshold that fewer than `FEWEST` records exceed. A fit to similar
+        records as ``start`` supplies starting values and the smoothing parameters, which are not estimated
+        again.
         """
         before = (start.ranges, start.body) if start else (None, None)
         ranges, body = (
@@ -237,16 +178,9 @@ class Fitter:
         return self._with_far_tails(LawFamily(ranges, body, thresholds, above, tails, {}), every)
 
     def refit(self, family: LawFamily, left_out: Array) -> LawFamily:
-        """Return the family with laws of the closing speed that are fitted without some of the records.
+        """Return the family with laws of the closing speed fitted without some of the records.
 
         Thresholds and smoothing parameters are those of the fit to all records.
-
-        Parameters
-        ----------
-        family
-            The fit to all records.
-        left_out
-            Indices of the records that are left out.
         """
         data = self.binned[1] - self.count_speeds(self.records.only(left_out))
         kept = np.ones(self.records.size, dtype=bool)

@@ -14,22 +14,12 @@ MARGIN = 1.5
 
 @dataclass(frozen=True)
 class FarRecords:
-    """Records with a large cumulative hazard.
-
-    Attributes
-    ----------
-    places, closing_speed
-        Lead speeds, ranges and closing speeds [m/s] of the records, shape (n,).
-    size
-        Number of all records.
-    lowest
-        Cumulative hazard at the lowest threshold, the smallest level of a far tail.
-    """
+    """Records with a large cumulative hazard."""
 
     places: Places
-    closing_speed: Array
-    size: int
-    lowest: float
+    closing_speed: Array  # m/s, (n,)
+    size: int  # number of all records
+    lowest: float  # cumulative hazard at the lowest threshold, the smallest level of a far tail
 
     def tail(self, law: SpeedLaw, prior: float = PRIOR) -> FarTail:
         """Return the posterior of the factors of the far tail, given a law without far tail."""

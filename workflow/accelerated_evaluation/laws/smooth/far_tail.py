@@ -30,37 +30,19 @@ PRIOR = 2.0
 
 @dataclass(frozen=True)
 class FarTail:
-    """Factors of the hazard in layers of the cumulative hazard; there is no factor below the first level.
+    """Factors of the hazard in layers of the cumulative hazard; there is no factor below the first level."""
 
-    Attributes
-    ----------
-    levels
-        Cumulative hazards at which the layers begin, rising, shape (layers,).
-    factors
-        Factor of the hazard in each layer, shape (layers,), or (layers, K, 1) for K draws. After a fit, they
-        are the means of the posterior.
-    shapes
-        Shape parameters of the gamma posterior of the factors; None if they are not known.
-    """
-
-    levels: Array
+    levels: Array  # cumulative hazards at which the layers begin, rising, (layers,)
+    # Factor in each layer, (layers,), or (layers, K, 1) for K draws; after a fit, the means of the posterior.
     factors: Array
-    shapes: Array | None = None
+    shapes: Array | None = None  # shape parameters of the gamma posterior of the factors; None if unknown
 
     @classmethod
     def of(cls, cumulative: Array, size: int, lowest: float, prior: float = PRIOR) -> Self:
-        """Return the posterior of the factors, given the cumulative hazards of the records under a law.
+        """Return the posterior of the factors, given the cumulative hazards of the records.
 
-        Parameters
-        ----------
-        cumulative
-            Cumulative hazards of all records that exceed ``lowest``.
-        size
-            Number of all records.
-        lowest
-            Smallest level at which a layer may begin.
-        prior
-            Shape and rate of the gamma prior of the factors.
+        These are the records, out of ``size``, that exceed ``lowest``, below which no layer begins. ``prior``
+        is both the shape and the rate of the gamma prior.
         """
         levels = levels_of(size, lowest)
         inside = np.clip(cumulative - levels[:, None], 0, np.diff(levels, append=np.inf)[:, None])

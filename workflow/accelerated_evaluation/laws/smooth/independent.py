@@ -18,41 +18,20 @@ BODY_BINS = 200  # number of bins of the histogram of TTC^-1 below the knot
 
 @dataclass(frozen=True)
 class IndependentTail:
-    """A law in which TTC^-1 is independent of the range; in each segment it has a histogram and a tail.
+    """A law in which TTC^-1 is independent of the range; in each segment it has a histogram and a tail."""
 
-    Attributes
-    ----------
-    edges, densities
-        Bins of TTC^-1 [1/s] below the knot, and the density in them, by segment.
-    level
-        Probability that TTC^-1 is below the knot.
-    tails
-        Distribution of the excess of TTC^-1 over the knot, by segment.
-    between
-        Lead speeds at which the segments meet [m/s].
-    """
-
-    edges: list[Array]
-    densities: list[Array]
-    level: float
-    tails: list[Excess]
-    between: tuple[float, ...]
+    edges: list[Array]  # bins of TTC^-1 [1/s] below the knot, by segment
+    densities: list[Array]  # the density in the bins, by segment
+    level: float  # probability that TTC^-1 is below the knot
+    tails: list[Excess]  # of the excess of TTC^-1 over the knot, by segment
+    between: tuple[float, ...]  # lead speeds at which the segments meet [m/s]
 
     @classmethod
     def fit(cls, records: DistinctRecords, level: float, shape: Shape) -> "IndependentTail":
         """Return the law with a histogram and a tail of TTC^-1 fitted in each segment of the lead speed.
 
         A segment with fewer than `MINIMUM_ROWS` records gets the distribution of all records. A knot that too
-        few records exceed is moved as little as necessary.
-
-        Parameters
-        ----------
-        records
-            Distinct cut-ins.
-        level
-            Level of the quantile at which the knot is placed.
-        shape
-            Shape of the excess over the knot.
+        few records exceed is moved as little as necessary. The knot is the quantile of the given level.
         """
         inverse_ttc, between = records.closing_speed / records.range_, records.support.segment_edges
         segment = np.digitize(records.lead_speed, between)
@@ -76,19 +55,11 @@ class IndependentTail:
 
 @dataclass(frozen=True)
 class GivenIndependent:
-    """Distributions of the closing speed given n pairs of lead speed and range, under `IndependentTail`.
-
-    Attributes
-    ----------
-    law
-        The law.
-    segment, range_
-        Index of the segment, and range [m], of each pair, shape (n,).
-    """
+    """Distributions of the closing speed given n pairs of lead speed and range, under `IndependentTail`."""
 
     law: IndependentTail
-    segment: Array
-    range_: Array
+    segment: Array  # index of the segment of each pair, (n,)
+    range_: Array  # m, (n,)
 
     def cumulative(self, closing_speed: Array) -> Array:
         """Return the cumulative hazard -log P(C > c) at a closing speed c [m/s] for each pair, (n,)."""

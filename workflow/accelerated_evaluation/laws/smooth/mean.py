@@ -155,17 +155,7 @@ class MeanStratum(SmoothStratum):
     def _speeds(
         self, lead: Array, range_: Array, ranges: RangeMixture, value: Array
     ) -> tuple[SpeedsAt, Array]:
-        """Return the laws of the closing speed at n places, and the log weights of the draws, shape (K, n).
-
-        Parameters
-        ----------
-        lead, range_
-            Lead speeds [m/s] and ranges [m] of the places, shape (n,).
-        ranges
-            The distributions of the range at these lead speeds.
-        value
-            log(R_max / R), shape (n,).
-        """
+        """Return the laws of the closing speed at n places, and log weights of the draws, shape (K, n)."""
         log_weight = ranges.log_density(value)[self.draws.shared]
         return (
             self.draws.speeds_at(self.places(lead, range_)),
@@ -176,31 +166,19 @@ class MeanStratum(SmoothStratum):
 @LAWS.add("mean")
 @dataclass(frozen=True, repr=False)
 class MeanLaw(SmoothLaw, Draws):
-    """The law in which v_L is as recorded, and range and closing speed follow the mean of K draws given v_L.
-
-    Attributes
-    ----------
-    description
-        Description of the data to which the law was fitted.
-    counts
-        Number of lane changes in each segment of v_L, in order of speed. The conditional distributions are
-        the same in all segments.
-    draws
-        The K draws.
-    lead_speeds
-        The recorded v_L [m/s] by segment. They are read from the encounter table and not stored in the law
-        file.
-    closing_speed_max
-        Cap on closing speeds [m/s], above which the outcome of no vehicle changes. The cap is needed because
-        a few draws have very heavy tails at lead speeds and ranges without records.
-    """
+    """The law in which v_L is as recorded, and range and closing speed follow the mean of K draws."""
 
     kind: ClassVar[str] = "mean"
 
     description: str
+    # Lane changes by segment, in order of speed; the conditional distributions are the same in all segments.
     counts: Mapping[str, int]
     draws: LawDraws = field(compare=False)
+    # The recorded v_L [m/s] by segment, which are read from the encounter table and not stored in the law
+    # file.
     lead_speeds: Mapping[str, Empirical] = field(compare=False)
+    # Cap [m/s] above which the outcome of no vehicle changes; a few draws have very heavy tails where there
+    # are no records.
     closing_speed_max: float = math.inf
 
     @classmethod
@@ -209,16 +187,7 @@ class MeanLaw(SmoothLaw, Draws):
     ) -> Self:
         """Return the mean law of draws that were fitted to an encounter table.
 
-        Parameters
-        ----------
-        draws
-            The draws.
-        encounters
-            Encounter table, which supplies segments and lead speeds.
-        description
-            Description of the data.
-        closing_speed_max
-            Cap on closing speeds [m/s].
+        ``closing_speed_max`` is a cap [m/s].
         """
         counts, lead_speeds = recorded_segments(encounters)
         return cls(description, counts, draws, lead_speeds, closing_speed_max)

@@ -16,30 +16,15 @@ TOLERANCE = 1e-12  # relative error of the closing speed and of log(R_max / R)
 
 @dataclass(frozen=True)
 class RangeMixture:
-    """Mixture of several distributions of the range, given n lead speeds.
+    """Mixture of several distributions (in number a) of the range, given n lead speeds."""
 
-    In the shapes, a stands for the number of components of the mixture.
-
-    Attributes
-    ----------
-    ranges
-        Hazards of log(R_max / R) of the components.
-    share
-        Weights of the components, which are their shares in the draws, shape (a, 1).
-    """
-
-    ranges: Hazards
-    share: Array
+    ranges: Hazards  # hazards of log(R_max / R) of the components
+    share: Array  # weights of the components, which are their shares in the draws, (a, 1)
 
     def score(self, value: Array, row: NDArray[np.intp] | None = None) -> tuple[Array, Array]:
-        """Return -log P(X > x) under the mixture at x = log(R_max / R), and its derivative with respect to x.
+        """Return -log P(X > x) at x = log(R_max / R), and its derivative, both (n,).
 
-        Parameters
-        ----------
-        value
-            One x for each lead speed, or for each element of ``row``, shape (n,).
-        row
-            Indices of the lead speeds; by default all of them, in order.
+        There is one x for each lead speed, or for each element of ``row``.
         """
         cumulative, rate = self.ranges.at(value, row)
         return mixed(cumulative, np.log(rate) - cumulative, np.log(self.share))
@@ -51,14 +36,10 @@ class RangeMixture:
 
 
 def mixed(cumulative: Array, log_density: Array, log_weight: Array) -> tuple[Array, Array]:
-    """Return the cumulative hazard -log P(X > x) and the hazard of a mixture, both of shape (n,).
+    """Return -log P(X > x) and the hazard of a mixture, both of shape (n,).
 
-    Parameters
-    ----------
-    cumulative, log_density
-        Cumulative hazards and log densities of the components, shape (components, n).
-    log_weight
-        Logarithms of the weights of the components, shape (components, 1) or (components, n).
+    Those of the components have the shape (components, n), and the logarithms of the weights (components, 1)
+    or (components, n).
     """
     survival = log_weight - cumulative
     largest = survival.max(axis=0)
@@ -82,19 +63,8 @@ def solve(
 
     The equations are solved by Newton's method. If a step leaves the bracket of a root, it is replaced by a
     bisection. A function is not evaluated any more after its root has been found, so that no root depends on
-    the others.
-
-    Parameters
-    ----------
-    score
-        Function that takes points and the indices of the functions, and returns the values and the
-        derivatives of these functions.
-    level
-        Levels, not negative, shape (n,).
-    start
-        Starting points, above 0, shape (n,).
-    largest
-        Point at which all functions have reached their levels; infinity if it is unknown.
+    the others. ``score(points, indices)`` returns values and derivatives. All functions have reached their
+    levels at ``largest``.
     """
     low, high, value = np.zeros(level.size), np.full(level.size, largest), np.array(start, dtype=float)
     row = np.arange(level.size)

@@ -31,13 +31,7 @@ CUT = PiecewiseMixture((1 - TAIL, TAIL), (BoundedExponential(1.0, 0.0, KNOT), Bo
 
 
 class SmoothStratum(Stratum):
-    """One segment of the lead speed, with unit-exponential coordinates.
-
-    Attributes
-    ----------
-    support
-        Limits of the records.
-    """
+    """One segment of the lead speed, with unit-exponential coordinates."""
 
     support: Support
 
@@ -75,18 +69,7 @@ class SmoothStratum(Stratum):
 
     @abstractmethod
     def range_coordinate(self, lead_speed: Array, inverse_range: Array) -> tuple[Array, Array]:
-        """Return the first coordinate, and its derivative with respect to log(R_max / R).
-
-        Parameters
-        ----------
-        lead_speed, inverse_range
-            v_L [m/s] and R^-1 [1/m], shape (n,).
-
-        Returns
-        -------
-        coordinate, derivative : numpy.ndarray
-            Each of shape (n,).
-        """
+        """Return the first coordinate and its derivative with respect to log(R_max / R), both (n,)."""
 
     def logarithm(self, inverse_range: Array) -> Array:
         """Return log(R_max / R) for R^-1 [1/m], with the largest range R_max; 0 if R is larger than R_max."""
@@ -98,18 +81,10 @@ class SmoothStratum(Stratum):
 
 
 class SmoothLaw(StratifiedLaw):
-    """Base class of laws whose conditional distributions given v_L are the same in all segments of v_L.
+    """Base class of laws whose conditional distributions given v_L are the same in all segments of v_L."""
 
-    Attributes
-    ----------
-    counts
-        Number of lane changes in each segment of v_L, in order of speed.
-    lead_speeds
-        The recorded v_L [m/s] by segment.
-    """
-
-    counts: Mapping[str, int]
-    lead_speeds: Mapping[str, Empirical]
+    counts: Mapping[str, int]  # lane changes in each segment, in order of speed
+    lead_speeds: Mapping[str, Empirical]  # the recorded v_L [m/s] by segment
 
     @property
     def shares(self) -> dict[str, float]:

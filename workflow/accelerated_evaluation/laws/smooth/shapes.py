@@ -21,18 +21,11 @@ class Shape(Protocol):
 
     The array ``parameters`` has the shape (q,). The methods `cumulative` and `log_density` also accept
     excesses of shape (k, n) with different parameters for each of the k rows, in an array of shape (q, k, 1).
-
-    Attributes
-    ----------
-    name
-        Name of the shape in files and tables.
-    prior_mean, prior_deviation
-        Means and standard deviations of the normal priors of the q parameters.
     """
 
-    name: ClassVar[str]
-    prior_mean: ClassVar[tuple[float, ...]]
-    prior_deviation: ClassVar[tuple[float, ...]]
+    name: ClassVar[str]  # in files and tables
+    prior_mean: ClassVar[tuple[float, ...]]  # of the normal priors of the q parameters
+    prior_deviation: ClassVar[tuple[float, ...]]  # standard deviations of these priors
 
     def cumulative(self, z: Array, parameters: Array) -> Array:
         """Return the cumulative hazard H(z) = -log P(Z > z) at excesses z, of the shape of z."""
@@ -44,20 +37,7 @@ class Shape(Protocol):
         """Return the log density log H'(z) - H(z) at excesses z, of the shape of z."""
 
     def derivatives(self, z: Array, parameters: Array) -> tuple[Array, Array]:
-        """Return the derivatives of the log density with respect to z and to the parameters.
-
-        Parameters
-        ----------
-        z
-            Excesses of scale 1, shape (n,).
-        parameters
-            Parameters of the shape, shape (q,).
-
-        Returns
-        -------
-        by_z, by_parameters : numpy.ndarray
-            Derivatives, of shapes (n,) and (n, q).
-        """
+        """Return the derivatives of the log density at z by z, (n,), and by the parameters, (n, q)."""
 
 
 class Exponential:

@@ -37,17 +37,10 @@ LOG_HAZARD_MAX = 50.0  # prevents overflow in trial steps and in extrapolations 
 
 @dataclass(frozen=True)
 class HazardGrid:
-    """Bins of two covariates and of the variable, and the spline bases over them.
+    """Bins of two covariates and of the variable, and the spline bases over them."""
 
-    Attributes
-    ----------
-    edges
-        Edges of the bins of the two covariates and of the variable. The bins of the variable begin at 0 and
-        are equally wide. Beyond the last bin, the hazard is that of the last bin.
-    bases
-        Spline bases of the two covariates and of the variable.
-    """
-
+    # Of the two covariates and of the variable. The bins of the variable begin at 0 and are equally wide, and
+    # beyond the last bin, the hazard is that of the last bin.
     edges: tuple[Array, Array, Array]
     bases: tuple[Basis | Constant, Basis | Constant, Basis]
 
@@ -58,15 +51,7 @@ class HazardGrid:
         return Tensor(tuple(basis(middle) for basis, middle in zip(self.bases, middles, strict=True)))
 
     def count(self, first: Array, second: Array, value: Array, weight: Array | None = None) -> "Binned":
-        """Return the number of values in each bin, and the total time at risk in each bin.
-
-        Parameters
-        ----------
-        first, second, value
-            The two covariates and the variable, each of shape (n,).
-        weight
-            Weights of the values, shape (n,); one by default.
-        """
+        """Return the (weighted) number of values in each bin, and the total time at risk in each bin."""
         weight = np.ones(value.size) if weight is None else weight
         shape = tuple(edges.size - 1 for edges in self.edges)
         place = [
@@ -86,11 +71,6 @@ class Binned:
 
     A value on the lower edge of its bin, which is common for rounded records, has no time at risk in the bin.
     A small positive time is used instead, so that the hazard remains finite.
-
-    Attributes
-    ----------
-    counts, exposure
-        Number of records, and time at risk, in each bin; both have the shape of the grid.
     """
 
     counts: Array
@@ -106,39 +86,17 @@ class Binned:
 
 @dataclass(frozen=True)
 class SmoothHazard:
-    """A fitted smooth hazard.
-
-    Attributes
-    ----------
-    grid
-        Bins and spline bases.
-    coefficients
-        Coefficients of the log hazard, in an array with the shape of the tensor product.
-    smoothing
-        Smoothing parameters of the three directions.
-    factor
-        Upper Cholesky factor of the penalised information, with which coefficients are drawn from the
-        posterior; None if the law was read from a file.
-    """
+    """A fitted smooth hazard."""
 
     grid: HazardGrid
-    coefficients: Array
-    smoothing: tuple[float, float, float] = (1.0, 1.0, 1.0)
+    coefficients: Array  # of the log hazard, with the shape of the tensor product
+    smoothing: tuple[float, float, float] = (1.0, 1.0, 1.0)  # smoothing parameters of the three directions
+    # Upper Cholesky factor of the penalised information, with which coefficients are drawn from the
+    # posterior; None if the law was read from a file.
     factor: Array | None = None
 
     def cumulative(self, splines: Array) -> "Cumulative":
-        """Return the cumulative hazards of the variable for n pairs of values of the two covariates.
-
-        Parameters
-        ----------
-        splines
-            Values of the p products of the splines of the two covariates at each pair, shape (n, p).
-
-        Returns
-        -------
-        Cumulative
-            The n piecewise linear cumulative hazards.
-        """
+        """Return n piecewise linear cumulative hazards, given products of splines of shape (n, p)."""
         along = np.tensordot(self.coefficients, self.grid.tensor.matrices[2], (2, 1))
         # Bins are the first axis in memory, because sums over them are then several times faster.
         hazard = along.reshape(-1, along.shape[2]).T @ splines.T
@@ -160,32 +118,14 @@ class SmoothHazard:
 
 @dataclass(frozen=True)
 class Cumulative:
-    """Cumulative hazards as functions of the variable, given n values of the covariates.
+    """Cumulative hazards as functions of the variable, given n values of the covariates."""
 
-    Attributes
-    ----------
-    edges
-        Edges of the bins of the variable, shape (bins + 1,): equally spaced, from 0 on.
-    hazard
-        Hazard in each bin, shape (n, bins).
-    table
-        Cumulative hazard at the edges, shape (n, bins + 1).
-    """
-
-    edges: Array
-    hazard: Array
-    table: Array
+    edges: Array  # of the bins of the variable, (bins + 1,), equally spaced from 0 on
+    hazard: Array  # hazard in each bin, (n, bins)
+    table: Array  # cumulative hazard at the edges, (n, bins + 1)
 
     def at(self, value: Array, row: Array | None = None) -> Array:
-        """Return the cumulative hazard at given values of the variable, one for each function.
-
-        Parameters
-        ----------
-        value
-            One value for each function, or for each element of ``row``.
-        row
-            Indices of the functions; by default all functions, in order.
-        """
+        """Return the cumulative hazard at one value for each function (of index ``row``)."""
         bin_ = self.bin_of(value)
         # One index into the flat arrays, in which bins are the first axis.
         place = bin_ * len(self.table) + (np.arange(value.size) if row is None else row)
@@ -193,20 +133,7 @@ class Cumulative:
         return table[place] + hazard[place] * (value - self.edges[bin_])
 
     def at_all(self, values: Array, part: slice) -> Array:
-        """Return the cumulative hazards of some functions at the same values of the variable.
-
-        Parameters
-        ----------
-        values
-            Values of the variable, shape (m,).
-        part
-            The functions, as a slice of k elements.
-
-        Returns
-        -------
-        numpy.ndarray
-            Cumulative hazards, shape (m, k).
-        """
+        """Return the cumulative hazards of a slice of k functions at the same m values, shape (m, k)."""
         bin_ = self.bin_of(values)
         table, hazard = (numbers.T[bin_, part] for numbers in (self.table, self.hazard))
         return table + hazard * (values - self.edges[bin_])[:, None]
@@ -232,18 +159,7 @@ class Cumulative:
         return np.clip(bin_, 0, last)
 
     def inverse(self, level: ArrayLike) -> Array:
-        """Return the value of the variable at which each cumulative hazard reaches a level.
-
-        Parameters
-        ----------
-        level
-            A level for each of the n functions, shape (n,), or one level for all.
-
-        Returns
-        -------
-        numpy.ndarray
-            Values, shape (n,).
-        """
+        """Return the value at which each of n cumulative hazards reaches its level, shape (n,)."""
         level = np.broadcast_to(np.asarray(level, dtype=float), len(self.table))
         bin_ = np.clip((self.table <= level[:, None]).sum(axis=1) - 1, 0, self.edges.size - 2)
         row = np.arange(len(self.table))
@@ -258,18 +174,8 @@ def fit_hazard(
 ) -> SmoothHazard:
     """Return a smooth hazard fitted to binned data by penalised Poisson regression.
 
-    Parameters
-    ----------
-    grid, data
-        Bins and bases, and the counts and times at risk in the bins.
-    start
-        An earlier fit, which supplies starting values and the smoothing parameters. Without it, the smoothing
-        parameters are estimated from the data.
-
-    Raises
-    ------
-    ConvergenceError
-        If the Newton iteration does not converge.
+    An earlier fit as ``start`` supplies starting values and the smoothing parameters, which are otherwise
+    estimated. ConvergenceError is raised if the Newton iteration does not converge.
     """
     problem, penalty = _Problem(grid.tensor, data), Penalty.of(grid.bases)
     if start is not None:

@@ -26,19 +26,11 @@ SMOOTHING_ROUNDS = 30
 
 @dataclass(frozen=True)
 class Basis:
-    """Cubic B-splines with equally spaced knots on an interval; beyond its ends they are constant.
-
-    Attributes
-    ----------
-    low, high
-        Ends of the interval.
-    segments
-        Number of intervals between knots; there are three more functions than intervals.
-    """
+    """Cubic B-splines with equally spaced knots on an interval; beyond its ends they are constant."""
 
     low: float
     high: float
-    segments: int
+    segments: int  # number of intervals between knots; there are three more functions
 
     @property
     def size(self) -> int:
@@ -78,18 +70,10 @@ class Constant:
 
 @dataclass(frozen=True)
 class Penalty:
-    """Roughness penalties of the coefficients of a tensor product, one for each axis.
+    """Roughness penalties of the coefficients of a tensor product, one for each axis."""
 
-    Attributes
-    ----------
-    matrices
-        One matrix for each axis, for all coefficients in C order, shape (axes, coefficients, coefficients).
-    roots
-        Eigenvalues of the matrices, which have common eigenvectors, shape (axes, coefficients).
-    """
-
-    matrices: Array
-    roots: Array
+    matrices: Array  # one for each axis, for all coefficients in C order, (axes, coefficients, coefficients)
+    roots: Array  # eigenvalues of the matrices, which have common eigenvectors, (axes, coefficients)
 
     @classmethod
     def of(cls, bases: Sequence[Basis | Constant]) -> "Penalty":
@@ -111,11 +95,6 @@ class Penalty:
 
         It is the sum of the penalty matrices, each multiplied by its smoothing parameter, and of a small
         ridge, so that the coefficients of regions without data stay finite.
-
-        Parameters
-        ----------
-        smoothing
-            Smoothing parameter of each axis.
         """
         whole = np.tensordot(np.asarray(smoothing, dtype=float), self.matrices, 1)
         whole[np.diag_indices_from(whole)] += RIDGE
@@ -124,17 +103,8 @@ class Penalty:
     def smoother(self, smoothing: Array, coefficients: Array, covariance: Array) -> Array:
         """Return improved smoothing parameters by one fixed-point step of Wood and Fasiolo (2017).
 
-        Parameters
-        ----------
-        smoothing
-            The current parameters.
-        coefficients, covariance
-            Posterior mean and covariance of the coefficients for these parameters.
-
-        Returns
-        -------
-        numpy.ndarray
-            One new smoothing parameter for each axis, within `SMOOTHING_BOUNDS`.
+        Coefficients and covariance are the posterior mean and covariance for the current parameters. The
+        result is within `SMOOTHING_BOUNDS`.
         """
         total = smoothing @ self.roots
         inverse = np.divide(1.0, total, out=np.zeros_like(total), where=total > 0)
@@ -147,14 +117,9 @@ class Penalty:
 
 @dataclass(frozen=True)
 class Tensor:
-    """Tensor product of three bases on a grid.
+    """Tensor product of three bases on a grid."""
 
-    Attributes
-    ----------
-    matrices
-        For each axis, the values of its basis functions at the nodes of the grid, shape (nodes, size).
-    """
-
+    # For each axis, the values of its basis functions at the nodes, (nodes, size).
     matrices: tuple[Array, Array, Array]
 
     @property

@@ -16,26 +16,14 @@ RANGE_BOTTOM = 2.5  # [m]; below this range, P(range < r) is proportional to a p
 
 @dataclass(frozen=True)
 class Support:
-    """The limits of the records; the defaults are those of the paper's records.
+    """The limits of the records; the defaults are those of the paper's records."""
 
-    Attributes
-    ----------
-    lead_speeds
-        Smallest and largest lead speed [m/s].
-    range_max
-        Largest range [m].
-    closing_top
-        Closing speed above which the hazard of the body is constant [m/s].
-    segment_edges
-        Lead speeds at which segments meet [m/s]; only laws with segments use them.
-    splines
-        Number of intervals between knots of the splines of lead speed and of the root of the range.
-    """
-
-    lead_speeds: tuple[float, float] = (5.0, 35.0)
-    range_max: float = 75.0
-    closing_top: float = 24.0
+    lead_speeds: tuple[float, float] = (5.0, 35.0)  # smallest and largest [m/s]
+    range_max: float = 75.0  # m
+    closing_top: float = 24.0  # closing speed [m/s] above which the hazard of the body is constant
+    # Lead speeds at which segments meet [m/s]; only laws with segments use them.
     segment_edges: tuple[float, ...] = (15.0, 25.0)
+    # Number of intervals between knots of the splines of lead speed and of the root of the range.
     splines: tuple[int, int] = (6, 5)
 
     @classmethod

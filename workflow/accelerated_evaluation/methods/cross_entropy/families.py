@@ -66,24 +66,13 @@ class PiecewiseFamily:
     """The family in which every piece of the model has its own tilt and weight (section V.B).
 
     The tilt theta of a piece multiplies its density by exp(theta x) and normalises it again.
-
-    Parameters
-    ----------
-    model
-        The pieces that are tilted: f, or f with shifted truncation points.
-    thetas, weights
-        Tilt and weight of each of the k pieces.
-    minimum_weight
-        Lower bound of the weights. It ensures that f* is positive wherever f is (section V.C.3).
-    minimum_events
-        A piece in which a sample has fewer events keeps its theta (section V.C.4).
     """
 
-    model: PiecewiseMixture
+    model: PiecewiseMixture  # the pieces that are tilted: f, or f with shifted truncation points
     thetas: tuple[float, ...]
     weights: tuple[float, ...]
-    minimum_weight: float
-    minimum_events: int
+    minimum_weight: float  # lower bound of the weights, so that f* is positive wherever f is (section V.C.3)
+    minimum_events: int  # a piece in which a sample has fewer events keeps its theta (section V.C.4)
 
     @classmethod
     def start(cls, model: PiecewiseMixture, minimum_weight: float, minimum_events: int) -> "PiecewiseFamily":
@@ -102,14 +91,8 @@ class PiecewiseFamily:
         The new weight of a piece is its share of the sum of the importance weights, or the lower bound if the
         share is smaller. The new theta of a piece makes its mean equal to the weighted mean of the events in
         the piece. The theta of an unbounded tail may not be negative: if f* had a lighter tail than f, the
-        likelihood ratios could have an infinite variance, which a sample does not reveal.
-
-        Parameters
-        ----------
-        x
-            Values of the variable in the events of a sample, shape (n,).
-        weight
-            Importance weights of the events, shape (n,).
+        likelihood ratios could have an infinite variance, which a sample does not reveal. The events have
+        values x and importance weights, shape (n,).
         """
         piece, shares = self.model.piece_index(x), self._shares(x, weight)
         # Subnormal weights have lost digits, so a mean that is computed only from them would be inaccurate.
@@ -160,19 +143,8 @@ def bounded_weights(shares: Array, minimum: float) -> tuple[float, ...]:
     """Return weights that are proportional to given shares, are at least ``minimum``, and sum to one.
 
     Shares that would be below the minimum are raised to it, and the others are scaled. Among all weights with
-    this lower bound, the result maximises sum_i shares_i log weights_i.
-
-    Parameters
-    ----------
-    shares
-        Non-negative shares of the k pieces, shape (k,).
-    minimum
-        Lower bound of each weight.
-
-    Raises
-    ------
-    ValueError
-        If k times the minimum is not between 0 and 1.
+    this lower bound, the result maximises sum_i shares_i log weights_i. ValueError is raised if k times the
+    minimum is not between 0 and 1.
     """
     if not 0 < minimum * shares.size < 1:
         raise ValueError(

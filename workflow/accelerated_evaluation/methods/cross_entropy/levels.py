@@ -15,34 +15,18 @@ Families = tuple[ProposalFamily, ProposalFamily]  # of 1 / range and of 1 / TTC
 
 @dataclass(frozen=True)
 class SearchSettings:
-    """Settings of the Cross-Entropy search.
+    """Settings of the Cross-Entropy search."""
 
-    Attributes
-    ----------
-    sample_size
-        Number N of simulations in an iteration.
-    event_quantile
-        Share of a sample that belongs to the next relaxed event, as long as the crash is too rare.
-    range_per_ttc
-        Ratio of the threshold t_R of the range [m] to the threshold t_TTC of the time to collision [s], hence
-        [m/s]. It is small, because encounters that merely begin at a short range are not dangerous and would
-        mislead the search.
-    minimum_events
-        Smallest number of events in an iteration. More batches of N are simulated to find them (section
-        V.C.2).
-    maximum_batches
-        Largest number of batches of N simulations in one iteration.
-    crash_iterations
-        The search ends after this number of consecutive updates in which the event was the crash itself.
-    maximum_iterations
-        Largest number of iterations.
-    """
-
-    sample_size: int = 1000
+    sample_size: int = 1000  # number N of simulations in an iteration
+    # Share of a sample that belongs to the next relaxed event, as long as the crash is too rare.
     event_quantile: float = 0.1
+    # Threshold of the range over threshold of the time to collision [m/s]; small, because encounters that
+    # merely begin at a short range are not dangerous and would mislead the search.
     range_per_ttc: float = 0.1
+    # Smallest number of events in an iteration; more batches of N are simulated to find them (section V.C.2).
     minimum_events: int = 50
-    maximum_batches: int = 5
+    maximum_batches: int = 5  # largest number of batches of N simulations in one iteration
+    # The search ends after so many consecutive updates in which the event was the crash itself.
     crash_iterations: int = 2
     maximum_iterations: int = 60
 

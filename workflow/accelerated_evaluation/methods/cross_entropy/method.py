@@ -74,17 +74,7 @@ SETTINGS = section(
 
 @dataclass(frozen=True)
 class CrossEntropyMethod(Method):
-    """Importance sampling from a distribution f* that the Cross-Entropy method has found.
-
-    Attributes
-    ----------
-    cross_entropy
-        Section ``cross_entropy`` of the configuration.
-    batch
-        Number of cut-ins that are drawn at once for the estimate.
-    course_step
-        Number of simulations between two rows of the course of an estimate.
-    """
+    """Importance sampling from a distribution f* that the Cross-Entropy method has found."""
 
     settings: ClassVar[dict[str, Schema]] = {"cross_entropy": SETTINGS}
     sections: ClassVar[tuple[str, ...]] = ("cross_entropy", "importance_sampling")
@@ -92,8 +82,8 @@ class CrossEntropyMethod(Method):
     learns_apart: ClassVar[bool] = True
 
     cross_entropy: Mapping[str, Any]
-    batch: int
-    course_step: int
+    batch: int  # number of cut-ins that are drawn at once for the estimate
+    course_step: int  # number of simulations between two rows of the course of an estimate
 
     @classmethod
     def configured(cls, config: Mapping[str, Any]) -> Self:
@@ -108,13 +98,7 @@ class CrossEntropyMethod(Method):
 
     @abstractmethod
     def start(self, f: Factors) -> tuple[ProposalFamily, ProposalFamily]:
-        """Return the families of f* for 1 / range and 1 / TTC, with their parameters at the start.
-
-        Parameters
-        ----------
-        f
-            The fitted distributions of both coordinates in one stratum.
-        """
+        """Return the families of f* for 1 / range and 1 / TTC at the start, for f in one stratum."""
 
     def shift(self) -> Shift:
         """Return the steps by which truncation points move, and when; here they are fixed."""
@@ -127,17 +111,10 @@ class CrossEntropyMethod(Method):
         generator: np.random.Generator,
         on_iteration: Callable[[dict[str, float]], None] = lambda _: None,
     ) -> Search:
-        """Return the search for the accelerated distribution f* of one stratum, with this method's settings.
+        """Return the search for f* of one stratum, with this method's settings.
 
-        Parameters
-        ----------
-        problem, stratum
-            The law, the vehicle and the event; and the name of the stratum.
-        generator
-            Source of all randomness.
-        on_iteration
-            Function that is called after each iteration with its row of the trace, for example to show
-            progress.
+        ``on_iteration`` is called after each iteration with its row of the trace, for example to show
+        progress.
         """
         settings = SearchSettings(
             **{name: self.cross_entropy[name] for name in SearchSettings.__dataclass_fields__}
@@ -154,18 +131,10 @@ class CrossEntropyMethod(Method):
         generator: np.random.Generator,
         proposals: Proposals | None = None,
     ) -> Estimate:
-        """Return the estimated probability of the event, by importance sampling with new simulations from f*.
+        """Return the estimated probability of the event, with new simulations from f*.
 
-        Parameters
-        ----------
-        problem
-            The law, whose strata are accelerated separately, the vehicle and the event.
-        stopping
-            The stopping rule. The simulations of a search in this call count towards its limit.
-        generator
-            Source of all randomness.
-        proposals
-            Results of earlier searches in each stratum. By default every stratum is searched here.
+        Without ``proposals`` of earlier searches every stratum, which is accelerated separately, is searched
+        here, and the simulations of the search count towards the limit of the stopping rule.
         """
         limit = stopping.maximum_simulations
         if proposals is None:

@@ -14,20 +14,11 @@ from accelerated_evaluation.methods.cross_entropy.search import Search
 
 @dataclass(frozen=True)
 class Proposals:
-    """The accelerated distribution f* of each stratum, with the number of simulations of its search.
+    """The accelerated distribution f* of each stratum, with the number of simulations of its search."""
 
-    Attributes
-    ----------
-    factors
-        f* in the coordinates of each stratum.
-    simulations
-        Number of simulations of each search.
-    unfinished
-        Strata whose search did not reach the event, with the reason.
-    """
-
-    factors: Mapping[str, Factors]
-    simulations: Mapping[str, int]
+    factors: Mapping[str, Factors]  # f* in the coordinates of each stratum
+    simulations: Mapping[str, int]  # number of simulations of each search
+    # Strata whose search did not reach the event, with the reason.
     unfinished: Mapping[str, str] = field(default_factory=dict)
 
     @classmethod
@@ -64,13 +55,7 @@ def write_proposals(path: str | os.PathLike, proposals: Proposals) -> None:
 
 
 def read_proposals(path: str | os.PathLike) -> Proposals:
-    """Return f* of each stratum from a file that `write_proposals` wrote.
-
-    Raises
-    ------
-    InputError
-        If the file does not contain proposals, or is damaged.
-    """
+    """Return f* of each stratum from a file of `write_proposals`; InputError is raised if it is damaged."""
     try:
         content = read_json(path)
         factors = {

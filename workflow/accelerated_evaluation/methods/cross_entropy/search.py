@@ -20,21 +20,12 @@ COORDINATES = ("inverse_range", "inverse_ttc")  # names of the two coordinates i
 
 @dataclass(frozen=True)
 class Search:
-    """The state of a search in one stratum.
+    """The state of a search in one stratum."""
 
-    Attributes
-    ----------
-    first, second
-        The families of both coordinates, 1 / range and 1 / TTC, with their current parameters.
-    trace
-        A row for each iteration.
-    unfinished
-        Reason if the search ended before the crash itself was used for the updates; otherwise empty.
-    """
-
-    first: ProposalFamily
-    second: ProposalFamily
-    trace: list[dict[str, float]] = field(default_factory=list)
+    first: ProposalFamily  # family of 1 / range with its current parameters
+    second: ProposalFamily  # family of 1 / TTC
+    trace: list[dict[str, float]] = field(default_factory=list)  # a row for each iteration
+    # Why the search ended before the crash itself was used for the updates; otherwise empty.
     unfinished: str = ""
 
     @property
@@ -48,15 +39,7 @@ class Search:
         return int(self.trace[-1]["simulations_total"]) if self.trace else 0
 
     def advance(self, first: ProposalFamily, second: ProposalFamily, row: dict[str, float]) -> "Search":
-        """Return the next state of the search.
-
-        Parameters
-        ----------
-        first, second
-            The families of both coordinates with their new parameters.
-        row
-            Numbers of this iteration. They are added to the trace, with the parameters of both families.
-        """
+        """Return the next state; ``row`` and the parameters of both families are added to the trace."""
         parameters = {
             f"{coordinate}_{name}": value
             for coordinate, family in zip(COORDINATES, (first, second), strict=True)
@@ -83,29 +66,11 @@ def search(
     given share of the sample belongs to this event, and they never rise (`draw_level`). The new f* maximises
     the weighted likelihood of the events. A search that does not reach the crash still returns its last f*,
     with the reason. Estimates with this f* are valid, and if they contain no event they give an upper limit.
-
-    Parameters
-    ----------
-    problem, stratum
-        The law, the vehicle and the event; and the name of the stratum.
-    start
-        Families of both coordinates with the initial parameters: `SingleFamily` for the method single,
-        `PiecewiseFamily` for piecewise, heuristic and shifted.
-    settings
-        Sample size, thresholds and limits.
-    generator
-        Source of all randomness.
-    shift
-        Steps by which truncation points move, and when; by default they are fixed.
-    on_iteration
-        Function that is called with every row of the trace.
-
-    Returns
-    -------
-    Search
-        The last f*, and the trace: thresholds, events, effective sample size, parameters and simulations of
-        each iteration. The search is unfinished if the crash itself was not the event of the last
-        ``crash_iterations`` updates, or if no simulation of an iteration ended in the relaxed event.
+    The families are `SingleFamily` for the method single, and `PiecewiseFamily` for piecewise, heuristic and
+    shifted. By default the truncation points are fixed; ``shift`` says how they move. The trace has
+    thresholds, events, effective sample size, parameters and simulations of each iteration. The search is
+    unfinished if the crash itself was not the event of the last ``crash_iterations`` updates, or if no
+    simulation of an iteration ended in the relaxed event.
     """
     row = {"threshold_ttc_s": math.nan, "threshold_range_m": math.nan, "simulations_total": 0}
     state = Search(*start).advance(*start, row)

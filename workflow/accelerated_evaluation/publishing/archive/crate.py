@@ -44,24 +44,8 @@ TYPES |= {".ipynb": "application/x-ipynb+json", ".yaml": "application/yaml", ".m
 def write_crate(study: Study, target: Path, licence: str) -> int:
     """Write the crate of a finished study, which was run in this folder, as a ZIP file.
 
-    Parameters
-    ----------
-    study
-        The study, with its results and figures.
-    target
-        File to write.
-    licence
-        Licence of the crate: the address of its text, or its name.
-
-    Returns
-    -------
-    int
-        Number of files in the crate.
-
-    Raises
-    ------
-    InputError
-        If the study was not run here, is not finished, or was made by other code than the present one.
+    The result is the number of files in it, and the licence is a name or the address of a text. InputError is
+    raised if the study was not run here, is not finished, or was made by other code than the present one.
     """
     study.path("config.json")
     jobs = jobs_of([study.results, study.figures])
@@ -80,15 +64,8 @@ def write_crate(study: Study, target: Path, licence: str) -> int:
 def _add_files(crate: ROCrate, jobs: Sequence[Job]) -> dict[str, Entity]:
     """Add the files of the project and of the study to the crate, each with its SHA-256.
 
-    Returns
-    -------
-    dict
-        The entity of each file, both by its path in the crate and by the path in the records of the jobs.
-
-    Raises
-    ------
-    InputError
-        If a job read or wrote a file that no longer exists.
+    The entities are found by the path in the crate and by that in the records of the jobs. InputError is
+    raised if a job read or wrote a file that no longer exists.
     """
     project = [path for part in PARTS for path in _files(PROJECT / part)]
     paths = {_name(path): path for path in project}

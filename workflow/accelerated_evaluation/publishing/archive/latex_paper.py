@@ -30,20 +30,9 @@ SHORT = ("claim", "paper", "ours", "verdict")  # columns of the table of claims 
 def write_paper(study: Study, target: Path, font: str) -> None:
     """Write figures, tables and numbers of a study to a folder for a LaTeX paper, and replace existing files.
 
-    Parameters
-    ----------
-    study
-        A finished study.
-    target
-        Folder to write: ``figures/one_column``, ``figures/two_columns``, ``tables``, ``numbers.tex`` and
-        ``example.tex``.
-    font
-        Font family of the figures; choose that of the paper's text.
-
-    Raises
-    ------
-    InputError
-        If a result of the study is missing, or the font is not installed.
+    It contains ``figures/one_column``, ``figures/two_columns``, ``tables``, ``numbers.tex`` and
+    ``example.tex``. The font family of the figures should be that of the paper's text. InputError is raised
+    if a result of the study is missing, or the font is not installed.
     """
     _require_font(font)
     study.path("config.json")
@@ -63,19 +52,8 @@ def numbers(claims: pd.DataFrame, origin: dict[str, str]) -> str:
     r"""Return LaTeX code that defines a macro for each number of the table of claims, and for the provenance.
 
     The name of a macro consists of the claim and of the kind of number: ``\CruxOursLow`` is the lower end of
-    our spread of the claim "crux". Macro names have letters only, so digits are written as words.
-
-    Parameters
-    ----------
-    claims
-        Table of the numbers of the paper, compared with ours.
-    origin
-        Study, commit and configuration, as from `provenance.origin_of`.
-
-    Raises
-    ------
-    InputError
-        If two macros would have the same name.
+    our spread of the claim "crux". Macro names have letters only, so digits are written as words. InputError
+    is raised if two macros would have the same name.
     """
     macros = [(f"Study{key.capitalize()}", value.replace("_", r"\_")) for key, value in origin.items()]
     for claim in claims.to_dict("records"):
@@ -103,14 +81,7 @@ def macro(claim: str) -> str:
 def draw(study: Study, settings: Print, notebooks: Sequence[Path]) -> None:
     """Run notebooks again to draw their figures in the style of the paper.
 
-    Parameters
-    ----------
-    study
-        The finished study whose results the notebooks read.
-    settings
-        Font, widths and target folders of the figures.
-    notebooks
-        The notebooks to run. Their other outputs go to a temporary folder, which is deleted.
+    Their other outputs go to a temporary folder, which is deleted.
     """
     with tempfile.TemporaryDirectory() as folder, printed(settings):
         parameters = {"results": str(study.results.resolve()), "figures": f"{folder}/figures/{study.name}"}

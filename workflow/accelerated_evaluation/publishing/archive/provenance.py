@@ -38,13 +38,9 @@ def provenance_of(study: Study, published: Iterable[Path]) -> dict[str, Any]:
 def commit_of(project: Path) -> str:
     """Return the last commit of a project that changed anything on which its results depend.
 
-    Commits that change only a text, a test or the published figures are ignored.
-
-    Returns
-    -------
-    str
-        The 40 hexadecimal digits of the commit, with " with changes" appended if files differ from the
-        committed ones; `UNKNOWN` without git or outside of a repository.
+    Commits that change only a text, a test or the published figures are ignored. The result is 40 hexadecimal
+    digits, with " with changes" appended if files differ from the committed ones, or `UNKNOWN` without git or
+    outside of a repository.
     """
     try:
         commit = _git(project, "log", "-1", "--format=%H", "--", *PARTS)

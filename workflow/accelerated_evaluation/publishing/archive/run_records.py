@@ -21,45 +21,26 @@ NAME_LENGTH = 254  # largest length of a file name; Snakemake divides the longer
 
 @dataclass
 class Job:
-    """A job that ran, as Snakemake recorded it.
+    """A job that ran, as Snakemake recorded it."""
 
-    Attributes
-    ----------
-    rule
-        Name of the Snakemake rule.
-    script
-        Path of its script, ``workflow/scripts/...``; empty if the rule has none.
-    logs, inputs, outputs
-        Paths of the files.
-    checksums
-        ``"sha256:..."`` of each input when the job read it, by path.
-    code
-        Digests of the code of the library that the job may have run, by room (`study.dependencies`).
-    started, ended
-        Times in UTC.
-    """
-
-    rule: str
-    script: str
+    rule: str  # name of the Snakemake rule
+    script: str  # path of its script, ``workflow/scripts/...``; empty if the rule has none
     logs: tuple[str, ...]
     inputs: tuple[str, ...]
     outputs: list[str]
-    checksums: Mapping[str, str]
+    checksums: Mapping[str, str]  # ``"sha256:..."`` of each input when the job read it, by path
+    # Digests of the code of the library that the job may have run, by room (`study.dependencies`).
     code: Mapping[str, str]
-    started: datetime
-    ended: datetime
+    started: datetime  # UTC
+    ended: datetime  # UTC
 
 
 def jobs_of(folders: Iterable[Path]) -> list[Job]:
     """Return all jobs that contributed to the files in some folders, in the order of their start.
 
     These are the jobs that wrote the files, and those that wrote the inputs of these jobs, and so on. Files
-    without a record, such as logs, are ignored.
-
-    Raises
-    ------
-    InputError
-        If nothing was recorded, or a recorded output does not exist.
+    without a record, such as logs, are ignored. InputError is raised if nothing was recorded, or a recorded
+    output does not exist.
     """
     waiting = [str(path) for folder in folders for path in sorted(folder.rglob("*")) if path.is_file()]
     seen: set[str] = set()

@@ -25,17 +25,7 @@ NEAR_CRASH = "near-crash: cut-in in front of the subject, rear-end conflict"
 
 
 def collect(tables: Tables, benchmarks: Tables, config: Mapping[str, Any]) -> dict[str, Any]:
-    """Return the numbers that the paper does not have, nested by subject.
-
-    Parameters
-    ----------
-    tables
-        Published tables of the study.
-    benchmarks
-        Tables of the benchmarks.
-    config
-        Resolved configuration of the study.
-    """
+    """Return the numbers that the paper does not have, nested by subject."""
     return {
         "laws": _laws(tables),
         "answer": _answer(tables),

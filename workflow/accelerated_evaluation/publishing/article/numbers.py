@@ -31,14 +31,7 @@ METHODS = ("piecewise", "single", "heuristic", "shifted")
 def collect(tables: Tables, benchmarks: Tables, config: Mapping[str, Any]) -> dict[str, Any]:
     """Return all numbers of the article, nested by subject, in types that JSON can represent.
 
-    Parameters
-    ----------
-    tables
-        Published tables of the study, which are read by name.
-    benchmarks
-        Tables of the benchmarks, which belong to the default study of the project.
-    config
-        Resolved configuration of the study.
+    The tables of the benchmarks belong to the default study of the project.
     """
     return plain(
         {

@@ -23,33 +23,15 @@ NUMBERS = "numbers.json"
 
 @dataclass(frozen=True)
 class Sources:
-    """The files from which an article is made, apart from the results of the study.
+    """The files from which an article is made, apart from the results of the study."""
 
-    Parameters
-    ----------
-    text
-        Folder with ``article.typ``, its style and its bibliography.
-    benchmarks
-        Folder with the tables of the benchmarks.
-    captions
-        Folder with the captions of the figures, ``<name>.rst``.
-    """
-
-    text: Path
-    benchmarks: Path
-    captions: Path
+    text: Path  # folder with ``article.typ``, its style and its bibliography
+    benchmarks: Path  # folder with the tables of the benchmarks
+    captions: Path  # folder with the captions of the figures, ``<name>.rst``
 
 
 def numbers_of(study: Study, sources: Sources) -> dict[str, Any]:
-    """Return all data that the text of the article uses: numbers, captions of its figures, and provenance.
-
-    Parameters
-    ----------
-    study
-        The finished results.
-    sources
-        Text, benchmarks and captions.
-    """
+    """Return all data that the text of the article uses: numbers, captions of its figures, and provenance."""
     figures = shown_figures(sources.text)
     tables = Tables(study.figures / "tables")
     try:
@@ -67,21 +49,9 @@ def numbers_of(study: Study, sources: Sources) -> dict[str, Any]:
 
 
 def write_article(study: Study, sources: Sources, pdf: Path, numbers: Path) -> None:
-    """Write the article of a finished study, and the numbers that it uses as JSON.
+    """Write the article of a finished study as a PDF, and the numbers that it uses as JSON.
 
-    Parameters
-    ----------
-    study
-        The finished results.
-    sources
-        Text, benchmarks and captions.
-    pdf, numbers
-        Files to write.
-
-    Raises
-    ------
-    StudyError
-        If Typst cannot compile the text.
+    StudyError is raised if Typst cannot compile the text.
     """
     known = numbers_of(study, sources)
     with TemporaryDirectory(prefix=".article.") as folder:
@@ -98,19 +68,7 @@ def write_article(study: Study, sources: Sources, pdf: Path, numbers: Path) -> N
 def compile_text(folder: Path, pdf: Path) -> None:
     """Compile ``article.typ`` to a PDF that depends on the files in its folder only.
 
-    The fonts are those that Typst contains, and no date is written.
-
-    Parameters
-    ----------
-    folder
-        Folder with the text, its numbers and figures.
-    pdf
-        File to write.
-
-    Raises
-    ------
-    StudyError
-        If Typst cannot compile the text; the error contains the message of Typst.
+    The fonts are those that Typst contains, and no date is written. StudyError contains the message of Typst.
     """
     with atomic_path(pdf) as temporary:
         try:

@@ -16,28 +16,15 @@ DIGITS = 6  # significant digits, as in all published tables
 class Tables:
     """Tables in some folders; each is read when it is first used.
 
-    Parameters
-    ----------
-    folders
-        Folders with CSV files. A table is taken from the first folder that has it.
-
-    Attributes
-    ----------
-    last
-        Name of the table that was read last, for errors.
+    A table is taken from the first folder that has it. ``last`` is the name of the table that was read last,
+    for errors.
     """
 
     def __init__(self, *folders: Path) -> None:
         self.folders, self.last = folders, ""
 
     def __getitem__(self, name: str) -> pd.DataFrame:
-        """Return a table by its name, without its column ``data``.
-
-        Raises
-        ------
-        InputError
-            If no folder has the table.
-        """
+        """Return a table by its name, without its column ``data``; InputError if no folder has it."""
         self.last = name
         for folder in self.folders:
             path = folder / f"{name}.csv"
@@ -59,15 +46,7 @@ class Tables:
         return plain(table[table[key] == value].iloc[0].to_dict())
 
     def rows(self, name: str, columns: Mapping[str, str]) -> list[dict[str, Any]]:
-        """Return some columns of a table as a list of rows, with values of JSON types.
-
-        Parameters
-        ----------
-        name
-            Name of the table.
-        columns
-            New name of each column that is returned.
-        """
+        """Return columns of a table, with new names, as a list of rows with values of JSON types."""
         return plain(self[name][list(columns)].rename(columns=columns).to_dict("records"))
 
 

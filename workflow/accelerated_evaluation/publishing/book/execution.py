@@ -43,14 +43,7 @@ class ThisProcess(Engine):
 
         Papermill calls this method, saves the notebook, and raises the error afterwards. The placeholders in
         a cell of text are filled in with the values that the variables have at this place
-        (`publishing.book.texts`).
-
-        Parameters
-        ----------
-        nb_man
-            Papermill's manager of the notebook, whose cells are run and changed.
-        kernel_name
-            Ignored, because no kernel is started.
+        (`publishing.book.texts`). The name of the kernel is ignored, because none is started.
         """
         # Figures that a cell shows without saving them are embedded in the notebook, as in a kernel.
         os.environ["MPLBACKEND"] = "module://matplotlib_inline.backend_inline"
@@ -81,22 +74,10 @@ papermill_engines.register(ENGINE, ThisProcess)
 
 
 def run_notebook(notebook: str, parameters: dict[str, str], executed: str) -> None:
-    """Execute a notebook: run its code, and fill in the placeholders of its texts.
+    """Execute a notebook with given parameters: run its code, and fill in the placeholders of its texts.
 
-    Parameters
-    ----------
-    notebook
-        Path of the notebook.
-    parameters
-        Values of the variables in the notebook's cell of parameters.
-    executed
-        File to write: the notebook with its outputs and the completed texts.
-
-    Raises
-    ------
-    StudyError
-        If a cell of code or a placeholder fails, in which case the error names the cell, or if the notebook
-        used something that its metadata do not declare.
+    StudyError is raised if a cell of code or a placeholder fails, in which case the error names the cell, or
+    if the notebook used something that its metadata do not declare.
     """
     with atomic_path(executed) as temporary, _main_module_kept():
         try:

@@ -37,12 +37,7 @@ CLAIM_COLUMNS = {
 def known_to_pages(study: Study, records: Iterable[str]) -> dict[str, Any]:
     """Return the values that are inserted into the templates of the first and the last page, by name.
 
-    Parameters
-    ----------
-    study
-        The finished results.
-    records
-        Data files of the study. The last page lists their SHA-256 checksums.
+    The last page lists the SHA-256 checksums of the records.
     """
     common = {
         "vehicle": study.config["vehicle"],

@@ -39,33 +39,17 @@ PIXELS = 2  # pixels of a PNG file per pixel of its width on the page, so that e
 
 @dataclass(frozen=True)
 class Parts:
-    """The parts from which a book is made.
-
-    Parameters
-    ----------
-    study
-        The finished results.
-    notebooks
-        Executed notebooks, one for each chapter, in order.
-    tables
-        Names of the tables that each notebook makes, by the name of the notebook.
-    guides
-        Markdown files, one for each chapter, in order.
-    captions
-        Folder with the caption of every figure and table, ``<name>.rst``.
-    pages
-        Folders with the templates of the first and the last page, the style and a script. A file in a later
-        folder replaces the file of the same name in an earlier one.
-    explorer
-        The page ``explorer.html``, which is copied into the site; None if the study has none.
-    """
+    """The parts from which a book is made."""
 
     study: Study
-    notebooks: Sequence[Path]
-    tables: Mapping[str, Sequence[str]]
-    guides: Sequence[Path]
-    captions: Path
+    notebooks: Sequence[Path]  # executed notebooks, one for each chapter, in order
+    tables: Mapping[str, Sequence[str]]  # names of the tables that each notebook makes
+    guides: Sequence[Path]  # markdown files, one for each chapter, in order
+    captions: Path  # folder with the caption of every figure and table, ``<name>.rst``
+    # Folders with the templates of the first and the last page, the style and a script. A file in a later
+    # folder replaces the file of the same name in an earlier one.
     pages: Sequence[Path]
+    # The page ``explorer.html``, which is copied into the site; None if the study has none.
     explorer: Path | None = None
 
     def without_missing(self, text: str) -> str:
@@ -83,15 +67,10 @@ class Parts:
         return [paragraph.replace("*", r"\*") for paragraph in paragraphs]
 
     def figure(self, name: str, label: str | None = None) -> str:
-        """Return a figure as MyST Markdown: image, number, caption, alternative text and links to its files.
+        """Return a figure as MyST Markdown: image, number, caption, alternative text and links.
 
-        Parameters
-        ----------
-        name
-            Name of the figure, and of its files.
-        label
-            Target for links to the figure, its name by default. If the figure is shown on a second page, it
-            needs another label there.
+        The label is the target of links to the figure, its name by default. If the figure is shown on a
+        second page, it needs another label there.
         """
         first, *rest = self.caption(name)
         sentence = " ".join(re.split(r"(?<=[.:]) ", " ".join(first.split()), maxsplit=1)[0].split())
@@ -114,19 +93,8 @@ class Parts:
 def build_book(parts: Parts, site: Path, names: dict[str, Any]) -> None:
     """Write the site of a study, and replace the previous one.
 
-    Parameters
-    ----------
-    parts
-        The parts of the book.
-    site
-        Folder of the site. It appears when it is complete, with ``index.html`` as its first page.
-    names
-        Further names for the templates of the first and the last page.
-
-    Raises
-    ------
-    StudyError
-        If a placeholder of a template cannot be filled in, or Sphinx fails.
+    The folder appears when it is complete, with ``index.html`` as its first page; ``names`` are further names
+    for the templates. StudyError is raised if a placeholder cannot be filled in, or Sphinx fails.
     """
     site.parent.mkdir(parents=True, exist_ok=True)
     with TemporaryDirectory(prefix=f".{site.name}.", dir=site.parent) as temporary:

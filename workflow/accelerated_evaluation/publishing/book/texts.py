@@ -25,63 +25,26 @@ from accelerated_evaluation.publishing.tables.formats import as_markdown, readab
 def number(value: float, decimals: int = 0, sign: str = "") -> str:
     """Write a number with a fixed number of decimals, such as 1,234.5.
 
-    NaN is written as a dash, and infinity as ∞.
-
-    Parameters
-    ----------
-    value
-        The number.
-    decimals
-        Digits after the point.
-    sign
-        ``"+"`` writes the sign of positive numbers too.
+    NaN is written as a dash, and infinity as ∞. A ``"+"`` as sign writes the sign of positive numbers too.
     """
     return f"{value:{sign},.{decimals}f}" if math.isfinite(value) else readable(float(value))
 
 
 def percent(value: float, decimals: int = 0, sign: str = "") -> str:
-    """Write a share between 0 and 1 as a percentage, such as 12.3%.
-
-    Parameters
-    ----------
-    value
-        The share.
-    decimals
-        Digits after the point.
-    sign
-        ``"+"`` writes the sign of positive numbers too.
-    """
+    """Write a share as a percentage, such as 12.3%; with the sign ``"+"``, as +12.3% if positive."""
     return f"{number(100 * value, decimals, sign)}%" if math.isfinite(value) else readable(float(value))
 
 
 def unbroken(value: Any, digits: int = 3) -> Any:  # noqa: ANN401
-    """Write a number as `readable` does, with non-breaking spaces, so that it stays on one line.
-
-    Parameters
-    ----------
-    value
-        The number.
-    digits
-        Number of significant digits.
-    """
+    """Write a number as `readable` does, with non-breaking spaces, so that it stays on one line."""
     written = readable(value, digits)
     return written.replace(" ", "\N{NO-BREAK SPACE}") if isinstance(written, str) else written
 
 
 def fill(text: str, names: Mapping[str, Any]) -> str:
-    """Return a Markdown text with its placeholders filled in.
+    """Return a Markdown text with its placeholders of Jinja filled in.
 
-    Parameters
-    ----------
-    text
-        Text with placeholders of Jinja.
-    names
-        Value of each name that placeholders may use.
-
-    Raises
-    ------
-    StudyError
-        If a placeholder uses an unknown name, or its expression fails.
+    StudyError is raised if a placeholder uses an unknown name, or its expression fails.
     """
     try:
         return _ENVIRONMENT.from_string(text).render(names)
@@ -93,15 +56,8 @@ def fill(text: str, names: Mapping[str, Any]) -> str:
 def caption(folder: Path, name: str, config: Mapping[str, Any]) -> list[str]:
     """Return the paragraphs of the caption of a figure or table, with its placeholders filled in.
 
-    Parameters
-    ----------
-    folder
-        Folder with the captions, ``<name>.rst``. The Snakemake report reads the same files, so their
-        placeholders use the configuration by the name ``snakemake.config``.
-    name
-        Name of the figure or table.
-    config
-        Resolved configuration of the study.
+    The Snakemake report reads the same files, ``<name>.rst``, so their placeholders use the configuration by
+    the name ``snakemake.config``.
     """
     text = (folder / f"{name}.rst").read_text(encoding="utf-8")
     return fill(text, {"snakemake": SimpleNamespace(config=config)}).strip().split("\n\n")

@@ -85,25 +85,11 @@ def claims_table(
 ) -> pd.DataFrame:
     """Compare each number and each statement of the paper with ours.
 
-    Parameters
-    ----------
-    single, piecewise, two_pieces, three_pieces
-        The fitted models; ``piecewise`` is the one that is simulated.
-    dependence, candidates, similarity, repeated_searches, trace
-        Tables of a study, as in `Study`.
-    estimates, course, exact, variation, coverage
-        Tables of a study, as in `Study`. The crash probability, and numbers that follow from it, are compared
-        with the exact value.
-    config
-        The study's configuration.
-
-    Returns
-    -------
-    pandas.DataFrame
-        A row for each claim: the paper's number with its tolerance, ``paper_low`` to ``paper_high``; our
-        number ``ours`` with its spread, ``ours_low`` to ``ours_high``, NaN if it has none; ``verdict``; and
-        its reason ``why``. The verdict is by the rule of `verdict`, or ``not comparable`` if the study
-        departs from the paper's assumptions or has no similar quantity.
+    ``piecewise`` is the model that is simulated, and the other arguments are those of `Study`. The crash
+    probability, and numbers that follow from it, are compared with the exact value. A row has the paper's
+    number with its tolerance, ``paper_low`` to ``paper_high``; our number with its spread, NaN if it has
+    none; and the ``verdict`` by the rule of `verdict`, or ``not comparable`` if the study departs from the
+    paper's assumptions or has no similar quantity, with its reason ``why``.
     """
     alpha, beta = (config["importance_sampling"][name] for name in ("alpha", "beta"))
     evidence = Evidence(
@@ -157,15 +143,7 @@ def _why(judged: str, ours: Spread, claim: Claim) -> str:
 def departure(config: Mapping[str, Any]) -> str:
     """Return a description of the first setting in `PREMISES` that a study does not share with the paper.
 
-    Parameters
-    ----------
-    config
-        Resolved configuration of the study.
-
-    Returns
-    -------
-    str
-        The setting with both values, and the data; empty if the study shares all settings.
+    It contains both values, and the data, and is empty if the study shares all settings.
     """
     for key, expected in PREMISES.items():
         seen = reduce(getitem, key.split("."), config)

@@ -13,12 +13,6 @@ COVERAGE_COLUMNS = (
 
 @table("coverage", digits=3)
 def coverage_table(coverage: pd.DataFrame) -> pd.DataFrame:
-    """Return the table of the coverage of intervals, with the columns that contain the coverage first.
-
-    Parameters
-    ----------
-    coverage
-        ``coverage.csv`` of a study.
-    """
+    """Return the table of the coverage of intervals, with the columns that contain the coverage first."""
     others = [name for name in coverage.columns if name not in COVERAGE_COLUMNS]
     return coverage[[*COVERAGE_COLUMNS, *others]]

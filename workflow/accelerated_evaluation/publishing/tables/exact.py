@@ -29,22 +29,12 @@ def needed_simulations(
 ) -> pd.DataFrame:
     """Tabulate the number of simulations to convergence, computed from the exact variance under each f*.
 
-    Parameters
-    ----------
-    variation, exact
-        ``variation.csv`` and ``exact.csv`` of a study; the latter for crude Monte Carlo.
-    alpha, beta
-        Convergence is a relative half-width beta of the normal interval with level 1 - alpha.
-
-    Returns
-    -------
-    pandas.DataFrame
-        A row for each scope (a segment, or all) and method: ``searches``, their number; ``infinite``, the
-        number of f* that fall more than twice as fast as f in the tail, so that the variance is infinite;
-        ``decay``, the largest ratio of these rates; ``hidden``, the number of f* whose variance depends on
-        the rarest crashes; ``variation``, the mean coefficient of variation of a weight without these
-        crashes; ``simulations``, the mean number of simulations over the searches, with its range
-        ``simulations_low`` to ``simulations_high``; ``paper_simulations``, the paper's number (table I).
+    Convergence is a relative half-width beta of the normal interval with level 1 - alpha; crude Monte Carlo
+    is from ``exact``. For each scope and method, ``infinite`` is the number of f* that fall more than twice
+    as fast as f in the tail, so that the variance is infinite; ``decay`` the largest ratio of these rates;
+    ``hidden`` the number of f* whose variance depends on the rarest crashes; ``variation`` the mean
+    coefficient of variation of a weight without these crashes; and ``simulations`` the mean over the
+    ``searches``, with its range.
     """
     rows = []
     for (scope, method), found in variation.groupby(["segment", "method"], sort=False):
@@ -75,14 +65,7 @@ def needed_simulations(
 
 
 def severity_digest(severity: pd.DataFrame) -> pd.DataFrame:
-    """Return the rows over all segments of ``severity.csv``, with a description of each event.
-
-    Returns
-    -------
-    pandas.DataFrame
-        Columns ``event``, ``probability``, ``to_crash`` (ratio to the crash probability) and
-        ``per_million_km``.
-    """
+    """Return the rows over all segments of ``severity.csv``, with a description of each event."""
     rows = severity[severity["segment"] == "all"]
     events = [EVENTS[row.quantity].format(row.threshold) for row in rows.itertuples()]
     return rows[["probability", "to_crash", "per_million_km"]].assign(event=events)[list(DIGEST)]
@@ -92,19 +75,7 @@ def contradictions(truth: pd.Series, crude: pd.DataFrame) -> str:
     """Test whether the crashes of crude Monte Carlo contradict the exact probability, by a binomial test.
 
     The hypothesis is the probability, within `SURE` standard errors of the exact one, that fits the number of
-    crashes best.
-
-    Parameters
-    ----------
-    truth
-        ``probability`` and ``standard_error`` over all segments.
-    crude
-        ``crude.csv`` of a study.
-
-    Returns
-    -------
-    str
-        A warning if the p-value is below `CONTRADICTED`; empty otherwise.
+    crashes best. The result is a warning if the p-value is below `CONTRADICTED`, and otherwise empty.
     """
     found = crude.set_index("segment").loc["all"]
     crashes, simulations = int(found["crashes"]), int(found["simulations"])

@@ -20,12 +20,7 @@ def without_replay(extrapolation: pd.DataFrame) -> pd.DataFrame:
 def rests_in_words(extrapolation: pd.DataFrame, *, by_speed: bool = True) -> str:
     """Return a paragraph that says how much of the answer lies beyond the records; empty without crashes.
 
-    Parameters
-    ----------
-    extrapolation
-        ``extrapolation.csv`` of a study.
-    by_speed
-        Whether the parts are those of cut-ins, by closing speed, or those by distance from the records.
+    The parts are those of cut-ins, by closing speed, or otherwise those by distance from the records.
     """
     rows = extrapolation.set_index("part")
     if rows.empty or rows["share"].isna().any():

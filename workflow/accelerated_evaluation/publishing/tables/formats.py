@@ -35,21 +35,8 @@ def save_table(
 ) -> pd.DataFrame:
     """Save a table as CSV, Markdown and LaTeX: ``folder/name`` with the endings csv, md and tex.
 
-    Parameters
-    ----------
-    table, folder, name
-        The table, and the path of its files without ending.
-    digits
-        Number of significant digits in Markdown and LaTeX, see `readable`; by default all digits are written.
-        Numbers in the CSV file always have `DIGITS` significant digits.
-    digest
-        A shorter table for Markdown and LaTeX, where headers are in words; by default the whole table is
-        written.
-
-    Returns
-    -------
-    pandas.DataFrame
-        The table, for display.
+    Numbers in the CSV file always have `DIGITS` significant digits. Markdown and LaTeX have ``digits``, by
+    default all, and the shorter table ``digest``, if there is one, with headers in words.
     """
     shown = table if digest is None else digest
     shown = presented(shown if digits is None else shown.map(lambda value: readable(value, digits)))
@@ -70,16 +57,6 @@ def reproducible(table: pd.DataFrame) -> pd.DataFrame:
     Counts are not rounded. A column of counts with missing values contains floats, so a float without a
     fractional part is treated as a count. Above `LARGEST_COUNT`, floats cannot represent every whole number,
     so larger values are not treated as counts.
-
-    Parameters
-    ----------
-    table
-        Any table of numbers and texts.
-
-    Returns
-    -------
-    pandas.DataFrame
-        The rounded table.
     """
     columns = {
         name: column.map(reproducible_value) for name, column in table.items() if column.dtype.kind in "fO"
@@ -112,12 +89,8 @@ def as_markdown(text: Any) -> Any:  # noqa: ANN401
 def readable(value: Any, digits: int = 3) -> Any:  # noqa: ANN401
     """Write a number for a text, such as 7,840, 1.57 or 7.4 × 10⁻⁷; NaN is written as a dash.
 
-    Parameters
-    ----------
-    value
-        A number; values of other types are returned without change.
-    digits
-        Number of significant digits. Whole numbers below a million are written with all digits.
+    Whole numbers below a million are written with all digits, others with so many significant ones. Values of
+    other types are returned without change.
     """
     if isinstance(value, bool) or not isinstance(value, numbers.Real):
         return value

@@ -11,13 +11,7 @@ CUT_IN = "cut-in"
 
 
 def best_known(injuries: pd.DataFrame) -> pd.DataFrame:
-    """Return the injuries per million kilometres, or per cut-in if the distance is not known.
-
-    Parameters
-    ----------
-    injuries
-        ``injuries.csv`` of a study, whose column ``per`` names the unit of each row.
-    """
+    """Return the injuries per million kilometres, or per cut-in if the distance is not known."""
     per = DISTANCE if (injuries["per"] == DISTANCE).any() else CUT_IN
     return injuries[injuries["per"] == per]
 
@@ -76,20 +70,7 @@ injury_curves_table = result_table("injury_curves", digest=curves_digest)
 
 
 def injuries_in_words(injuries: pd.DataFrame, level: str) -> str:
-    """Return the expected number of injured drivers with the vehicle under test as text.
-
-    Parameters
-    ----------
-    injuries
-        ``injuries.csv`` of a study.
-    level
-        Level of injury, such as ``MAIS3+``.
-
-    Returns
-    -------
-    str
-        The median with its 80 % interval and unit, or "not known".
-    """
+    """Return the median number of injured drivers with its 80 % interval and unit, or "not known"."""
     rows = best_known(injuries)
     found = rows[(rows["vehicle"] == "under test") & (rows["level"] == level)]
     if found.empty:

@@ -13,18 +13,7 @@ DIGITS = 2  # significant digits of probabilities, which are enough for their wi
 
 
 def with_intervals(rows: pd.DataFrame) -> pd.DataFrame:
-    """Replace the two columns with the limits of each interval by one column of text.
-
-    Parameters
-    ----------
-    rows
-        Table with columns ``low50``, ``high50``, ``low80``, ``high80``, ``low95`` and ``high95``.
-
-    Returns
-    -------
-    pandas.DataFrame
-        The table without these columns, and with the columns ``50 %``, ``80 %`` and ``95 %`` at its end.
-    """
+    """Replace the limits ``low50`` to ``high95`` of each interval by one column of text at the end."""
     levels = [f"{100 * level:.0f}" for level in LEVELS]
     ends = {f"{level} %": interval_column(rows[f"low{level}"], rows[f"high{level}"]) for level in levels}
     return rows.drop(columns=[f"{end}{level}" for level in levels for end in ("low", "high")]).assign(**ends)
@@ -66,12 +55,7 @@ calibration_table = result_table("calibration", digits=3, digest=of_the_answer)
 def answer_table(answer: pd.DataFrame, verdict: Verdict) -> pd.DataFrame:
     """Return the table of the probabilities of a crash and of near misses for publication.
 
-    Parameters
-    ----------
-    answer
-        ``answer.csv`` of a study.
-    verdict
-        The verdict on the records. If a check found a fault, a column ``records`` names it.
+    If a check of the records found a fault, a column ``records`` names it.
     """
     return verdict.added_to(answer)
 
@@ -81,13 +65,7 @@ exposure_table = result_table("exposure", digits=DIGITS, digest=with_intervals)
 
 
 def rates_in_words(exposure: pd.DataFrame) -> str:
-    """Return the crash rates per million kilometres and hours as a sentence, or that they are not known.
-
-    Parameters
-    ----------
-    exposure
-        ``exposure.csv`` of a study: rates of events per kilometre and hour.
-    """
+    """Return the crash rates per million kilometres and hours as a sentence, or that they are not known."""
     crashes = exposure[exposure["event"] == "crash"]
     if crashes.empty:
         return "In how many kilometres or hours the records were made is not known, so there is no rate."
@@ -103,18 +81,8 @@ def rates_in_words(exposure: pd.DataFrame) -> str:
 def answer_budget_table(answer_budget: pd.DataFrame, lead_motion: pd.DataFrame) -> pd.DataFrame:
     """Return the budget of the uncertainty of the crash probability, by source, for publication.
 
-    Parameters
-    ----------
-    answer_budget
-        ``answer_budget.csv`` of a study, for a lead vehicle that keeps its speed.
-    lead_motion
-        ``lead_motion.csv``: crash probabilities if the lead vehicle changes its speed.
-
-    Returns
-    -------
-    pandas.DataFrame
-        The budget. If lead motion was studied for the vehicle under test, a last row contains the
-        contribution of the unknown lead motion (`answer.motion_budget`).
+    It is for a lead vehicle that keeps its speed. If lead motion was studied for the vehicle under test, a
+    last row contains the contribution of the unknown lead motion (`answer.motion_budget`).
     """
     together = answer_budget.set_index("source").loc["together", "factor"]
     motion = motion_budget(lead_motion, "under test", together)
@@ -139,14 +107,7 @@ data_quality_table = result_table("data_quality", digits=DIGITS, digest=with_int
 
 
 def vehicles_digest(vehicles: pd.DataFrame) -> pd.DataFrame:
-    """Return a short table of compared vehicles: crash probabilities and ratios with 80 % intervals.
-
-    Parameters
-    ----------
-    vehicles
-        ``vehicles.csv`` of a study: the median probability, the ratios to the reference vehicles and the
-        limits of their intervals, for each vehicle.
-    """
+    """Return a short table of compared vehicles: crash probabilities and ratios with 80 % intervals."""
     return pd.DataFrame(
         {
             "vehicle": vehicles["vehicle"],
@@ -172,19 +133,8 @@ def calibration_verdict(calibration: pd.DataFrame) -> pd.DataFrame:
     """Count for each law the cells in which the recorded and the expected number of cut-ins disagree.
 
     A cell is a region of the cut-ins. The numbers disagree if the recorded one is outside the prediction
-    limits of the law.
-
-    Parameters
-    ----------
-    calibration
-        ``calibration.csv`` of a study.
-
-    Returns
-    -------
-    pandas.DataFrame
-        One row for each ``law``. Columns ``cells``, ``outside`` and ``smallest_p_value`` are for the cells
-        near the crash set: their number, the number that disagree, and the smallest p-value. ``host_cells``,
-        ``host_outside`` and ``host_smallest_p_value`` are the same for cells of lead speed and host speed.
+    limits of the law. ``smallest_p_value`` and the other numbers are for the cells near the crash set. Those
+    that begin with ``host_`` are for cells of lead speed and host speed.
     """
     is_host = calibration["counted"] == HOST
     near, host = (_verdict(calibration[chosen]) for chosen in (~is_host, is_host))
@@ -198,13 +148,7 @@ def _verdict(calibration: pd.DataFrame) -> pd.DataFrame:
 
 
 def threshold_ratio(answer_thresholds: pd.DataFrame) -> float:
-    """Return the ratio of the largest to the smallest crash probability over the thresholds of the tails.
-
-    Parameters
-    ----------
-    answer_thresholds
-        ``answer_thresholds.csv`` of a study: the crash probability for each threshold.
-    """
+    """Return the ratio of the largest to the smallest crash probability over the thresholds of the tails."""
     return float(answer_thresholds["probability"].max() / answer_thresholds["probability"].min())
 
 

@@ -15,19 +15,9 @@ SYMBOLS = {"inverse_range": "R⁻¹", "inverse_ttc": "TTC⁻¹"}
 
 
 def leaves(law: Distribution, weight: float = 1.0) -> Iterator[tuple[float, Distribution]]:
-    """Yield the components of a mixture, whose components may be mixtures again.
+    """Yield weight and component of a mixture whose components may be mixtures again.
 
-    Parameters
-    ----------
-    law
-        A distribution. If it is not a mixture, only itself is yielded.
-    weight
-        Weight of the distribution.
-
-    Yields
-    ------
-    weight, component
-        Product of the weights along the nesting, and a component that is not a mixture.
+    The weight is the product along the nesting. A law that is not a mixture is yielded itself.
     """
     if isinstance(law, Mixture):
         for share, component in zip(law.weights, law.components, strict=True):
@@ -37,13 +27,9 @@ def leaves(law: Distribution, weight: float = 1.0) -> Iterator[tuple[float, Dist
 
 
 def parameter_table(model: IndependentLaw) -> pd.DataFrame:
-    """Tabulate the parameters of a lane-change model.
+    """Tabulate the parameters of a lane-change model, one row for each parameter of each component.
 
-    Returns
-    -------
-    pandas.DataFrame
-        A row for each parameter of each component of a law: variable, segment, ``from`` and ``to`` in the
-        variable's ``unit``, the total weight of the component, family, parameter, value, value_unit.
+    ``from`` and ``to`` are in the unit of the variable, and the weight of a component is its total weight.
     """
     laws = [("inverse_range", "all", model.inverse_range)]
     laws += [("inverse_ttc", segment, law) for segment, law in model.inverse_ttc.items()]
@@ -70,17 +56,7 @@ def parameter_table(model: IndependentLaw) -> pd.DataFrame:
 def rank_table(candidates: pd.DataFrame) -> pd.DataFrame:
     """Tabulate the ranks by AIC of all families, by variable and segment.
 
-    Parameters
-    ----------
-    candidates
-        Table with at least the columns variable, segment, family, n_parameters and rank; the rank is NaN if
-        the family could not be fitted.
-
-    Returns
-    -------
-    pandas.DataFrame
-        A row for each family, that with the smallest mean rank first, and a column for each variable and
-        segment; a dash if the family could not be fitted.
+    The family with the smallest mean rank comes first; a dash means that it could not be fitted.
     """
     places = candidates["variable"].map(SYMBOLS) + ", " + candidates["segment"]
     shown = candidates["rank"].map(lambda rank: "–" if pd.isna(rank) else f"{rank:.0f}")
@@ -121,21 +97,8 @@ def close_call_table(
 ) -> pd.DataFrame:
     """Compare how often cut-ins are closer than given limits in the records and in the models.
 
-    Parameters
-    ----------
-    encounters
-        Recorded cut-ins, one row each.
-    models
-        Fitted laws of cut-ins with the same segments of lead speed, by name.
-    ranges, ttcs
-        Limits of the range [m] and of the time to collision [s].
-
-    Returns
-    -------
-    pandas.DataFrame
-        A row for each limit, with ranges pooled over the segments and times to collision by segment: segment,
-        cut_in, events (number of records), empirical (their share), and a column with the probability under
-        each model.
+    The limits are ranges [m], pooled over the segments, and times to collision [s], by segment. ``empirical``
+    is the share of the records.
     """
     first = next(iter(models.values()))
     pooled = {name: model.inverse_range for name, model in models.items()}

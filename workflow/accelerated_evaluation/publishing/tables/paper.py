@@ -34,19 +34,8 @@ def table1_sample_size(
 ) -> pd.DataFrame:
     """Build table I: simulations to convergence by method, compared with the paper's.
 
-    Parameters
-    ----------
-    estimates, coverage, exact
-        ``estimates.csv``, ``coverage.csv`` and ``exact.csv`` of a study.
-    alpha, beta
-        Convergence is a relative half-width of at most beta of the interval with level 1 - alpha.
-
-    Returns
-    -------
-    pandas.DataFrame
-        A row for each method, those of the paper first: the mean number of simulations with the interval of
-        one more such mean, the ratio to that of the piecewise method, and both numbers in the paper, NaN if
-        it does not state them.
+    Convergence is a relative half-width of at most beta of the interval with level 1 - alpha. The interval of
+    the mean is that of one more such mean, and numbers that the paper does not state are NaN.
     """
     sizes = {method: sample_size(estimates, coverage, method) for method in estimates["method"].unique()}
     sizes["crude"] = crude_sample_size(exact, alpha, beta)
@@ -79,19 +68,8 @@ def table2_computation(
 ) -> pd.DataFrame:
     """Build table II: numbers of parameters and simulations of each method by stage, and the paper's numbers.
 
-    Parameters
-    ----------
-    estimates, coverage, exact, trace
-        ``estimates.csv``, ``coverage.csv``, ``exact.csv`` and ``cross_entropy_trace.csv`` of a study.
-    single, piecewise
-        The fitted models; every method except ``single`` accelerates the piecewise model.
-    alpha, beta
-        Convergence is a relative half-width of at most beta of the interval with level 1 - alpha.
-
-    Returns
-    -------
-    pandas.DataFrame
-        Columns stage, method and quantity; our number with its spread, and the paper's number.
+    Every method except ``single`` accelerates the piecewise model. Convergence is that of
+    `table1_sample_size`.
     """
     totals = search_totals(trace)
     size = table1_sample_size(estimates, coverage, exact, alpha, beta).set_index("method")
@@ -132,20 +110,8 @@ def estimates_table(estimates: pd.DataFrame) -> pd.DataFrame:
 def probability_table(estimates: pd.DataFrame, course: pd.DataFrame, alpha: float) -> pd.DataFrame:
     """Compare the estimates at convergence with the pooled estimate of all replicates.
 
-    Parameters
-    ----------
-    estimates, course
-        ``estimates.csv`` and ``estimates_course.csv`` of a study.
-    alpha
-        The level of the intervals is 1 - alpha.
-
-    Returns
-    -------
-    pandas.DataFrame
-        A row for each scope (a segment, or all segments) and method: scope, method; the pooled estimate
-        ``pooled`` with ci_low and ci_high; at_convergence, the mean estimate at convergence over the
-        replicates; covering, the number of replicates whose interval contains the pooled estimate; and the
-        number of replicates.
+    The intervals have the level 1 - alpha. ``at_convergence`` is the mean estimate at convergence over the
+    replicates, and ``covering`` the number of replicates whose interval contains the pooled estimate.
     """
     rows = []
     for (scope, method), ends in estimates.groupby(["scope", "method"], sort=False):
@@ -169,18 +135,9 @@ def probability_table(estimates: pd.DataFrame, course: pd.DataFrame, alpha: floa
 def weight_health(estimates: pd.DataFrame) -> pd.DataFrame:
     """Tabulate diagnostics of the importance weights of crashes at convergence.
 
-    Parameters
-    ----------
-    estimates
-        ``estimates.csv`` of a study.
-
-    Returns
-    -------
-    pandas.DataFrame
-        A row for each scope (a segment, or all segments) and method: scope, method; means over the replicates
-        of simulations, crashes, effective_sample_size and crashes / effective_sample_size; the largest share
-        of a single crash in the sum of the weights, over all replicates; and the number of converged
-        replicates.
+    The columns are means over the replicates of simulations, crashes, effective_sample_size and their ratio;
+    the largest share of a single crash in the sum of the weights, over all replicates; and the number of
+    converged replicates.
     """
     health = estimates.assign(crashes_per_effective=estimates["events"] / estimates["effective_sample_size"])
     return health.groupby(["scope", "method"], sort=False, as_index=False).agg(

@@ -99,20 +99,7 @@ def readings_table(
     repeated_searches: pd.DataFrame,
     config: Mapping[str, Any],
 ) -> pd.DataFrame:
-    """List what the paper says, what this project does, and the measured effect of the difference.
-
-    Parameters
-    ----------
-    trace, estimates, exact, sensitivity, repeated_searches
-        Tables of a study, as in `Study`.
-    config
-        The study's configuration.
-
-    Returns
-    -------
-    pandas.DataFrame
-        Columns ``place`` (where in the paper), ``paper``, ``here`` and ``effect``.
-    """
+    """List what the paper says, what this project does, and the measured effect of the difference."""
     settings = {
         "search": config["cross_entropy"],
         "sampling": config["importance_sampling"],

@@ -19,12 +19,7 @@ laws_table = result_table("scenario_laws", result="laws", digits=6)
 def answer_table(answer: pd.DataFrame, verdict: Verdict) -> pd.DataFrame:
     """Return the probability of each event with its intervals, and the verdict on the records.
 
-    Parameters
-    ----------
-    answer
-        ``laws/answer.csv`` of a study.
-    verdict
-        The verdict on the records. If a check found a fault, a column ``records`` names it.
+    If a check found a fault, a column ``records`` names it.
     """
     return verdict.added_to(answer)
 
@@ -38,19 +33,7 @@ crash_shares_table = result_table("scenario_crash_shares", result="crash_shares"
 
 @table("scenario_methods", digits=DIGITS)
 def methods_table(scenario_estimates: pd.DataFrame) -> pd.DataFrame:
-    """Summarise the replicates of each law and method.
-
-    Parameters
-    ----------
-    scenario_estimates
-        A row for each law, method and replicate.
-
-    Returns
-    -------
-    pandas.DataFrame
-        law, event, method; numbers of ``replicates`` and of those that ``converged``; mean, ``lowest`` and
-        ``highest`` probability; mean numbers of simulations, including learning, and of events.
-    """
+    """Summarise the replicates of each law and method. The simulations include those for learning."""
     rows = scenario_estimates.assign(
         simulations=scenario_estimates["learning"] + scenario_estimates["estimating"]
     )
@@ -71,12 +54,6 @@ def methods_table(scenario_estimates: pd.DataFrame) -> pd.DataFrame:
 
 @table("scenario_agreement")
 def agreement_table(scenario_agreement: pd.DataFrame) -> pd.DataFrame:
-    """Return the table of the published verdicts on crashes, with the share that the vehicle reproduces.
-
-    Parameters
-    ----------
-    scenario_agreement
-        Numbers of ``verdicts`` and of those that ``agree`` with the simulation of the vehicle.
-    """
+    """Return the table of the published verdicts on crashes, with the share that the vehicle reproduces."""
     share = scenario_agreement["agree"] / scenario_agreement["verdicts"]
     return scenario_agreement.assign(share=share.round(6))

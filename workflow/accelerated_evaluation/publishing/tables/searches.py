@@ -6,18 +6,7 @@ from accelerated_evaluation.publishing.published import result_table
 
 
 def search_totals(trace: pd.DataFrame) -> pd.Series:
-    """Return the number of simulations of each search, summed over the segments.
-
-    Parameters
-    ----------
-    trace
-        ``cross_entropy_trace.csv`` of a study.
-
-    Returns
-    -------
-    pandas.Series
-        The numbers, indexed by method and seed.
-    """
+    """Return the simulations of each search, summed over the segments, by method and seed."""
     searches = trace.groupby(["method", "segment", "seed"])["simulations_total"].max()
     return searches.groupby(["method", "seed"]).sum()
 
@@ -26,13 +15,6 @@ def searched_parameters(trace: pd.DataFrame, method: str) -> int:
     """Return the number of free parameters that the searches of a method change, summed over the segments.
 
     The weights of the pieces of a variable sum to one, so one of them is not counted.
-
-    Parameters
-    ----------
-    trace
-        ``cross_entropy_trace.csv`` of a study.
-    method
-        Name of the method.
     """
     columns = trace.filter(regex=r"^inverse_(range|ttc)_(rate|weight|theta|from)").columns
     total = 0
@@ -49,16 +31,6 @@ def search_digest(trace: pd.DataFrame) -> pd.DataFrame:
     The columns are means over the seeds: iterations with an update; simulations, with their extremes; the
     threshold, the crashes and the effective sample size of their weights in the last iteration; and the
     distance by which the truncation points moved [1/m], [1/s].
-
-    Parameters
-    ----------
-    trace
-        ``cross_entropy_trace.csv`` of a study: one row for each iteration.
-
-    Returns
-    -------
-    pandas.DataFrame
-        One row for each method and segment.
     """
     first, last = (
         trace.groupby(["method", "segment", "seed"], sort=False).nth(row).reset_index(drop=True)

@@ -69,16 +69,9 @@ class Mean(NamedTuple):
 
 
 def of_method(table: pd.DataFrame, method: str, scope: str = "all") -> pd.DataFrame:
-    """Return the rows of a table of estimates that belong to one method and scope.
+    """Return the rows of estimates, or of their courses, that belong to one method and scope.
 
-    Parameters
-    ----------
-    table
-        Estimates, or their courses over the simulations, with columns ``method`` and ``scope``.
-    method
-        Name of the method.
-    scope
-        Name of a segment, or ``all`` for all segments together.
+    A scope is a segment, or ``all``.
     """
     return table[(table["method"] == method) & (table["scope"] == scope)]
 
@@ -87,24 +80,8 @@ def pooled_probability(course: pd.DataFrame, method: str, alpha: float, scope: s
     """Pool the last rows of all replicates' courses into one estimate.
 
     The courses continue beyond convergence. Unlike the mean of the estimates at convergence, the pooled
-    estimate is therefore not biased by a stopping rule.
-
-    Parameters
-    ----------
-    course
-        ``estimates_course.csv`` of a study: estimates during the simulations of each replicate.
-    method
-        Name of the method.
-    alpha
-        The level of the interval is 1 - alpha.
-    scope
-        Name of a segment, or ``all`` for all segments together.
-
-    Returns
-    -------
-    Spread
-        The mean probability, weighted by the numbers of simulations, with its normal interval of level
-        1 - alpha.
+    estimate is therefore not biased by a stopping rule. It is weighted by the numbers of simulations, with
+    its normal interval of level 1 - alpha.
     """
     last = of_method(course, method, scope).groupby("replicate").last()
     weight = last["simulations"] / last["simulations"].sum()
@@ -125,15 +102,6 @@ def sample_size(
     the many replicates of the study of coverage, which use the same f*; for a method that is not part of that
     study, from the replicates themselves. A replicate that did not converge contributes the simulations that
     it made, fewer than it needs.
-
-    Parameters
-    ----------
-    estimates, coverage
-        ``estimates.csv`` and ``coverage.csv`` of a study.
-    method
-        Name of the method.
-    first
-        Whether the first replicate is returned instead of the mean.
     """
     runs = of_method(estimates, method)["simulations"].to_numpy(float)
     found = coverage[(coverage["method"] == method) & (coverage["stopping"] == PAPERS_RULE)]
@@ -154,14 +122,8 @@ def sample_size(
 def crude_sample_size(exact: pd.DataFrame, alpha: float, beta: float) -> Spread:
     """Return the number of simulations that crude Monte Carlo would need (section VI.C, N-hat).
 
-    It has no spread, because the error of the exact probability is too small to be seen in it.
-
-    Parameters
-    ----------
-    exact
-        ``exact.csv`` of a study.
-    alpha, beta
-        Convergence is a relative half-width beta of the interval with level 1 - alpha.
+    It has no spread, because the error of the exact probability is too small to be seen in it. Convergence is
+    a relative half-width beta of the interval with level 1 - alpha.
     """
     probability = float(exact.set_index("segment").loc["all", "probability"])
     value = crude_simulations(probability, alpha, beta) if probability > 0 else math.inf

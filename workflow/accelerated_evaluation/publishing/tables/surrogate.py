@@ -10,20 +10,8 @@ PHASES = ("search", "learn", "estimate")
 def side_by_side(replicates: pd.DataFrame, scope: str) -> pd.DataFrame:
     """Tabulate simulations and estimates of every replicate of every method in one scope.
 
-    Parameters
-    ----------
-    replicates
-        As `Study.replicates`. For the paper's methods, the simulations for learning are those of the search
-        whose f* the replicate uses, in all segments of the scope. For the surrogate, they are the runs before
-        its estimate.
-    scope
-        ``all`` or the name of a segment.
-
-    Returns
-    -------
-    pandas.DataFrame
-        method, replicate; the simulations for ``learning``, for ``estimating`` and ``together``; probability,
-        ci_low, ci_high, converged.
+    For the paper's methods, the simulations for ``learning`` are those of the search whose f* the replicate
+    uses, in all segments of the scope. For the surrogate, they are the runs before its estimate.
     """
     columns = ["method", "replicate", "learning", "estimating", "together"]
     columns += ["probability", "ci_low", "ci_high", "converged"]
@@ -34,22 +22,10 @@ def side_by_side(replicates: pd.DataFrame, scope: str) -> pd.DataFrame:
 def surrogate_table(replicates: pd.DataFrame, exact: pd.DataFrame) -> pd.DataFrame:
     """Compare the methods, in a row for each scope and method.
 
-    Parameters
-    ----------
-    replicates
-        One row for each replicate of every method: the estimate with its interval, and the numbers of
-        simulations for learning and for estimating.
-    exact
-        ``exact.csv`` of a study.
-
-    Returns
-    -------
-    pandas.DataFrame
-        scope, method, replicates; mean numbers of simulations for ``learning``, for ``estimating`` and
-        ``together``, and the largest number ``together_max``; ``to_exact`` and ``to_exact_sd``, mean and
-        standard deviation of estimate / exact; ``holding``, the number of intervals that contain the exact
-        value; the number of converged replicates; and ``unseen_mode``, the largest bound on the probability
-        of a half-space without any run, NaN for other methods.
+    Mean numbers of simulations are for ``learning``, for ``estimating`` and ``together``. ``to_exact`` and
+    ``to_exact_sd`` are mean and standard deviation of estimate / exact, ``holding`` the number of intervals
+    that contain the exact value, and ``unseen_mode`` the largest bound on the probability of a half-space
+    without any run, NaN for other methods.
     """
     tables = []
     for scope in replicates["scope"].unique():

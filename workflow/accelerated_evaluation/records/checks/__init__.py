@@ -52,84 +52,40 @@ Simulate = Callable[..., Replayed]
 
 @dataclass(frozen=True)
 class Finding:
-    """The result of a check.
+    """The result of a check."""
 
-    Attributes
-    ----------
-    verdict
-        ``fine``, ``warning`` or ``stop``.
-    looked_at, seen
-        Descriptions of what was checked and of what was found.
-    number
-        The number on which the verdict is based.
-    advice
-        What to do; empty if the verdict is fine.
-    rows
-        Affected rows of the source, the worst first.
-    """
-
-    verdict: str
-    looked_at: str
-    seen: str
-    number: float
-    advice: str = ""
-    rows: Sequence[int] = ()
+    verdict: str  # ``fine``, ``warning`` or ``stop``
+    looked_at: str  # description of what was checked
+    seen: str  # description of what was found
+    number: float  # the number on which the verdict is based
+    advice: str = ""  # what to do; empty if the verdict is fine
+    rows: Sequence[int] = ()  # affected rows of the source, the worst first
 
 
 @dataclass(frozen=True)
 class Records:
-    """The records of a source in the forms that the checks need; all tables are indexed by row of the source.
+    """The records of a source in the forms that the checks need; all tables are indexed by its rows."""
 
-    Attributes
-    ----------
-    units
-        Mapping from the columns of the variables to their units, such as ``m/s``.
-    limits
-        Mapping from variables to the smallest and largest value that is possible.
-    valid
-        All rows with finite numbers: the variables, and further columns that some checks need.
-    kept
-        The valid rows within the limits of the study, to which laws are fitted.
-    repeated
-        Row numbers of the valid rows that repeat another row; laws count equal rows once.
-    invalid
-        Row numbers of the records that are not a valid encounter.
-    edges
-        For cut-ins, the edges of the segments of the lead speed [m/s].
-    simulate
-        Function that simulates encounters with the vehicle under test, given their variables; None if there
-        is no vehicle.
-    known
-        Records of the same scenario that come with the project; None if there are none.
-    warnings
-        Texts about units of the source that could not be checked.
-    """
-
-    units: Mapping[str, str]
-    limits: Mapping[str, tuple[float, float]]
+    units: Mapping[str, str]  # of the columns of the variables, such as ``m/s``
+    limits: Mapping[str, tuple[float, float]]  # smallest and largest possible value of each variable
+    # All rows with finite numbers: the variables, and further columns that some checks need.
     valid: pd.DataFrame
-    kept: pd.DataFrame
-    repeated: pd.Index
-    invalid: Sequence[int] = ()
-    edges: Sequence[float] = ()
+    kept: pd.DataFrame  # the valid rows within the limits of the study, to which laws are fitted
+    repeated: pd.Index  # row numbers of the valid rows that repeat another row; laws count equal rows once
+    invalid: Sequence[int] = ()  # row numbers of the records that are not a valid encounter
+    edges: Sequence[float] = ()  # for cut-ins, the edges of the segments of the lead speed [m/s]
+    # Simulates encounters with the vehicle under test, given their variables; None without a vehicle.
     simulate: Simulate | None = None
+    # Records of the same scenario that come with the project; None if there are none.
     known: pd.DataFrame | None = None
-    warnings: Sequence[str] = ()
+    warnings: Sequence[str] = ()  # texts about units of the source that could not be checked
 
     @classmethod
     def of(cls, raw: pd.DataFrame, config: Mapping[str, Any], simulate: Simulate | None = None) -> "Records":
         """Return the records of cut-ins in the forms that the checks need.
 
-        Parameters
-        ----------
-        raw
-            Unfiltered records of a source: columns ``lead_speed`` [m/s], range and closing speed (or their
-            inverses, as in `encounter_table.complete`), index ``row`` from 1.
-        config
-            A resolved configuration; its sections ``filters`` and ``segments`` are used.
-        simulate
-            Function that simulates cut-ins with the vehicle under test, given lead speed [m/s], range [m] and
-            closing speed [m/s]; None if there is no vehicle.
+        The unfiltered records are as for `ingest`; of the configuration, ``filters`` and ``segments`` are
+        used.
         """
         account = Account(len(raw))
         valid = drop_invalid(raw, account, policy="drop", where="the records")
@@ -225,26 +181,12 @@ def by_share(count: int, size: int) -> str:
 
 
 def inspect_records(records: Records) -> pd.DataFrame:
-    """Run all checks that are possible for the records.
+    """Run all checks that are possible for the records, and return a table ordered by verdict.
 
-    Parameters
-    ----------
-    records
-        Records of a source.
-
-    Returns
-    -------
-    pandas.DataFrame
-        One row for each check, ordered by verdict (``stop``, ``warning``, ``fine``). Columns: ``check``,
-        ``verdict``, ``looked_at``, ``seen`` and ``number`` (what was checked and found, and the number on
-        which the verdict is based), ``rows`` (number of affected rows), ``example_rows`` (rows of the source,
-        counted from 1), ``advice``, and ``explained`` (whether the documentation explains this warning about
-        records that come with the project).
-
-    Raises
-    ------
-    InputError
-        If there are fewer than `MINIMUM_ROWS` valid rows.
+    There is a row for each check; the first is the worst. ``number`` is the number on which the verdict is
+    based, ``rows`` the number of affected rows, ``example_rows`` are rows of the source, counted from 1, and
+    ``explained`` says whether the documentation explains this warning about records that come with the
+    project. InputError is raised if there are fewer than `MINIMUM_ROWS` valid rows.
     """
     if len(records.valid) < MINIMUM_ROWS:
         raise InputError(

@@ -9,13 +9,7 @@ FEW_CLUSTERS = 20  # effective number of clusters below which bootstrap interval
 @CHECKS.add("clusters")
 @needs(CLUSTER)
 def clusters(records: Records) -> Finding:
-    """Check whether the fitted records belong to enough clusters.
-
-    Returns
-    -------
-    Finding
-        The verdict (``fine`` or ``warning``), and the effective number of clusters, n² / Σ n_k².
-    """
+    """Check by their effective number, n² / Σ n_k², whether the records belong to enough clusters."""
     sizes = records.fitted[CLUSTER].value_counts().to_numpy(float)
     effective = float(sizes.sum() ** 2 / (sizes**2).sum()) if sizes.size else 0.0
     return Finding(

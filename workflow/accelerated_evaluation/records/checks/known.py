@@ -28,12 +28,8 @@ def known_records(records: Records) -> Finding:
     The distance is the largest Kolmogorov-Smirnov distance of a variable. If it is large, each wrong unit of
     one variable or of all variables of a unit, and each exchange of two variables, is corrected in turn. The
     verdict is ``stop`` if the corrected records agree with the known ones. It is ``warning`` if they are at
-    most half as distant, or if the distance is very large without an explanation.
-
-    Returns
-    -------
-    Finding
-        The verdict, and the distance of the records as they are.
+    most half as distant, or if the distance is very large without an explanation. The number is the distance
+    of the records as they are.
     """
     looked_at = "distance of the variables from those of the records of this scenario in the project"
     if records.known is None:

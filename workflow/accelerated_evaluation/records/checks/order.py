@@ -29,12 +29,8 @@ def drift(records: Records) -> Finding:
     The statistic of each variable is the probability that a value of the last third is larger than a value of
     the first third. Its standard error comes from a jackknife over blocks of consecutive rows, because rows
     of one trip are similar. The test level is divided by the number of variables (Bonferroni). The verdict is
-    ``stop`` if a significant difference is larger than a medium effect.
-
-    Returns
-    -------
-    Finding
-        The verdict, and the statistic of the variable with the most significant difference.
+    ``stop`` if a significant difference is larger than a medium effect. The number is the statistic of the
+    variable with the most significant difference.
     """
     rows = records.closing
     looked_at = "chance that a value of the last third of the rows is larger than one of the first third"

@@ -29,11 +29,6 @@ def repeated_rows(records: Records) -> Finding:
     """Check for rows that repeat the row before them or, with clusters, an earlier row of their cluster.
 
     The verdict is ``stop`` if more than half of the rows are such rows, and ``warning`` if there are some.
-
-    Returns
-    -------
-    Finding
-        The verdict (``fine``, ``warning`` or ``stop``), the number of such rows, and the rows.
     """
     rows = records.repeated
     share = len(rows) / max(len(records.valid), 1)
@@ -55,11 +50,6 @@ def rows_repeated_elsewhere(records: Records) -> Finding:
 
     The number of these rows is compared with the number that occurs by chance, by a Poisson test. The number
     by chance is estimated by counting equal rows after one column has been permuted.
-
-    Returns
-    -------
-    Finding
-        The verdict (``fine``, ``warning`` or ``stop``), the number of such rows, and the rows.
     """
     rows = records.distinct[records.variables].round(9)
     found = rows.index[rows.duplicated()]
@@ -81,11 +71,6 @@ def nearly_repeated_rows(records: Records) -> Finding:
 
     The resolution is 0.1 m/s for speeds and 0.2 m for the range. The number of these rows is compared, by a
     Poisson test, with the number of such pairs among rows that are far apart in the record.
-
-    Returns
-    -------
-    Finding
-        The verdict (``fine``, ``warning`` or ``stop``), the number of such rows, and the rows.
     """
     rows = records.distinct[records.variables].to_numpy()
     resolution = np.array([RESOLUTION.get(unit, 0.0) for unit in records.units.values()])
@@ -109,12 +94,8 @@ def stuck_sensor(records: Records) -> Finding:
     """Check for a quantity that has the same value as in the row before, while another quantity changes.
 
     The number of these rows is compared with the number of equal values in rows that are far apart, by a
-    Poisson test for each of lead speed, range and closing speed.
-
-    Returns
-    -------
-    Finding
-        The verdict (``fine``, ``warning`` or ``stop``) for the most conspicuous quantity, and its rows.
+    Poisson test for each of lead speed, range and closing speed. The verdict is that of the most conspicuous
+    quantity.
     """
     rows, worst = records.distinct, (1.0, records.variables[0], 0, pd.Index([]))
     for name in records.variables:

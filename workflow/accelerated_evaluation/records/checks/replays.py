@@ -24,11 +24,6 @@ def replayed_crashes(records: Records) -> Finding:
     A near miss has a time to collision below 1 s or a range below 1 m. The verdict is ``stop`` if more than 1
     % of the cut-ins crash, or more than 10 % of the encounters of another scenario. It is ``warning`` if
     there is any crash or near miss.
-
-    Returns
-    -------
-    Finding
-        The verdict, the number of crashes, and the rows that crash or nearly crash.
     """
     near_miss = f", or come to a TTC under {NEAR_TTC:g} s or a range under {NEAR_RANGE:g} m"
     looked_at = f"rows that crash when the vehicle replays them{near_miss if records.are_cut_ins else ''}"

@@ -39,12 +39,8 @@ def round_numbers(records: Records) -> Finding:
 
     The steps are 0.5, 1, 5 and 10 in several units. The number of values on multiples is compared with the
     largest number for any offset by a binomial test. If the test is significant, the verdict is ``stop`` if
-    more than half of the values are on multiples, and otherwise ``warning``.
-
-    Returns
-    -------
-    Finding
-        The verdict, the share of the values on the most conspicuous multiples, and their rows.
+    more than half of the values are on multiples, and otherwise ``warning``. The number is the share of the
+    values on the most conspicuous multiples.
     """
     units = {name: UNITS.get(unit, {unit: 1.0}) for name, unit in records.units.items()}
     heaps, tests = [], sum(len(each) for each in units.values()) * len(STEPS)
@@ -86,13 +82,7 @@ def cut_edges(records: Records) -> Finding:
 
     The cause may be a limit of the export or a saturated sensor. The number of values at the edge is compared
     with the mean number at the `NEIGHBOURS` values next to it, by a Poisson test. Values at 0 are at most a
-    warning, because cars may stand.
-
-    Returns
-    -------
-    Finding
-        The verdict (``fine``, ``warning`` or ``stop``), the number of values at the most conspicuous edge,
-        and their rows.
+    warning, because cars may stand. The number is that of the values at the most conspicuous edge.
     """
     found = [(FINE, 0.0, "none", pd.Index([]))]
     for name in records.units:
@@ -129,12 +119,8 @@ def gaps(records: Records) -> Finding:
     """Check for gaps: intervals without a value, between values that are dense on both sides.
 
     The widest gap of each quantity is compared with the distances of the 50 values on either side. The
-    verdict is ``warning`` if the gap is unlikely for a density that is constant nearby.
-
-    Returns
-    -------
-    Finding
-        The verdict, the width of the most conspicuous gap, and the rows at its ends.
+    verdict is ``warning`` if the gap is unlikely for a density that is constant nearby. The number is the
+    width of the most conspicuous gap, and the rows are those at its ends.
     """
     worst = (1.0, "no gap", 0.0, 0.0, records.variables[0])
     for name in records.units:
@@ -160,12 +146,8 @@ def _widest(values: Array) -> Iterator[tuple[float, float, float]]:
 
     If the density is locally constant, the ratio of a distance to the sum of m other distances exceeds r with
     probability (1 + r)^-m. The neighbouring distances are those on the side with the lower density. The
-    p-value is multiplied by the number of gaps. Nothing is yielded if there are too few values.
-
-    Parameters
-    ----------
-    values
-        Distinct values in increasing order, shape (n,).
+    p-value is multiplied by the number of gaps. Nothing is yielded if there are too few values. The distinct
+    values are in increasing order.
     """
     if values.size < 2 * NEIGHBOURS + 2:
         return
@@ -184,13 +166,8 @@ def equal_values(records: Records) -> Finding:
     """Check for a value that many fitted records share, such as a constant or a code for missing values.
 
     The verdict is ``stop`` above `MOST_EQUAL`. It is ``warning`` above `MANY_EQUAL`, or above `MANY` if the
-    value is much more frequent than the second most frequent one (by a Poisson test).
-
-    Returns
-    -------
-    Finding
-        The verdict (``fine``, ``warning`` or ``stop``), the largest share of records with the same value of a
-        variable, and their rows.
+    value is much more frequent than the second most frequent one (by a Poisson test). The number is the
+    largest share of records with the same value of a variable.
     """
     rows, looked_at = (
         records.fitted,
@@ -227,11 +204,6 @@ def outliers(records: Records) -> Finding:
     value is the probability that the largest of as many exponential variables exceeds it.
 
     The verdict is ``warning`` if there is any such value.
-
-    Returns
-    -------
-    Finding
-        The verdict, the number of outliers, and their rows.
     """
     found: dict[int, float] = {}
     for name in EXTREMES:

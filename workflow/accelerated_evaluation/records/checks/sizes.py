@@ -25,13 +25,8 @@ def rows_outside_limits(records: Records) -> Finding:
     """Check how many records the limits of the study exclude, and how many of these are impossible.
 
     Only cut-ins in which the gap closes are counted. Impossible rows are counted because limits that are
-    derived from the records (``auto``) exclude them without the user noticing.
-
-    Returns
-    -------
-    Finding
-        The verdict (``fine``, ``warning`` or ``stop``), the share of the records that is excluded, and their
-        rows.
+    derived from the records (``auto``) exclude them without the user noticing. The number is the share of the
+    records that is excluded.
     """
     considered = records.valid[records.valid["closing_speed"] > 0] if records.are_cut_ins else records.valid
     rows = considered.index.difference(records.kept.index)
@@ -63,12 +58,8 @@ def sample_size(records: Records) -> Finding:
     Rows in cells of lead speed and range are counted as well, without an influence on the verdict.
 
     The verdict is ``stop`` if the smallest segment has fewer than `MINIMUM_ROWS` rows, and ``warning`` if 5 %
-    of its rows, the share in a tail, are fewer than that.
-
-    Returns
-    -------
-    Finding
-        The verdict, and the number of rows of the smallest segment.
+    of its rows, the share in a tail, are fewer than that. The number is that of the rows of the smallest
+    segment.
     """
     counts = {name: len(rows) for name, rows in records.segments.items()}
     smallest = min(counts, key=counts.get)
@@ -93,11 +84,6 @@ def size_of_tail(records: Records) -> Finding:
 
     The tail consists of the largest values of a segment, a share `TAIL` of its distinct rows. The verdict is
     ``stop`` below `FEW` rows, and ``warning`` below `ENOUGH`.
-
-    Returns
-    -------
-    Finding
-        The verdict, and the smallest number of rows in a tail.
     """
     sizes = {
         name: int((rows["inverse_ttc"] > np.quantile(rows["inverse_ttc"], 1 - TAIL)).sum())

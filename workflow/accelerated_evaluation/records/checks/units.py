@@ -30,13 +30,7 @@ CRASHES = 1e-5
 
 @CHECKS.add("invalid_values")
 def invalid_values(records: Records) -> Finding:
-    """Check for rows that are not a valid encounter: missing, negative, infinite or impossible values.
-
-    Returns
-    -------
-    Finding
-        The verdict (``fine``, ``warning`` or ``stop``), the number of such rows, and the rows.
-    """
+    """Check for rows that are not a valid encounter: missing, negative, infinite or impossible values."""
     rows, size = list(records.invalid), len(records.valid) + len(records.invalid)
     return Finding(
         by_share(len(rows), size),
@@ -55,12 +49,7 @@ def speed_unit(records: Records) -> Finding:
 
     The verdict is ``stop`` if the median lead speed exceeds 45 m/s, or if more than 1 % of the rows have a
     speed above 70 m/s. The verdict is ``warning`` if there is any such row, or if the source could not check
-    its units.
-
-    Returns
-    -------
-    Finding
-        The verdict, the median lead speed [m/s], and the rows with too high a speed.
+    its units. The number is the median lead speed [m/s], and the rows are those with too high a speed.
     """
     fastest = np.maximum(records.valid["lead_speed"], records.host_speed)
     median, rows = records.valid["lead_speed"].median(), fastest[fastest > FASTEST]
@@ -89,11 +78,6 @@ def time_gap(records: Records) -> Finding:
 
     A median outside of `SHORTEST_GAP` to `LONGEST_GAP` (0.5 to 5 s) means that the units of range and speed
     do not fit together.
-
-    Returns
-    -------
-    Finding
-        The verdict (``fine`` or ``stop``), and the median time gap [s].
     """
     moving = records.host_speed > 0
     median = float((records.valid["range"][moving] / records.host_speed[moving]).median())
@@ -112,13 +96,8 @@ def unavoidable_crashes(records: Records) -> Finding:
     """Check for records in which even full braking could not have avoided a crash.
 
     A constant deceleration of closing speed^2 / (2 range) is needed to avoid the crash. The number of rows in
-    which it exceeds `FULL_BRAKING` is compared with the crash rate of human drivers.
-
-    Returns
-    -------
-    Finding
-        The verdict (``stop`` if there are more such rows than by chance), the largest deceleration that is
-        needed [m/s^2], and the rows.
+    which it exceeds `FULL_BRAKING` is compared with the crash rate of human drivers. The verdict is ``stop``
+    if there are more such rows than by chance. The number is the largest deceleration that is needed [m/s^2].
     """
     valid = records.valid
     needed = valid["closing_speed"].clip(lower=0) ** 2 / (2 * valid["range"])
@@ -142,12 +121,8 @@ def sign_of_range_rate(records: Records) -> Finding:
 
     If the sign is wrong, the range seems to grow in most rows. If it grows in only a part of the rows, the
     rank correlation of range and closing speed decides. It is positive if the sign is right, because drivers
-    who are slower than the car behind keep more distance to it.
-
-    Returns
-    -------
-    Finding
-        The verdict (``fine``, ``warning`` or ``stop``), and the share of the rows with a growing range.
+    who are slower than the car behind keep more distance to it. The number is the share of the rows with a
+    growing range.
     """
     range_, closing = records.valid["range"], records.valid["closing_speed"]
     opening = float((closing <= 0).mean())
@@ -172,13 +147,7 @@ def sign_of_range_rate(records: Records) -> Finding:
 @CHECKS.add("far_ranges")
 @needs(*CUT_INS)
 def far_ranges(records: Records) -> Finding:
-    """Check for ranges above `FARTHEST` (300 m), which are beyond the reach of automotive sensors.
-
-    Returns
-    -------
-    Finding
-        The verdict (``fine``, ``warning`` or ``stop``), the number of such rows, and the rows.
-    """
+    """Check for ranges above `FARTHEST` (300 m), which are beyond the reach of automotive sensors."""
     range_ = records.valid["range"]
     return _outside(
         range_[range_ > FARTHEST].sort_values(ascending=False),
@@ -192,13 +161,7 @@ def far_ranges(records: Records) -> Finding:
 @CHECKS.add("short_ranges")
 @needs(*CUT_INS)
 def short_ranges(records: Records) -> Finding:
-    """Check for ranges below `NEAREST` (3 m), which are too short for a lane change.
-
-    Returns
-    -------
-    Finding
-        The verdict (``fine``, ``warning`` or ``stop``), the number of such rows, and the rows.
-    """
+    """Check for ranges below `NEAREST` (3 m), which are too short for a lane change."""
     range_ = records.valid["range"]
     return _outside(
         range_[range_ < NEAREST].sort_values(),
@@ -210,16 +173,6 @@ def short_ranges(records: Records) -> Finding:
 
 
 def _outside(rows: pd.Series, size: int, what: str, extreme: str, advice: str) -> Finding:
-    """Return the finding about rows outside of a limit.
-
-    Parameters
-    ----------
-    rows
-        The values outside of the limit, the worst first, indexed by row of the source.
-    size
-        Number of all rows.
-    what, extreme, advice
-        Texts of the finding: what was checked, the most extreme value, and what to do.
-    """
+    """Return the finding about rows outside of a limit; ``rows`` has their values, the worst first."""
     seen = f"{len(rows):,} rows; {extreme}"
     return Finding(by_share(len(rows), size), what, seen, len(rows), advice, list(rows.index))

@@ -42,23 +42,10 @@ def stays_sql(frames: str, *, vehicle: str, lane: str, rule: Mapping[str, float]
     """Return the SQL query that numbers the stays of each vehicle in each lane.
 
     A stay is a sequence of frames of a vehicle in a lane in which no two consecutive frames are farther apart
-    than the larger of ``absence`` and ``gap``.
-
-    Parameters
-    ----------
-    frames
-        Table with a row for each frame that a vehicle spends in a lane; its column ``time`` is in whole
-        milliseconds.
-    vehicle, lane
-        Names of the columns that identify vehicles and lanes, separated by commas.
-    rule
-        Section ``rule`` of a source: ``absence`` and ``gap`` [s].
-
-    Returns
-    -------
-    str
-        SQL query that returns the frames with ``begins`` (1 in the first frame of a stay, otherwise 0) and
-        the number ``stay``.
+    than the larger of ``absence`` and ``gap``. The ``frames`` have a row for each frame that a vehicle spends
+    in a lane; the column ``time`` is in whole milliseconds. ``vehicle`` and ``lane`` are names of columns,
+    separated by commas, and ``rule`` has ``absence`` and ``gap`` in seconds. The query returns the frames
+    with ``begins`` (1 in the first frame of a stay, otherwise 0) and the number ``stay``.
     """
     absence = milliseconds(max(rule["absence"], rule["gap"]))
     return STAYS.format(frames=frames, vehicle=vehicle, lane=lane, absence=absence)
@@ -74,20 +61,7 @@ def drop_in_turn(
 ) -> pd.DataFrame:
     """Drop the candidates that are not cut-ins, each for the first reason that applies to it.
 
-    Parameters
-    ----------
-    candidates
-        One row for each change into the lane of the host.
-    reasons
-        Mapping from step and reason to the name of the boolean column that selects the rows to drop. The
-        reasons are applied in the order of the mapping.
-    account
-        The account, to which one line is added for each reason.
-
-    Returns
-    -------
-    pandas.DataFrame
-        The remaining candidates, which are the cut-ins.
+    ``reasons`` maps step and reason to the boolean column that selects the rows to drop.
     """
     for (step, reason), column in reasons.items():
         candidates = account.take(candidates, candidates[column].astype(bool), step=step, reason=reason)
@@ -95,14 +69,9 @@ def drop_in_turn(
 
 
 def with_names(candidates: pd.DataFrame, name: str) -> pd.DataFrame:
-    """Convert the times of the candidates to seconds, and use names for the account as their index.
+    """Convert the times [ms] of the candidates to seconds, and use names for the account as their index.
 
-    Parameters
-    ----------
-    candidates
-        Table with the column ``time`` [ms].
-    name
-        Format of the name with columns in braces, such as ``"trip {trip} at {time:g} s"``.
+    The format of the name has columns in braces, such as ``"trip {trip} at {time:g} s"``.
     """
     candidates = candidates.assign(time=candidates["time"] / 1000)
     names = [name.format_map(row) for row in candidates.to_dict("records")]
@@ -117,25 +86,11 @@ def finished(
     micrometres: int,
     warnings: Sequence[str] = (),
 ) -> pd.DataFrame:
-    """Return the cut-ins in the form of a source, with the account and the exposure as attributes.
+    """Return the cut-ins in the form of a source, with rows numbered from 1.
 
-    Parameters
-    ----------
-    cut_ins
-        ``lead_speed`` [m/s], ``range`` [m], ``closing_speed`` [m/s], and columns that locate each cut-in.
-    account
-        The account of all steps of the extraction.
-    milliseconds, micrometres
-        Time [ms] and distance [micrometres] that the hosts drove while cut-ins could be observed.
-    warnings
-        Texts about units of the speeds that could not be checked, for the check ``speed_unit`` of the
-        records.
-
-    Returns
-    -------
-    pandas.DataFrame
-        The cut-ins, with rows numbered from 1. The attributes (``attrs``) are ``account``; ``exposure``, with
-        ``hours`` and ``kilometres``; and ``warnings``.
+    The attributes (``attrs``) are ``account``; ``exposure``, with the ``hours`` and ``kilometres`` that the
+    hosts drove while cut-ins could be observed, from milliseconds and micrometres; and ``warnings``, texts
+    about units of the speeds that could not be checked.
     """
     result = cut_ins.set_index(pd.RangeIndex(1, len(cut_ins) + 1, name="row"))
     result.attrs["account"] = account.table().to_dict("records")
@@ -149,23 +104,10 @@ def require_agreement(
 ) -> None:
     """Raise InputError if speeds contradict another recorded quantity, because of a wrong unit or sign.
 
-    Parameters
-    ----------
-    where
-        Folder or file, for the error.
-    moved, reported
-        Two sums over the recording, such as distances from positions and from speeds, that are equal, except
-        for noise, if the units are right. Nothing is checked unless ``reported`` is positive.
-    what, key
-        Description of what is compared, and the name of what the user has to correct.
-    factor
-        Largest allowed ratio of the two sums.
-
-    Raises
-    ------
-    InputError
-        If the ratio is below ``1 / factor`` or above ``factor``. With the default, this detects mph in place
-        of km/h, knots in place of m/s, feet in place of metres and a wrong sign.
+    The sums ``moved`` and ``reported``, such as distances from positions and from speeds, are equal, except
+    for noise, if the units are right. InputError is raised if their ratio is below ``1 / factor`` or above
+    ``factor``. The default detects mph in place of km/h, knots in place of m/s, feet in place of metres and a
+    wrong sign. Nothing is checked unless ``reported`` is positive.
     """
     if reported > 0 and not 1 / factor <= moved / reported <= factor:
         raise InputError(
@@ -179,20 +121,8 @@ def require_agreement(
 def require_lengths(where: str, column: str, lengths: pd.Series, is_car: pd.Series) -> None:
     """Check that lengths of vehicles are positive and in metres, because ranges are computed from them.
 
-    Parameters
-    ----------
-    where, column
-        File and column, for the error.
-    lengths
-        Length of each vehicle [m].
-    is_car
-        Whether each vehicle is a car; index of ``lengths``.
-
-    Raises
-    ------
-    InputError
-        If a length is not above 0, if the median length of cars is outside of `LENGTHS`, or if the median
-        length of all vehicles is above `LONGEST`.
+    InputError is raised if a length is not above 0, if the median length of cars is outside of `LENGTHS`, or
+    if the median length of all vehicles is above `LONGEST`.
     """
     cars = lengths[is_car]
     seen = ""

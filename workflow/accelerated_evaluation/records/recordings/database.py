@@ -25,12 +25,8 @@ THREADS = 2  # each thread needs memory
 def database() -> Iterator[tuple["DuckDBPyConnection", Path]]:
     """Yield an empty database with limited memory, and a folder for temporary files.
 
-    The folder is made in the folder that ``TMPDIR`` names, and removed at the end of the block.
-
-    Raises
-    ------
-    StudyError
-        If there is no space left on the disk.
+    The folder is made in the folder that ``TMPDIR`` names, and removed at the end of the block. StudyError is
+    raised if there is no space left on the disk.
     """
     import duckdb
 
@@ -49,21 +45,9 @@ def database() -> Iterator[tuple["DuckDBPyConnection", Path]]:
 
 
 def recording_files(folder: str, pattern: str, key: str) -> list[Path]:
-    """Return the files of a folder whose names match a pattern, in alphabetical order.
+    """Return the files of a folder whose names match a shell pattern, in alphabetical order.
 
-    Parameters
-    ----------
-    folder
-        The folder of recordings.
-    pattern
-        Pattern of file names, as in a shell, such as ``DataWsu*.csv``.
-    key
-        The key of the configuration that states the folder, for the error.
-
-    Raises
-    ------
-    InputError
-        If the folder does not exist, or contains no file that matches the pattern.
+    InputError, which names the ``key`` of the configuration, is raised if there is no folder or no such file.
     """
     if not Path(folder).is_dir():
         raise InputError(
@@ -83,17 +67,8 @@ def recording_files(folder: str, pattern: str, key: str) -> list[Path]:
 def header_of(path: Path, needed: Iterable[str]) -> list[str]:
     """Return the names of the columns of a CSV file.
 
-    Parameters
-    ----------
-    path
-        A comma-separated file.
-    needed
-        Names of the columns that must occur exactly once.
-
-    Raises
-    ------
-    InputError
-        If the file is empty or is not text, or if a needed column is missing or occurs twice.
+    InputError is raised if the file is empty or is not text, or if a needed column is missing or occurs
+    twice.
     """
     try:
         with path.open("rb") as file:
@@ -121,20 +96,7 @@ def read_csv(
 ) -> "DuckDBPyRelation":
     """Return a CSV file as a DuckDB relation; the file is read again each time the relation is used.
 
-    Parameters
-    ----------
-    connection
-        The database.
-    path
-        A comma-separated file with a header that contains the columns ``numbers`` and ``texts``.
-    numbers, texts
-        Names of the columns that are read as numbers, and of further columns that must exist. All columns
-        except ``numbers`` are read as text.
-
-    Raises
-    ------
-    InputError
-        If the file is empty or is not text, or if a needed column is missing or occurs twice.
+    All columns except ``numbers`` are read as text. InputError is raised as by `header_of`.
     """
     numbers = list(numbers)
     header = header_of(path, [*numbers, *texts])
@@ -154,13 +116,7 @@ def whole(expression: str, column: str) -> str:
 
     If the number is not whole or is too large, the query ends with an error, which `readable` converts to an
     `InputError`. A plain cast would round the number or return NULL, and thereby merge vehicles or lose rows.
-
-    Parameters
-    ----------
-    expression
-        SQL expression of type DOUBLE. NULL, NaN and infinity become NULL, like a cell without a number.
-    column
-        Name of the column that the user has to correct, for the error.
+    NULL, NaN and infinity become NULL, like a cell without a number.
     """
     return (
         f"CASE WHEN isfinite({expression}) IS NOT TRUE THEN NULL "
@@ -172,13 +128,7 @@ def whole(expression: str, column: str) -> str:
 
 @contextmanager
 def readable(path: Path) -> Iterator[None]:
-    """Convert a database error of the ``with`` block, if a CSV file is the cause, to an `InputError`.
-
-    Parameters
-    ----------
-    path
-        The file or folder that is read in the block, for the error.
-    """
+    """Convert a database error of the ``with`` block, if a CSV file is the cause, to an `InputError`."""
     import duckdb
 
     try:

@@ -45,67 +45,34 @@ LARGEST_RATE = 1000  # frames per second, more than any traffic camera has
 
 @dataclass(frozen=True)
 class Format:
-    """A format of recordings: how its files are converted to the tables of `trajectories.changes_of_lane`.
-
-    Parameters
-    ----------
-    name
-        `HIGHD` or `EXID`.
-    numbers, texts
-        Columns of *_tracks.csv that are read as numbers and as text.
-    meta_numbers
-        Columns of *_tracksMeta.csv that are read as numbers, in addition to the text ``class``.
-    complete
-        SQL condition that a row of ``tracks`` is used.
-    frames, meta
-        SQL statements that create the tables of these names from the views ``tracks`` and ``meta_file``, with
-        the placeholders {rate} and {complete}.
-    range_, same_lane
-        SQL expression of the range [m], and SQL condition that the host is in the lane of the vehicle that
-        cuts in.
-    speeds
-        Two texts for the check of the units: what is compared, and what the user has to correct.
-    length
-        The column of ``frames`` with the length of the vehicle along the road [m].
-    """
+    """A format of recordings: how its files are converted to the tables of `trajectories.changes_of_lane`."""
 
     name: str
-    numbers: tuple[str, ...]
-    texts: tuple[str, ...]
+    numbers: tuple[str, ...]  # columns of *_tracks.csv that are read as numbers
+    texts: tuple[str, ...]  # columns of *_tracks.csv that are read as text
+    # Columns of *_tracksMeta.csv that are read as numbers, in addition to the text ``class``.
     meta_numbers: tuple[str, ...]
-    complete: str
+    complete: str  # SQL condition that a row of ``tracks`` is used
+    # SQL statement that creates this table from the views ``tracks`` and ``meta_file``, with the placeholders
+    # {rate} and {complete}; `meta` likewise.
     frames: str
     meta: str
-    range_: str
-    same_lane: str
-    speeds: tuple[str, str]
-    length: str
+    range_: str  # SQL expression of the range [m]
+    same_lane: str  # SQL condition that the host is in the lane of the vehicle that cuts in
+    speeds: tuple[str, str]  # for the check of the units: what is compared, and what the user has to correct
+    length: str  # the column of ``frames`` with the length of the vehicle along the road [m]
 
 
 def read_recordings(settings: Mapping[str, Any], form: Format) -> pd.DataFrame:
     """Return the cut-ins in a folder of recordings; one recording is processed after the other.
 
-    Parameters
-    ----------
-    settings
-        Section of the source; ``path`` is a folder with files *_tracks.csv, each with its *_tracksMeta.csv
-        and *_recordingMeta.csv.
-    form
-        The format of the files.
-
-    Returns
-    -------
-    pandas.DataFrame
-        ``lead_speed`` [m/s], ``range`` [m] from the front of the host to the rear of the vehicle, and
-        ``closing_speed`` [m/s] in the first frame in the new lane; ``host_speed`` [m/s]; and ``recording``,
-        ``time`` [s], ``vehicle`` and ``host``, which locate the cut-in. The attributes are described in
-        `recordings.cut_ins.finished`.
-
-    Raises
-    ------
-    InputError
-        If a file is missing, has another format or cannot be read, if a vehicle has no row in
-        *_tracksMeta.csv, if lengths of vehicles are impossible, or if speeds contradict positions.
+    The folder has files *_tracks.csv, each with its *_tracksMeta.csv and *_recordingMeta.csv. A row has
+    ``lead_speed`` [m/s], ``range`` [m] from the front of the host to the rear of the vehicle, and
+    ``closing_speed`` [m/s] in the first frame in the new lane; ``host_speed`` [m/s]; and ``recording``,
+    ``time`` [s], ``vehicle`` and ``host``, which locate the cut-in. The attributes are described in
+    `recordings.cut_ins.finished`. InputError is raised if a file is missing, has another format or cannot be
+    read, if a vehicle has no row in *_tracksMeta.csv, if lengths of vehicles are impossible, or if speeds
+    contradict positions.
     """
     files = recording_files(settings["path"], f"*{TRACKS}", f"data.{SOURCES_OF[form.name]}.path")
     found, counts = [], Counter()

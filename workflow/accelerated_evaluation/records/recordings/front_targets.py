@@ -136,22 +136,11 @@ STEADY = (
 def changes_into_path(
     connection: "DuckDBPyConnection", settings: Mapping[str, Any]
 ) -> tuple[pd.DataFrame, dict[str, float]]:
-    """Return the changes into the path of the host in a part of the recordings.
+    """Return the changes into the path of the host in a part of the recordings, and counts for the account.
 
-    Parameters
-    ----------
-    connection
-        A database with the tables ``targets`` (targets of the forward sensor) and ``host`` (host speeds).
-    settings
-        Section ``data.spmd_raw`` of a valid configuration.
-
-    Returns
-    -------
-    candidates : pandas.DataFrame
-        One row for each change, with the columns of the query `CANDIDATES`: quantities in SI units, times in
-        milliseconds, and a boolean column for each reason why a change is not a cut-in.
-    counts : dict of str to float
-        Counts and sums for the account, as the query `COUNTS` returns them.
+    The database has the tables ``targets`` (of the forward sensor) and ``host`` (speeds). The columns are
+    those of the queries `CANDIDATES`, in SI units with times in milliseconds and a boolean column for each
+    reason why a change is not a cut-in, and `COUNTS`.
     """
     rule, link = settings["rule"], settings["link"]
     types = [int(type_) for type_ in settings["target_types"]]

@@ -26,24 +26,14 @@ USUAL_HALF_WIDTH = 1.75  # [m], of a lane whose width is unknown
 
 @dataclass(frozen=True)
 class Piece:
-    """A piece of a lane in a map.
-
-    Attributes
-    ----------
-    number
-        Number of the piece in the map.
-    line
-        Points of the centre line [m], shape (n, 2); empty if it is unknown.
-    before, after
-        Numbers of the pieces that continue it at the first and at the last point, as the piece itself says.
-    half_width
-        Half of the width of the lane at the points [m], shape (n,); empty if it is unknown.
-    """
+    """A piece of a lane in a map."""
 
     number: int
-    line: Array
+    line: Array  # points of the centre line [m], (n, 2); empty if it is unknown
+    # Pieces that continue it at the first point, as the piece itself says.
     before: frozenset[int] = frozenset()
-    after: frozenset[int] = frozenset()
+    after: frozenset[int] = frozenset()  # pieces that continue it at the last point
+    # Half of the width of the lane at the points [m], (n,); empty if unknown.
     half_width: Array = field(default_factory=lambda: np.zeros(0))
 
 
@@ -93,13 +83,7 @@ def _reached(number: int, links: Mapping[End, set[End]]) -> set[int]:
 
 
 class CentreLines:
-    """Centre lines of lanes, from which the lanes of vehicles are found.
-
-    Parameters
-    ----------
-    pieces
-        Pieces of lanes, whose centre lines have a length.
-    """
+    """Centre lines of pieces of lanes, from which the lanes of vehicles are found."""
 
     def __init__(self, pieces: Sequence[Piece]) -> None:
         parts = [_resampled(piece) for piece in pieces]

@@ -23,21 +23,10 @@ Connections = dict[tuple[str, str, int], list[Lane]]  # by junction, incoming ro
 
 
 def lanes_of_map(text: str | bytes, where: str) -> list[Piece]:
-    """Return the lanes of a map in which cars may drive; a lane has a piece in each section of a road.
+    """Return the lanes in which cars may drive of an OpenDRIVE map, with a piece in each section of a road.
 
-    Heights and inclinations are ignored.
-
-    Parameters
-    ----------
-    text
-        Content of an OpenDRIVE file.
-    where
-        Name of the file, for the error.
-
-    Raises
-    ------
-    InputError
-        If the text is no OpenDRIVE map, or contains a curve or a description of lanes that is not supported.
+    Heights and inclinations are ignored. InputError is raised if the text is no such map, or contains a curve
+    or a description of lanes that is not supported.
     """
     try:
         content = ElementTree.fromstring(text)

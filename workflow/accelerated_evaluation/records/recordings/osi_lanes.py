@@ -22,11 +22,6 @@ class TraceLanes:
     If the first message with vehicles assigns none of them to a lane, the centre lines are those of the lanes
     in the messages up to this one. If there are none, they are those of the OpenDRIVE map in the trace, or of
     the map next to the trace that `map_reference` names.
-
-    Parameters
-    ----------
-    file
-        The trace.
     """
 
     def __init__(self, file: Path) -> None:

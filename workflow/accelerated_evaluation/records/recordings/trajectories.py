@@ -82,13 +82,8 @@ def trajectory_keys(
 ) -> dict[str, Schema]:
     """Return the keys of the configuration that all sources of trajectories have, each with its schema.
 
-    Parameters
-    ----------
-    lead_classes, host_classes
-        Default classes of the vehicles that cut in, and of the hosts.
-    of
-        Words that follow "Classes" in the description of ``lead_classes`` and say where the names of the
-        classes come from.
+    The defaults are classes of the vehicles that cut in, and of the hosts. The text ``of`` follows "Classes"
+    in the description and says where the names of the classes come from.
     """
     host = "Classes of the hosts: cut-ins in front of them count, and their driving is the exposure."
     lead = f"Classes{of} of the vehicles whose cut-ins count."
@@ -112,28 +107,12 @@ def changes_of_lane(
 ) -> tuple[pd.DataFrame, dict[str, float]]:
     """Return the changes of lane of one recording in order of time, with counts and sums for the account.
 
-    Parameters
-    ----------
-    connection
-        The database with the tables ``tracks``, ``frames`` and ``meta``; see the module.
-    settings
-        Section of the source in the configuration.
-    range_
-        SQL expression of the range [m]. It may use the frame ``f`` of the vehicle, the frame ``h`` of its
-        host, and the row ``m`` of the vehicle in ``meta``.
-    complete
-        SQL condition that a row of ``tracks`` is used.
-    same_lane
-        SQL condition that the host is in the lane of the vehicle. It must be given if the numbers in
-        ``lane`` are relative to each vehicle.
-
-    Returns
-    -------
-    candidates : pandas.DataFrame
-        One row for each first frame of a vehicle in a lane, with the columns of the query `CANDIDATES`:
-        quantities in SI units, ``time`` [ms], and a boolean column for each reason why it is not a cut-in.
-    counts : dict of str to float
-        Counts and sums for the account, as the query `COUNTS` returns them.
+    ``range_`` [m], ``complete`` and ``same_lane`` are SQL expressions, which may use the frame ``f`` of the
+    vehicle, the frame ``h`` of its host, and the row ``m`` of the vehicle in ``meta``. A row of ``tracks`` is
+    used if it is ``complete``. The host is in the lane of the vehicle if ``same_lane``, which must be given
+    if the numbers in ``lane`` are relative to each vehicle. The results are those of the queries
+    `CANDIDATES`, in SI units with ``time`` in milliseconds and a boolean column for each reason why a change
+    is not a cut-in, and `COUNTS`.
     """
     rule, settled = settings["rule"], milliseconds(settings["settled"])
     classes = {key: literal(settings[key]) for key in ("lead_classes", "host_classes")}
@@ -153,22 +132,9 @@ def cut_ins_of(
 ) -> pd.DataFrame:
     """Return the cut-ins among the changes of lane of all recordings, with the account and the exposure.
 
-    Parameters
-    ----------
-    found
-        Changes of lane of each recording, as `changes_of_lane` returns them, with the column ``recording``.
-    counts
-        The counts of `changes_of_lane`, added up over all recordings.
-    settings
-        Section of the source in the configuration.
-
-    Returns
-    -------
-    pandas.DataFrame
-        One row for each cut-in: ``lead_speed`` [m/s], ``range`` [m], ``closing_speed`` [m/s] and
-        ``host_speed`` [m/s] in the first frame in the new lane; and ``recording``, ``time`` [s], ``vehicle``
-        and ``host``, which locate the cut-in. The attributes (``attrs``) are ``account``, ``exposure`` and
-        ``warnings``.
+    ``found`` are the results of `changes_of_lane` with the column ``recording``, and ``counts`` its counts,
+    added up. Each cut-in has its state in the first frame in the new lane, and ``recording``, ``time`` [s],
+    ``vehicle`` and ``host``, which locate it. The attributes are those of `recordings.cut_ins.finished`.
     """
     account = _account(counts)
     candidates = with_names(pd.concat(found), "recording {recording} vehicle {vehicle} at {time:g} s")

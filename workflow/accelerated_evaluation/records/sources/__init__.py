@@ -30,23 +30,12 @@ Reader = Callable[[Mapping[str, Any]], pd.DataFrame]
 
 @dataclass(frozen=True)
 class Source:
-    """A source of records.
+    """A source of records."""
 
-    Attributes
-    ----------
-    read
-        Function that takes the section of the source in the configuration and returns the records.
-    files
-        Kind of file or folder that the key ``path`` names, for messages.
-    section
-        Schema of the section, with defaults.
-    checks
-        Conditions on several keys of the section, which the schema cannot state.
-    """
-
-    read: Reader
-    files: str
-    section: Schema
+    read: Reader  # takes the section of the source in the configuration and returns the records
+    files: str  # kind of file or folder that the key ``path`` names, for messages
+    section: Schema  # schema of the section, with defaults
+    # Conditions on several keys of the section, which the schema cannot state.
     checks: tuple[Check, ...] = ()
 
 
@@ -54,13 +43,7 @@ SOURCES: Registry[Source] = Registry("source", __name__, __path__)
 
 
 def exposure(kilometres: float | None = None, hours: float | None = None) -> Schema:
-    """Return the schema of the section ``exposure``: distance [km] and time [h] in which records were made.
-
-    Parameters
-    ----------
-    kilometres, hours
-        Default values; None if they are unknown.
-    """
+    """Return the schema of ``exposure``: distance [km] and time [h] in which the records were made."""
 
     def measure(default: float | None, what: str) -> Schema:
         description = f"{what}; null if unknown."
@@ -84,21 +67,9 @@ def source(
 ) -> Callable[[Reader], Reader]:
     """Return a decorator that registers a function as a source, with its section of the configuration.
 
-    Parameters
-    ----------
-    name
-        Name of the source, and of its section below ``data``.
-    description
-        Default description of the data in outputs.
-    files
-        Kind of file or folder that ``path`` names, such as ``"CSV file"``.
-    path, outlier_rows
-        Default values of these two keys.
-    checks
-        Conditions on several keys of the section, which the schema cannot state.
-    keys
-        Schemas, with defaults, of the keys that the source has in addition to ``description``, ``path`` and
-        ``outlier_rows``.
+    Defaults are the description of the data in outputs, ``path`` and ``outlier_rows``. ``files`` names the
+    kind of file, such as ``"CSV file"``, ``checks`` are conditions on several keys, which the schema cannot
+    state, and ``keys`` are the schemas of further keys.
     """
     row = {"type": "integer", "minimum": 1, "maximum": 1_000_000_000}
     shared = {
@@ -120,27 +91,12 @@ def source(
 
 
 def read_source(data: Mapping[str, Any], generator: np.random.Generator) -> pd.DataFrame:
-    """Read the records of the configured source, or a random sample of them.
+    """Read the records of the configured source, or a random sample of them in the order of the source.
 
-    Parameters
-    ----------
-    data
-        Section ``data`` of a valid configuration.
-    generator
-        Random generator for the sample, if ``data.sample`` states a size.
-
-    Returns
-    -------
-    pandas.DataFrame
-        ``lead_speed`` [m/s]; ``range`` [m] or ``inverse_range`` [1/m]; and one of ``closing_speed`` [m/s],
-        ``range_rate`` [m/s], ``ttc`` [s] and ``inverse_ttc`` [1/s]; the index ``row`` counts the rows of the
-        source from 1. A sample keeps the order of the source. ``attrs["exposure"]`` contains the kilometres
-        and hours in which all records were made, if they are known; they are unknown for a sample.
-
-    Raises
-    ------
-    InputError
-        If the source cannot be read, or has fewer records than the size of the sample.
+    The columns are those of `encounter_table.complete`, and the index ``row`` counts the rows of the source
+    from 1. ``attrs["exposure"]`` contains the kilometres and hours in which all records were made, if they
+    are known; they are unknown for a sample. InputError is raised if the source cannot be read, or has fewer
+    records than the size of the sample.
     """
     settings = data[data["source"]]
     raw = SOURCES[data["source"]].read(settings)
@@ -165,11 +121,6 @@ def record_files(settings: Mapping[str, Any]) -> list[str]:
 
     They are the file that the key ``path`` names or, if ``path`` is a folder, all files in the folder whose
     ending is in `RECORDINGS`.
-
-    Parameters
-    ----------
-    settings
-        Section of the source in the configuration.
     """
     path = Path(settings["path"])
     if not path.is_dir():
@@ -178,12 +129,6 @@ def record_files(settings: Mapping[str, Any]) -> list[str]:
 
 
 def describe(data: Mapping[str, Any]) -> str:
-    """Return the name of the data in outputs: the description of the source, and the size of a sample.
-
-    Parameters
-    ----------
-    data
-        Section ``data`` of a valid configuration.
-    """
+    """Return the name of the data in outputs: the description of the source, and the size of a sample."""
     description = data[data["source"]]["description"]
     return description if data["sample"] is None else f"{description}, a sample of {data['sample']:,}"

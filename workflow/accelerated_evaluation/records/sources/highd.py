@@ -59,19 +59,5 @@ def read(settings: Mapping[str, Any]) -> pd.DataFrame:
     A vehicle that changes into another lane cuts in before the vehicle behind it in the new lane, the host.
     The exposure is the time and distance that all vehicles of the host classes drive while in view. The
     errors are those of `recordings.drone.read_recordings`.
-
-    Parameters
-    ----------
-    settings
-        Section of the source in the configuration; ``path`` is a folder with files *_tracks.csv, each with
-        its *_tracksMeta.csv and *_recordingMeta.csv.
-
-    Returns
-    -------
-    pandas.DataFrame
-        One row for each cut-in: ``lead_speed`` [m/s], ``range`` [m], ``closing_speed`` [m/s] and
-        ``host_speed`` [m/s] in the first frame in the new lane; and ``recording``, ``time`` [s], ``vehicle``
-        and ``host``, which locate the cut-in. The attributes (``attrs``) contain the account of dropped
-        candidates and the exposure.
     """
     return drone.read_recordings(settings, FORMAT)

@@ -58,28 +58,10 @@ def read(settings: Mapping[str, Any]) -> pd.DataFrame:
 
     A vehicle that changes into another lane cuts in before the vehicle behind it in the new lane, the host.
     The host is the nearest vehicle behind in the same lane. The range is the distance between the bounding
-    boxes of the two vehicles along the heading of the host.
-
-    Parameters
-    ----------
-    settings
-        Section ``data.osi`` of a valid configuration; ``path`` is a folder with files *.mcap or *.osi.
-
-    Returns
-    -------
-    pandas.DataFrame
-        One row for each cut-in: ``lead_speed`` [m/s], ``range`` [m], ``closing_speed`` [m/s] and
-        ``host_speed`` [m/s] in the first frame in the new lane; and ``recording``, ``time`` [s], ``vehicle``
-        and ``host``, which locate the cut-in. The attributes (``attrs``) contain the account of dropped
-        candidates and the exposure.
-
-    Raises
-    ------
-    InputError
-        If there is no trace, or if a trace or its map cannot be read, or if a trace has no vehicle in a lane,
-        or speeds that contradict the positions.
-    StudyError
-        If the library betterosi is not installed.
+    boxes of the two vehicles along the heading of the host. A row has the columns of
+    `recordings.trajectories.cut_ins_of`. InputError is raised if there is no trace, or if a trace or its map
+    cannot be read, or if a trace has no vehicle in a lane, or speeds that contradict the positions;
+    StudyError if the library betterosi is not installed.
     """
     found, counts = [], Counter()
     with database() as (connection, _):
@@ -185,18 +167,7 @@ def _rows_of(
     lanes: TraceLanes,
     driven: dict[int, tuple[float, float, float]],
 ) -> Iterator[tuple]:
-    """Yield the rows of one message, and update the distance that each vehicle has driven.
-
-    Parameters
-    ----------
-    message, vehicles
-        The message, and its vehicles.
-    lanes
-        The lanes of the trace.
-    driven
-        Mapping from the number of each vehicle to the distance driven [m] and the last position x, y [m]. It
-        is updated.
-    """
+    """Yield the rows of one message, and update the distance [m] and last position [m] of each vehicle."""
     time = 1000 * message.timestamp.seconds + round(message.timestamp.nanos / 1e6)
     numbers = np.array([_numbers(one) for one in vehicles]).reshape(-1, 6).T
     x, y, yaw, speed_x, speed_y, length = numbers

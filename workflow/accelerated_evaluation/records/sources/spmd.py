@@ -29,23 +29,9 @@ COLUMNS = ("lead_speed", "inverse_range", "inverse_ttc")
     exposure=exposure(kilometres=3_218_688),  # "over 2 million miles" (section II)
 )
 def read(settings: Mapping[str, str]) -> pd.DataFrame:
-    """Read the recorded lane changes, and verify the checksum of the file.
+    """Read the recorded lane changes, and verify the checksum ``sha256`` of the Parquet file.
 
-    Parameters
-    ----------
-    settings
-        ``path`` of the Parquet file, and ``sha256``, its checksum of 64 hexadecimal digits.
-
-    Returns
-    -------
-    pandas.DataFrame
-        ``lead_speed`` [m/s], ``inverse_range`` [1/m] and ``inverse_ttc`` [1/s] as in the file; the index
-        ``row`` counts from 1.
-
-    Raises
-    ------
-    InputError
-        If the file is missing, has another checksum or has other columns.
+    InputError is raised if the file is missing, has another checksum or has other columns.
     """
     path = settings["path"]
     require_file(path, "Restore the file from the repository, or correct data.spmd.path.")

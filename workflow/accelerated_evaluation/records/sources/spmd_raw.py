@@ -148,25 +148,10 @@ def read(settings: Mapping[str, Any]) -> pd.DataFrame:
 
     The rows are first sorted into parts on the disk, so that each trip is in one part. The parts are then
     processed one after the other. Computing time and temporary files grow in proportion to the number of
-    rows, but the memory does not.
-
-    Parameters
-    ----------
-    settings
-        Section ``data.spmd_raw`` of a valid configuration; ``path`` is a folder with files
-        DataFrontTargets*.csv and DataWsu*.csv.
-
-    Returns
-    -------
-    pandas.DataFrame
-        ``lead_speed`` [m/s], ``range`` [m], ``closing_speed`` [m/s] and ``host_speed`` [m/s] in the first
-        frame in the path; and ``device``, ``trip``, ``time`` [s] and ``vehicle`` (its first obstacle number),
-        which locate the cut-in. The attributes are described in `recordings.cut_ins.finished`.
-
-    Raises
-    ------
-    InputError
-        If a file is missing or cannot be read, or if recorded quantities contradict the configured units.
+    rows, but the memory does not. The folder has files DataFrontTargets*.csv and DataWsu*.csv. A row has the
+    state in the first frame in the path, and ``device``, ``trip``, ``time`` [s] and ``vehicle`` (its first
+    obstacle number), which locate the cut-in. InputError is raised if a file is missing or cannot be read, or
+    if recorded quantities contradict the configured units.
     """
     folder, key = settings["path"], "data.spmd_raw.path"
     targets, hosts = (recording_files(folder, pattern, key) for pattern in (TARGETS, HOST))

@@ -80,27 +80,13 @@ def _is_unit_of(quantity: str, unit: str) -> bool:
     ),
 )
 def read(settings: Mapping[str, Any]) -> pd.DataFrame:
-    """Read a table of lane changes and convert it to SI units.
+    """Read a table of lane changes, .csv (UTF-8, with a header) or .parquet, and convert it to SI units.
 
-    Parameters
-    ----------
-    settings
-        ``path`` of a file whose name ends in .csv (comma-separated, UTF-8, with a header) or .parquet; and
-        ``columns``: ``lead_speed``, ``range`` and ``closing``, each with the ``name`` of its column and its
-        ``unit``, and for ``closing`` its ``quantity``: closing_speed, range_rate (negative when closing) or
-        ttc. An inverse unit, such as 1/m or 1/s, means that the column contains the inverse.
-
-    Returns
-    -------
-    pandas.DataFrame
-        ``lead_speed`` [m/s]; ``range`` [m] or ``inverse_range`` [1/m]; and one of ``closing_speed`` [m/s],
-        ``range_rate`` [m/s], ``ttc`` [s] and ``inverse_ttc`` [1/s]; index ``row`` (data rows counted from 1).
-        Text and missing cells are not changed; the filters handle them.
-
-    Raises
-    ------
-    InputError
-        If the file is missing or damaged, of another kind, lacks a column, or a unit is unknown.
+    For each column, ``columns`` has its ``name`` and ``unit``, and for ``closing`` its ``quantity``:
+    closing_speed, range_rate (negative when closing) or ttc. An inverse unit, such as 1/m or 1/s, means that
+    the column contains the inverse. Text and missing cells are not changed; the filters handle them.
+    InputError is raised if the file is missing or damaged, of another kind, lacks a column, or a unit is
+    unknown.
     """
     path, columns = settings["path"], settings["columns"]
     require_file(path, "Set data.table.path to the file of lane changes.")

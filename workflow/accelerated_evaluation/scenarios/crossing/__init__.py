@@ -44,18 +44,8 @@ PANELS = (
 def reported_rules(crash: bool, encounter: Mapping[str, float]) -> dict[str, ReportedRule]:
     """Return the rules with which reported outcomes of a run on a proving ground are checked.
 
-    Parameters
-    ----------
-    crash
-        Whether the run ended in a crash.
-    encounter
-        Variables of the run by name; they are not used.
-
-    Returns
-    -------
-    dict
-        For each outcome, a function that returns whether a number is possible, and a text that says which
-        numbers are expected.
+    For each outcome, there is a function that returns whether a number is possible, and a text that says
+    which numbers are expected. They do not depend on the variables of the run.
     """
     kind = "with a crash" if crash else "without a crash"
     touched = (lambda x: -math.inf < x <= 0, f"0 or less {kind}")

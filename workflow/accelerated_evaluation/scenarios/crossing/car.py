@@ -36,23 +36,9 @@ class CrossingCar(AccAebParameters):
     The car has a proportional-integral ACC on the time headway, an AEB triggered by the time to collision
     (TTC), and an actuator limited in friction and jerk. All of them act at the ticks of a clock of 0.1 s. The
     structure is that of the car in the cut-in, but the numbers differ. Subclasses define the start of an
-    encounter.
-
-    Attributes
-    ----------
-    *
-        The attributes of `AccAebParameters`, with other defaults. If ``aeb_ttc`` is None, the AEB has the
-        published threshold, which is 0.955 s at 40 km/h and above.
-    solver
-        ``exact`` if every contact is a crash, even between ticks. ``ode45`` if a contact is a crash only if
-        the solver of the authors' simulation detects it; short contacts between its stages are missed.
-    longest_run
-        Time after which a run that has not ended is stopped [s].
-
-    Raises
-    ------
-    InputError
-        If a parameter is not a finite number in its range.
+    encounter. The other defaults are those of the authors' car. If ``aeb_ttc`` is None, the AEB has the
+    published threshold, which is 0.955 s at 40 km/h and above. InputError is raised if a parameter is not a
+    finite number in its range.
     """
 
     scenario: ClassVar[Scenario]
@@ -63,8 +49,10 @@ class CrossingCar(AccAebParameters):
     headway: float = 1.0
     acc_limit: float = 3.5
     friction_limit: float = 0.8 * 9.8
+    # ``exact`` if every contact is a crash, even between ticks. ``ode45`` if a contact is a crash only if the
+    # solver of the authors' simulation detects it; short contacts between its stages are missed.
     solver: Literal["exact", "ode45"] = "exact"
-    longest_run: float = 200_000.0
+    longest_run: float = 200_000.0  # time after which a run that has not ended is stopped [s]
 
     def __post_init__(self) -> None:
         super().__post_init__()
@@ -72,53 +60,24 @@ class CrossingCar(AccAebParameters):
             raise parameter_error("solver", self.solver, "exact or ode45")
 
     def start(self, encounters: Array) -> Array:
-        """Return the initial state of each encounter, shape (7, n), with the rows that `kernel` lists.
-
-        Parameters
-        ----------
-        encounters
-            Checked encounters, shape (3, n).
-        """
+        """Return the initial state of each encounter, shape (7, n), with the rows that `kernel` lists."""
         raise NotImplementedError
 
     def simulate(self, *columns: ArrayLike) -> CrossingOutcomes:
         """Simulate n encounters of the car with a crossing target, and return their outcomes.
 
-        Parameters
-        ----------
-        *columns
-            The variables of the scenario, in order, each of shape (n,).
-
-        Returns
-        -------
-        CrossingOutcomes
-            The outcomes, of shape (n,). They do not depend on the batch or on the number of threads, not even
-            in the last bit.
-
-        Raises
-        ------
-        InputError
-            If shapes differ or a value is outside its limits. The message names the first such row, counted
-            from 0.
+        They do not depend on the batch or on the number of threads, not even in the last bit. InputError
+        names the first row, counted from 0, whose value is outside its limits.
         """
         starts = self.start(self.scenario.checked(*columns))
         return simulate_in_slices(self.scenario, simulate_slice, starts, self.compiled())
 
     def trace(self, *encounter: float) -> pd.DataFrame:
-        """Simulate one encounter, and return its states over time.
+        """Simulate one encounter, and return its states (`TRACE`), one for each tick and the end.
 
-        Parameters
-        ----------
-        *encounter
-            The variables of the scenario, in order.
-
-        Returns
-        -------
-        pandas.DataFrame
-            One row for each tick and one for the end of the run, with the columns `TRACE`. ``ahead_m`` and
-            ``aside_m`` are the position of the target relative to the host, along the path of the host and
-            across it. The acceleration is constant until the next row. ``emergency`` is 1 while the AEB is
-            on.
+        ``ahead_m`` and ``aside_m`` are the position of the target relative to the host, along the path of the
+        host and across it. The acceleration is constant until the next row. ``emergency`` is 1 while the AEB
+        is on.
         """
         start = self.start(self.scenario.checked(*([value] for value in encounter)))
         run_time = self.simulate(*([value] for value in encounter)).run_time[0]

@@ -105,24 +105,11 @@ class Path(NamedTuple):
 
 @compiled
 def control(car: Car, range_: float, rate: float, speed: float, memory: tuple) -> tuple:
-    """Return the state of the controller (ACC and AEB) after a tick of the clock.
+    """Return the state of the controller (ACC and AEB) after a tick, from its state at the last tick.
 
-    Parameters
-    ----------
-    car
-        Parameters.
-    range_, rate
-        Range [m] and range rate [m/s] that the controller measures.
-    speed
-        Speed of the host [m/s].
-    memory
-        State of the controller at the last tick.
-
-    Returns
-    -------
-    tuple
-        Commanded acceleration [m/s^2], error of the time headway [s], time since the AEB switched on [s] (0
-        if the AEB is off), and command when the AEB switched on [m/s^2].
+    The state is the commanded acceleration [m/s^2], the error of the time headway [s], the time since the AEB
+    switched on [s] (0 if the AEB is off), and the command when the AEB switched on [m/s^2]. Range [m] and
+    range rate [m/s] are those that the controller measures.
     """
     command, error, timer, onset = memory
     ttc = -range_ / rate
@@ -343,17 +330,10 @@ def first_contact(car: Car, path: Path, within: float) -> float:
 
 @compiled
 def summed(speed: float, acceleration: float, rate: float, growth: float, h: float) -> tuple[float, float]:
-    """Return the increments of speed [m/s] and range [m] over a step, in the order of summation of ode45.
+    """Return the increments of speed [m/s] and range [m] over a step h [s], in the summation order of ode45.
 
-    Parameters
-    ----------
-    speed, acceleration
-        Speed [m/s] and acceleration [m/s^2] of the host.
-    rate, growth
-        Speed of the target in the range that the controller measures [m/s] at the start of the step, and its
-        increase over the step [m/s].
-    h
-        Length of the step [s].
+    ``rate`` is the speed of the target in the range that the controller measures [m/s] at the start of the
+    step, and ``growth`` its increase over the step.
     """
     gain, change = 0.0, 0.0
     for stage in range(7):
@@ -384,16 +364,7 @@ def seen(car: Car, path: Path, t: float, h: float, integral: float) -> tuple[flo
     """Return the increment of the integral of contact over a step of ode45, and its relative error.
 
     The integrand is 1 while host and target touch, and otherwise 0. The integral is therefore positive as
-    soon as a stage of the solver detects a contact.
-
-    Parameters
-    ----------
-    car, path
-        Parameters, and position of the target.
-    t, h
-        Beginning of the step, and its length [s].
-    integral
-        Value of the integral at the beginning of the step [s].
+    soon as a stage of the solver detects a contact. The step begins at t and has the length h [s].
     """
     gain, error = 0.0, 0.0
     for stage in range(7):
@@ -409,21 +380,10 @@ def integrate(
 ) -> float:
     """Integrate the state from a tick to the next one, or until the host stops; return the duration [s].
 
-    A step of ode45 ends at a tick at the latest, and its length is kept for the time after the tick.
-
-    Parameters
-    ----------
-    car, path
-        Parameters, and position of the target.
-    acceleration
-        Acceleration of the host [m/s^2].
-    rate, growth
-        Speed of the target in the range that the controller measures [m/s] at the tick, and its increase
-        until the next tick [m/s].
-    tick
-        Number of the tick.
-    state
-        Speed, range and further working numbers of the solver, shape (5,), which are updated.
+    A step of ode45 ends at a tick at the latest, and its length is kept for the time after the tick. ``rate``
+    is the speed of the target in the range that the controller measures [m/s] at the tick, and ``growth`` its
+    increase until the next tick. ``state``, shape (5,), has speed, range and further working numbers of the
+    solver, and is updated.
     """
     begin, end = tick * TICK, (tick + 1.0) * TICK
     t, stops = begin, False
@@ -459,20 +419,9 @@ def run(encounter: NDArray, car: Car, state: NDArray, outcome: NDArray, trace: N
     """Simulate one encounter, and write its outcomes.
 
     A run ends when the host stops, when the time of the run is over, or when host and target cannot come
-    closer any more.
-
-    Parameters
-    ----------
-    encounter
-        Initial state, shape (7,).
-    car
-        Parameters of the car.
-    state
-        Working memory of the solver, shape (5,).
-    outcome
-        Receives the outcomes in the order of `CrossingOutcomes`, shape (6,).
-    trace
-        Receives the states at the first n ticks, shape (n, 6); without rows, no state is written.
+    closer any more. ``encounter`` is the initial state, shape (7,), and ``state``, shape (5,), the working
+    memory of the solver. ``outcome``, shape (6,), receives the outcomes in the order of `CrossingOutcomes`,
+    and ``trace``, shape (n, 6), the states at the first n ticks.
     """
     memory, acceleration, tick, end, passed = (0.0, 0.0, 0.0, 0.0), 0.0, 0.0, 0.0, False
     ahead, aside, ticks = encounter[AHEAD], encounter[ASIDE], encounter[TICKS]

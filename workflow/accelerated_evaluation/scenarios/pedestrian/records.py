@@ -23,21 +23,11 @@ def read_records(path: Path) -> pd.DataFrame:
 def records_of_series(series: pd.DataFrame) -> pd.DataFrame:
     """Return one record for each time series, computed in the same way as by the authors of the paper.
 
-    Parameters
-    ----------
-    series
-        Samples in order of time, 10 per second: ``record`` (identifier of the time series), ``range_m`` and
-        ``transversal_m`` (position of the pedestrian along and across the path of the vehicle), and
-        ``vehicle_speed_mps``.
-
-    Returns
-    -------
-    pandas.DataFrame
-        One row for each time series: ``record``, the three variables of the scenario at the sample with the
-        smallest distance, and ``is_last``, which says whether this is the last sample. The pedestrian speed
-        is the central difference of the transversal position, and a one-sided difference at the ends. In most
-        records the smallest distance is that of the last sample, where the sensor loses the pedestrian, so
-        the vehicle has not yet passed the pedestrian.
+    The samples are in order of time, 10 per second. The variables are those at the sample with the smallest
+    distance, and ``is_last`` says whether this is the last sample. The pedestrian speed is the central
+    difference of the transversal position, and a one-sided difference at the ends. In most records the
+    smallest distance is that of the last sample, where the sensor loses the pedestrian, so the vehicle has
+    not yet passed the pedestrian.
     """
     samples = series.assign(distance_m=np.hypot(series["range_m"], series["transversal_m"]))
     groups = samples.groupby("record", sort=False)

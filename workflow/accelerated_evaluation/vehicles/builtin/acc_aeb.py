@@ -28,24 +28,13 @@ class AccAeb(AccAebParameters, CompiledVehicle):
     The car has a proportional-integral ACC on the time headway, an AEB triggered by the time to collision
     (TTC), and an actuator limited in friction and jerk. An encounter is simulated for 8 s, in steps of 0.1 s;
     `benchmarks/reference_car.py` is a readable version of the simulation. If ``aeb_ttc`` is None, the AEB has
-    the threshold of a Volvo V60, which depends on the speed and is 0.91 s at 40 km/h and above.
-
-    Attributes
-    ----------
-    *
-        The attributes of `AccAebParameters`, with the same defaults.
-    top_start_speed
-        Cap on the speed at the start of an encounter [m/s].
-
-    Raises
-    ------
-    InputError
-        If a parameter is not a finite number in its range.
+    the threshold of a Volvo V60, which depends on the speed and is 0.91 s at 40 km/h and above. InputError is
+    raised if a parameter is not a finite number in its range.
     """
 
     kernel: ClassVar = staticmethod(simulate_slice)
 
-    top_start_speed: float = 35.0
+    top_start_speed: float = 35.0  # cap on the speed at the start of an encounter [m/s]
 
     def __post_init__(self) -> None:
         super().__post_init__()
@@ -67,14 +56,9 @@ class AccAeb(AccAebParameters, CompiledVehicle):
         closing_speed: float,
         lead_speeds: ArrayLike | None = None,
     ) -> pd.DataFrame:
-        """Simulate one encounter, and return its states over time, one row for each step of 0.1 s.
+        """Simulate one encounter, and return its states, one row for each step of 0.1 s.
 
-        Parameters
-        ----------
-        lead_speed, range_, closing_speed
-            Lead speed [m/s], range [m] and closing speed [m/s] at the start.
-        lead_speeds
-            Lead speeds every 0.1 s [m/s], shape (states,), if the lead vehicle changes its speed.
+        If the lead vehicle changes its speed, ``lead_speeds`` [m/s] are those every 0.1 s.
         """
         encounter = checked_encounters([lead_speed], [range_], [closing_speed])
         return trace_car(self.compiled(), encounter, checked_motion(lead_speeds, encounter))

@@ -21,32 +21,19 @@ class CompetentCarefulHuman(ReferenceDriver):
 
     According to UN R157 itself, the driver perceives a cut-in when the other car has drifted by 0.375 m, and
     evaluates it in 0.4 s. JRC-FSM, which this class follows, waits until the cars overlap, which is later.
-
-    Attributes
-    ----------
-    critical_ttc
-        Time to collision at which the driver perceives danger [s] (JRC-FSM).
-    reaction_time
-        Time from the perception of danger to braking [s]; 0.75 (UN R157).
-    release_deceleration
-        Deceleration during the reaction time, at which the braking begins [m/s^2] (JRC-FSM, whose author is
-        not sure of it; UN R157 has no such deceleration).
-    jerk
-        Rate at which the deceleration increases [m/s^3]: 0.774 g in 0.6 s (UN R157).
-    deceleration
-        Largest deceleration [m/s^2]: 0.774 g (UN R157).
-    keeps_watching
-        Whether the driver still brakes if the time to collision is above the critical one when the cars begin
-        to overlap. If true, the driver keeps watching and reacts when the time to collision becomes critical;
-        at closing speeds above 15.3 to 16.5 m/s that is too late for any range. If false, such a cut-in is
-        outside of the model, and ends without a crash, as in the comparison of drivers with JRC-FSM.
     """
 
-    critical_ttc: float = 2.0
-    reaction_time: float = zero_or_more(0.75)
+    critical_ttc: float = 2.0  # time to collision at which the driver perceives danger [s] (JRC-FSM)
+    reaction_time: float = zero_or_more(0.75)  # from the perception of danger to braking [s] (UN R157)
+    # Deceleration during the reaction time, at which the braking begins [m/s^2] (JRC-FSM, whose author is not
+    # sure of it; UN R157 has no such deceleration).
     release_deceleration: float = zero_or_more(0.4)
-    jerk: float = 12.65
-    deceleration: float = 0.774 * G
+    jerk: float = 12.65  # rate at which the deceleration increases [m/s^3]: 0.774 g in 0.6 s (UN R157)
+    deceleration: float = 0.774 * G  # largest deceleration [m/s^2] (UN R157)
+    # Whether the driver still brakes if the time to collision is above the critical one when the cars begin
+    # to overlap. If true, the driver keeps watching and reacts when the time to collision becomes critical;
+    # at closing speeds above 15.3 to 16.5 m/s that is too late for any range. If false, such a cut-in is
+    # outside of the model, and ends without a crash, as in the comparison of drivers with JRC-FSM.
     keeps_watching: bool = True
 
     def compiled(self) -> Driver:

@@ -38,33 +38,25 @@ class ReferenceDriver(CompiledVehicle):
     By default the car that cuts in is in the host's lane from the start, and the range is the distance
     between the bumpers. With a ``lateral_speed``, the car comes from the lane on the left, and its lateral
     motion is simulated as well.
-
-    Attributes
-    ----------
-    lateral_speed
-        Lateral speed of the other car [m/s]; 0 for a car that is in the lane from the start. With a lateral
-        speed the driver can react before the cut-in, or too late. Real cut-ins have 0.2 to 2 m/s.
-    entry_offset
-        Lateral distance of the centres [m] at which range and closing speed are given, if the other car moves
-        laterally: 3.5 for the start of its motion, 1.75 for its centre above the lane marking. If it is
-        smaller than ``start_offset``, the simulation begins earlier. The initial range is then larger, by the
-        distance that the host closes in at the given closing speed.
-    start_offset
-        Lateral distance of the centres before the lane change [m]. The default is a gap of 1.6 m between the
-        sides plus a width of 1.9 m (JRC-FSM), which corresponds to a lane of 3.5 m with both cars in the
-        middle.
-    length, width
-        Size of both cars [m] (JRC-FSM).
     """
 
     deterministic: ClassVar[bool] = True
     kernel: ClassVar = staticmethod(follow_slice)
 
+    # Of the other car [m/s]; 0 for a car that is in the lane from the start. With a lateral speed the driver
+    # can react before the cut-in, or too late. Real cut-ins have 0.2 to 2 m/s.
     lateral_speed: float = zero_or_more(0.0)
+    # Lateral distance of the centres [m] at which range and closing speed are given, if the other car moves
+    # laterally: 3.5 for the start of its motion, 1.75 for its centre above the lane marking. If it is smaller
+    # than `start_offset`, the simulation begins earlier. The initial range is then larger, by the distance
+    # that the host closes in at the given closing speed.
     entry_offset: float = 3.5
+    # Lateral distance of the centres before the lane change [m]. The default is a gap of 1.6 m between the
+    # sides plus a width of 1.9 m (JRC-FSM), which corresponds to a lane of 3.5 m with both cars in the
+    # middle.
     start_offset: float = 3.5
-    length: float = 4.3
-    width: float = 1.9
+    length: float = 4.3  # of both cars [m] (JRC-FSM)
+    width: float = 1.9  # of both cars [m] (JRC-FSM)
 
     def __post_init__(self) -> None:
         for field in fields(self):
@@ -88,14 +80,9 @@ class ReferenceDriver(CompiledVehicle):
         closing_speed: float,
         lead_speeds: ArrayLike | None = None,
     ) -> pd.DataFrame:
-        """Simulate one encounter, and return its states over time, one row for each step of 0.1 s.
+        """Simulate one encounter, and return its states, one row for each step of 0.1 s.
 
-        Parameters
-        ----------
-        lead_speed, range_, closing_speed
-            Lead speed [m/s], range [m] and closing speed [m/s] at the start.
-        lead_speeds
-            Lead speeds every 0.1 s [m/s], shape (states,), if the lead vehicle changes its speed.
+        If the lead vehicle changes its speed, ``lead_speeds`` [m/s] are those every 0.1 s.
         """
         encounter = checked_encounters([lead_speed], [range_], [closing_speed])
         return trace_driver(self.compiled(), encounter, checked_motion(lead_speeds, encounter))
@@ -103,16 +90,8 @@ class ReferenceDriver(CompiledVehicle):
     def _numbers(self, rule: int, reaction_time: float, **numbers: Any) -> Driver:  # noqa: ANN401
         """Return the parameters of a driver for the compiled code.
 
-        The reaction time is rounded up to whole steps: 8 for 0.75 s, 4 for 0.35 s.
-
-        Parameters
-        ----------
-        rule
-            The rule that detects danger.
-        reaction_time
-            Reaction time of the driver [s].
-        **numbers
-            Parameters that are specific to the rule.
+        The reaction time is rounded up to whole steps: 8 for 0.75 s, 4 for 0.35 s. Further numbers are
+        specific to the rule that detects danger.
         """
         steps = math.ceil(reaction_time / STEP - 1e-9)  # 0.3 / 0.1 is a little less than 3 in floating point
         shared = {field.name: float(getattr(self, field.name)) for field in fields(ReferenceDriver)}

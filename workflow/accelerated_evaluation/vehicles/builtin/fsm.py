@@ -20,33 +20,21 @@ class FuzzySafetyModel(ReferenceDriver):
     in proportion to this number. Otherwise it is comfortable braking times the proactive number. A car that
     is still next to the lane is taken into account, unless the host will have passed before it arrives. The
     model follows JRC-FSM.
-
-    Attributes
-    ----------
-    reaction_time
-        Time from the perception of danger to braking, and response time in both fuzzy numbers [s] (Mattas et
-        al.).
-    comfort_braking, host_braking, lead_braking
-        Comfortable and full braking of the host, and full braking of the lead vehicle [m/s^2] (Mattas et
-        al.).
-    margin
-        Gap that must remain in the worst case, in the proactive number only [m] (JRC-FSM).
-    safe_margin
-        Additional gap above which the proactive number is 0 [m] (JRC-FSM).
-    jerk
-        Rate at which the deceleration increases [m/s^3]: 0.774 g in 0.6 s, as for CC (JRC-FSM). After the
-        brake was released, the deceleration starts from 0 again.
-    deceleration
-        Largest deceleration [m/s^2]: 0.774 g (JRC-FSM). It has an effect only if ``host_braking`` is larger.
     """
 
+    # From the perception of danger to braking, and response time in both fuzzy numbers [s] (Mattas et al.).
     reaction_time: float = zero_or_more(0.75)
-    comfort_braking: float = 4.0
-    host_braking: float = 6.0
-    lead_braking: float = 7.0
+    comfort_braking: float = 4.0  # m/s^2 (Mattas et al.)
+    host_braking: float = 6.0  # full braking of the host [m/s^2] (Mattas et al.)
+    lead_braking: float = 7.0  # full braking of the lead vehicle [m/s^2] (Mattas et al.)
+    # Gap that must remain in the worst case, in the proactive number only [m] (JRC-FSM).
     margin: float = zero_or_more(2.0)
+    # Additional gap above which the proactive number is 0 [m] (JRC-FSM).
     safe_margin: float = zero_or_more(2.0)
+    # Rate at which the deceleration increases [m/s^3]: 0.774 g in 0.6 s, as for CC (JRC-FSM). After the brake
+    # was released, the deceleration starts from 0 again.
     jerk: float = 12.65
+    # Largest deceleration [m/s^2] (JRC-FSM); it has an effect only if `host_braking` is larger.
     deceleration: float = 0.774 * G
 
     def compiled(self) -> Driver:

@@ -43,62 +43,46 @@ class Human:
 
     The distributions of the traits, their sources, and the ranges of uncertain parameters are in the module
     `human_population`.
-
-    Attributes
-    ----------
-    urgent_response
-        Mean response time in the limit of great urgency [s]: .70 to .75 s for drivers who expect the signal
-        (Green 2000, abstract).
-    critical_response
-        Mean response time at a time to collision of 4 s [s]: 1.0 to 1.3 (Summala 2000, abstract).
-    calm_response
-        Mean response time without urgency [s]: 1.25 for unexpected, common signals to 1.5 for surprising
-        events (Green 2000, abstract). Between these three response times the mean is an exponential function
-        of the inverse time to collision, which is an assumption.
-    earliest_drift, latest_drift
-        Limits of the lateral movement of the other car at which drivers notice it [m]: .375 m (UN R157, table
-        of the driver model) to half a lane, which is the crossing. It is an assumption that all drivers have
-        noticed it by then.
-    lane_width, car_width
-        Width of the lane and of both cars [m], as for the reference drivers.
-    margin
-        Range at which the approach ends if the driver brakes as hard as is needed [m]: 2 m, as in FSM, but at
-        most half of the initial range. This is an assumption.
-    hard_braking
-        If the needed deceleration is at least this [m/s^2], the driver brakes with the largest deceleration
-        that this driver uses. The default is .32 g, which 95 % of the drivers exceed in emergency braking
-        (Koppa, Fambro and Zimmer 1996, abstract). It is an assumption that drivers distinguish hard from
-        other braking in this way.
-    delay
-        Time after which a driver who has responded perceives a change of the lead speed [s]. By default it is
-        0, as for the reference drivers, because the driver watches the other car. This is an assumption,
-        which matters only if the lead vehicle changes its speed. With the lead motion ``ngsim``, the crash
-        probability of the default study is 1.4 times as large as with a constant lead speed. With a delay of
-        .35 s it is 1.9 times as large, and with .7 s 11 times (standard errors .05, .2 and 2).
-    swerves
-        Whether some drivers swerve.
-    certain
-        Whether all drivers are from the population in the middle of the published ranges. By default each
-        driver is from another population within the ranges.
-    seed
-        Seed of the drivers, 0 or more.
     """
 
     deterministic: ClassVar[bool] = False
 
+    # Mean response time in the limit of great urgency [s]: .70 to .75 s for drivers who expect the signal
+    # (Green 2000, abstract).
     urgent_response: float = 0.725
+    # Mean response time at a time to collision of 4 s [s]: 1.0 to 1.3 (Summala 2000, abstract).
     critical_response: float = 1.15
+    # Mean response time without urgency [s]: 1.25 for unexpected, common signals to 1.5 for surprising events
+    # (Green 2000, abstract). Between these three response times the mean is an exponential function of the
+    # inverse time to collision, which is an assumption.
     calm_response: float = 1.375
+    # Lateral movement of the other car at which drivers notice it at the earliest [m]: .375 m (UN R157, table
+    # of the driver model).
     earliest_drift: float = 0.375
+    # At the latest, half a lane [m], which is the crossing. It is an assumption that all drivers have noticed
+    # it by then.
     latest_drift: float = 1.75
-    lane_width: float = 3.5
-    car_width: float = 1.9
+    lane_width: float = 3.5  # m, as for the reference drivers
+    car_width: float = 1.9  # m, of both cars
+    # Range at which the approach ends if the driver brakes as hard as is needed [m]: 2 m, as in FSM, but at
+    # most half of the initial range. This is an assumption.
     margin: float = zero_or_more(2.0)
+    # If the needed deceleration is at least this [m/s^2], the driver brakes with the largest deceleration
+    # that this driver uses. The default is .32 g, which 95 % of the drivers exceed in emergency braking
+    # (Koppa, Fambro and Zimmer 1996, abstract). It is an assumption that drivers distinguish hard from other
+    # braking in this way.
     hard_braking: float = 0.32 * 9.81
+    # Time after which a driver who has responded perceives a change of the lead speed [s]. By default it is
+    # 0, as for the reference drivers, because the driver watches the other car. This is an assumption, which
+    # matters only if the lead vehicle changes its speed. With the lead motion ``ngsim``, the crash
+    # probability of the default study is 1.4 times as large as with a constant lead speed. With a delay of
+    # .35 s it is 1.9 times as large, and with .7 s 11 times (standard errors .05, .2 and 2).
     delay: float = zero_or_more(0.0)
-    swerves: bool = True
+    swerves: bool = True  # whether some drivers swerve
+    # Whether all drivers are from the population in the middle of the published ranges. By default each
+    # driver is from another population within the ranges.
     certain: bool = False
-    seed: int = 0
+    seed: int = 0  # seed of the drivers, 0 or more
     _generator: np.random.Generator = field(init=False, repr=False, compare=False)
 
     def __post_init__(self) -> None:
@@ -140,23 +124,10 @@ class Human:
         return traits
 
     def inner_weights(self, inner: Array, draws: int, generator: np.random.Generator) -> Array:
-        """Return the density of drivers in several possible populations, relative to the mean density.
+        """Return the density of drivers in random populations, relative to its mean over populations.
 
-        The mean is over the populations. The relative densities are importance weights of the drivers.
-
-        Parameters
-        ----------
-        inner
-            Traits of drivers, shape (drivers, traits).
-        draws
-            Number of possible populations, which are drawn at random.
-        generator
-            Random generator.
-
-        Returns
-        -------
-        numpy.ndarray
-            Relative densities, shape (draws, drivers), with a mean of 1 for each driver.
+        The relative densities are importance weights of the drivers, shape (draws, drivers), with a mean of 1
+        for each driver; the traits ``inner`` have the shape (drivers, traits).
         """
         if self.certain:
             return np.ones((draws, len(inner)))
@@ -167,26 +138,10 @@ class Human:
     def simulate_given(
         self, lead_speed: ArrayLike, range_: ArrayLike, closing_speed: ArrayLike, inner: Array
     ) -> Outcomes:
-        """Simulate n cut-ins with given drivers.
+        """Simulate n cut-ins with drivers of given traits, shape (n, traits).
 
-        Parameters
-        ----------
-        lead_speed, range_, closing_speed
-            Lead speed [m/s], range [m] and closing speed [m/s] at the start, each of shape (n,).
-        inner
-            Traits of the drivers, shape (n, traits).
-
-        Returns
-        -------
-        Outcomes
-            The outcomes, of shape (n,). If a swerve avoids the crash, the smallest range is the last one
-            before the cars pass each other.
-
-        Raises
-        ------
-        InputError
-            If shapes differ or a value is outside its limits. The message names the first such row, counted
-            from 0.
+        If a swerve avoids the crash, the smallest range is the last one before the cars pass each other.
+        InputError names the first row, counted from 0, whose value is outside its limits.
         """
         return self._outcomes(checked_encounters(lead_speed, range_, closing_speed), inner)[0]
 
@@ -202,19 +157,10 @@ class Human:
     def simulate_moving(
         self, lead_speed: ArrayLike, range_: ArrayLike, closing_speed: ArrayLike, lead_speeds: ArrayLike
     ) -> Outcomes:
-        """Return the outcomes of n cut-ins, each with a new random driver, with lead speeds that change.
+        """Simulate n cut-ins with random drivers and lead speeds [m/s] at 0, 0.1, ... s, (n, at least 81).
 
-        Parameters
-        ----------
-        lead_speed, range_, closing_speed
-            Lead speed [m/s], range [m] and closing speed [m/s] at the start, each of shape (n,).
-        lead_speeds
-            Lead speeds [m/s] at 0, 0.1, ... s, shape (n, at least 81). The first column is ``lead_speed``.
-
-        Raises
-        ------
-        InputError
-            As in `simulate_given`, and if lead speeds are negative, not finite, or end before 8 s.
+        The first column is ``lead_speed``. InputError is raised as in `simulate_given`, and if lead speeds
+        are negative, not finite, or end before 8 s.
         """
         drivers = self.draw_next(len(np.atleast_1d(lead_speed)))
         return self.simulate_moving_given(lead_speed, range_, closing_speed, lead_speeds, drivers)

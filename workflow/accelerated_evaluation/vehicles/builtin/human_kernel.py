@@ -85,21 +85,10 @@ def follow(
 ) -> int:
     """Simulate one encounter, and return the number of states that were written to ``course``.
 
-    Parameters
-    ----------
-    numbers
-        Parameters that all drivers share.
-    encounter
-        Lead speed [m/s], range [m] and closing speed [m/s].
-    traits
-        Traits of the driver, listed in `human_numbers`.
-    outcome
-        Receives crash, smallest range [m], smallest time to collision [s], impact speed [m/s] and largest
-        deceleration [m/s^2], shape (5,).
-    course
-        Receives time [s], range [m], closing speed [m/s], deceleration [m/s^2] and lateral distance [m] of
-        each state, shape (states, 5). If it has no rows, nothing is written, and the simulation ends as soon
-        as the outcomes are known.
+    ``outcome``, shape (5,), receives crash, smallest range [m], smallest time to collision [s], impact speed
+    [m/s] and largest deceleration [m/s^2]. ``course``, shape (states, 5), receives time [s], range [m],
+    closing speed [m/s], deceleration [m/s^2] and lateral distance [m]. If it has no rows, nothing is written,
+    and the simulation ends as soon as the outcomes are known.
     """
     range_, closing = encounter[1], encounter[2]
     margin = min(numbers.margin, range_ / 2.0)
@@ -174,14 +163,8 @@ def follow_motion(
     """Simulate one encounter with a changing lead speed; return the number of states written to ``course``.
 
     A driver who has responded keeps watching the lead vehicle, and brakes again if a new approach begins.
-    With a constant lead speed the driver does the same as in `follow`.
-
-    Parameters
-    ----------
-    numbers, encounter, traits, outcome, course
-        As in `follow`; outcomes and states are written to ``outcome``, shape (5,), and ``course``.
-    lead_speeds
-        Lead speeds [m/s] at 0, 0.1, ... s; afterwards the lead vehicle keeps its last speed.
+    With a constant lead speed the driver does the same as in `follow`. After the last of the ``lead_speeds``
+    [m/s] at 0, 0.1, ... s, the lead vehicle keeps its speed.
     """
     range_, speed, closing = encounter[1], encounter[0] + encounter[2], encounter[2]
     margin = min(numbers.margin, range_ / 2.0)

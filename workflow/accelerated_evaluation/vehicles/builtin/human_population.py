@@ -55,30 +55,16 @@ SWERVE_RANGE = (0.61, 1.83)  # [m]
 
 @dataclass(frozen=True)
 class Population:
-    """Parameters of n possible populations of drivers; every array has shape (n,).
+    """Parameters of n possible populations of drivers; every array has shape (n,)."""
 
-    Attributes
-    ----------
-    scale, spread
-        Mean of the factor by which the response time differs from its published value, and standard deviation
-        of its logarithm. The factor has a log-normal distribution.
-    exponent
-        Exponent k of the noticing: the share of the way at which a driver notices the other car has the
-        density k x^(k - 1) on [0, 1].
-    lane_change
-        Mean duration of lane changes [s].
-    braking
-        Factor by which decelerations differ from the published ones.
-    swerving
-        Share of the drivers who swerve.
-    """
-
+    # Mean of the factor by which the response time differs from its published value; it is log-normal.
     scale: Array
-    spread: Array
+    spread: Array  # standard deviation of the logarithm of this factor
+    # k: the share of the way at which a driver notices the other car has the density k x^(k - 1) on [0, 1].
     exponent: Array
-    lane_change: Array
-    braking: Array
-    swerving: Array
+    lane_change: Array  # mean duration of lane changes [s]
+    braking: Array  # factor by which decelerations differ from the published ones
+    swerving: Array  # share of the drivers who swerve
 
     @classmethod
     def draw(cls, size: int, generator: np.random.Generator) -> "Population":
@@ -120,21 +106,9 @@ class Population:
         return traits
 
     def density(self, traits: Array, *, swerves: bool = True) -> Array:
-        """Return the probability density of drivers in each population, up to a common factor.
+        """Return the density of drivers in each population, up to a common factor, shape (n, drivers).
 
-        The factor is the same in all populations.
-
-        Parameters
-        ----------
-        traits
-            Traits of drivers, shape (drivers, traits).
-        swerves
-            Whether drivers may swerve.
-
-        Returns
-        -------
-        numpy.ndarray
-            Densities, shape (n, drivers).
+        The factor is the same in all populations, and the traits have the shape (drivers, traits).
         """
         columns = {field.name: getattr(self, field.name)[:, None] for field in fields(self)}
         spread, exponent, braking = columns["spread"], columns["exponent"], columns["braking"]

@@ -51,20 +51,10 @@ class Car(NamedTuple):
 
 @compiled
 def start(encounters: NDArray, first: int, count: int, car: Car, state: NDArray, index: NDArray) -> None:
-    """Write the initial states of ``count`` encounters to the lanes of ``state``.
+    """Write the initial states of ``count`` encounters, from column ``first`` on, to the lanes of ``state``.
 
-    Parameters
-    ----------
-    encounters
-        Lead speed [m/s], range [m] and closing speed [m/s], shape (3, n).
-    first, count
-        Column of the first encounter, and number of encounters.
-    car
-        Parameters of the car.
-    state
-        Receives the states, shape (FIELDS, LANES).
-    index
-        Receives the column of the encounter in each lane, shape (LANES,).
+    The rows of ``encounters`` are lead speed [m/s], range [m] and closing speed [m/s]; ``index`` receives the
+    column of the encounter in each lane.
     """
     for i in range(count):
         index[i] = first + i
@@ -166,21 +156,12 @@ def _follow_lead(state: NDArray, index: NDArray, count: int, speeds: NDArray, fi
 def simulate_slice(
     encounters: NDArray, begin: int, end: int, car: Car, lead_speeds: NDArray, outcomes: NDArray
 ) -> None:
-    """Simulate the columns ``begin`` to ``end`` of ``encounters``, independently of each other.
+    """Simulate the columns ``begin`` to ``end`` (excluded) of ``encounters``, independently of each other.
 
-    Parameters
-    ----------
-    encounters
-        Lead speed [m/s], range [m] and closing speed [m/s], shape (3, n).
-    begin, end
-        First column, and the column after the last one.
-    car
-        Parameters of the car.
-    lead_speeds
-        Lead speeds [m/s] at every step, shape (n, STEPS + 1), or shape (n, 1) if the lead vehicles keep their
-        speeds. Within a step a lead vehicle moves with the mean of its speeds at both ends of the step.
-    outcomes
-        Receives crash (0 or 1), min_range [m], min_ttc [s] and impact_speed [m/s], shape (4, n).
+    The rows of ``encounters`` are lead speed [m/s], range [m] and closing speed [m/s]. ``lead_speeds`` [m/s]
+    are those at every step, shape (n, STEPS + 1), or (n, 1) if the lead vehicles keep their speeds. Within a
+    step a lead vehicle moves with the mean of its speeds at both ends of the step. ``outcomes``, shape (4,
+    n), receives crash (0 or 1), min_range [m], min_ttc [s] and impact_speed [m/s].
     """
     state = np.empty((FIELDS, LANES))
     index = np.empty(LANES, np.int64)

@@ -17,34 +17,21 @@ class ResponsibilitySensitiveSafety(ReferenceDriver):
     The driver perceives danger when the other car is nearer than the safe distances of RSS in both
     directions, longitudinal and lateral. After the reaction time the driver brakes like the competent and
     careful human driver (CC), which is harder than the longitudinal safe distance assumes.
-
-    Attributes
-    ----------
-    reaction_time
-        Time from the perception of danger to braking, and response time in the safe distances [s] (JRC-FSM).
-    response_acceleration
-        Acceleration of the host during the response that the safe distance allows for [m/s^2] (JRC-FSM).
-    host_braking, lead_braking
-        Braking of host and lead vehicle in the longitudinal safe distance [m/s^2] (JRC-FSM, with one value
-        for both).
-    lateral_acceleration
-        Lateral acceleration and braking of both cars in the lateral safe distance [m/s^2] (JRC-FSM).
-    lateral_margin
-        Lateral gap that must remain [m] (JRC-FSM).
-    jerk
-        Rate at which the deceleration increases [m/s^3]: 0.774 g in 0.6 s, as for CC (JRC-FSM).
-    deceleration
-        Largest deceleration [m/s^2]: 0.774 g, as for CC (JRC-FSM).
     """
 
+    # From the perception of danger to braking, and response time in the safe distances [s] (JRC-FSM).
     reaction_time: float = zero_or_more(0.75)
+    # Of the host during the response, which the safe distance allows for [m/s^2] (JRC-FSM).
     response_acceleration: float = zero_or_more(3.0)
+    # In the longitudinal safe distance [m/s^2] (JRC-FSM, one value for both vehicles).
     host_braking: float = 6.0
-    lead_braking: float = 6.0
+    lead_braking: float = 6.0  # in the longitudinal safe distance [m/s^2] (JRC-FSM)
+    # Acceleration and braking of both cars in the lateral safe distance [m/s^2] (JRC-FSM).
     lateral_acceleration: float = 1.0
-    lateral_margin: float = zero_or_more(0.3)
+    lateral_margin: float = zero_or_more(0.3)  # lateral gap that must remain [m] (JRC-FSM)
+    # Rate at which the deceleration increases [m/s^3]: 0.774 g in 0.6 s, as for CC (JRC-FSM).
     jerk: float = 12.65
-    deceleration: float = 0.774 * G
+    deceleration: float = 0.774 * G  # largest deceleration [m/s^2], as for CC (JRC-FSM)
 
     def compiled(self) -> Driver:
         """Return the parameters of the vehicle as numbers for the compiled simulation."""

@@ -27,22 +27,10 @@ COLUMNS = (
 
 
 def trace_car(car: Car, encounter: Array, lead_speeds: Array | None = None) -> pd.DataFrame:
-    """Simulate one encounter of the ACC + AEB car, and return its trace.
+    """Simulate one encounter of the ACC + AEB car, and return its states with the columns `COLUMNS`.
 
-    Parameters
-    ----------
-    car
-        Parameters of the car.
-    encounter
-        Checked lead speed [m/s], range [m] and closing speed [m/s], shape (3, 1).
-    lead_speeds
-        Checked lead speeds over time [m/s], shape (states,); None if the lead vehicle keeps its speed.
-
-    Returns
-    -------
-    pandas.DataFrame
-        One row for each state, with the columns `COLUMNS`. In the last state the controller does not act any
-        more, so the time to collision is infinite, and the state of the AEB is that of the state before.
+    Encounter, shape (3, 1), and lead speeds are checked before. In the last state the controller does not act
+    any more, so the time to collision is infinite, and the state of the AEB is that of the state before.
     """
     state, index = np.empty((kernel.FIELDS, 1)), np.zeros(1, dtype=np.int64)
     kernel.start(encounter, 0, 1, car, state, index)
@@ -68,21 +56,10 @@ def trace_car(car: Car, encounter: Array, lead_speeds: Array | None = None) -> p
 
 
 def trace_driver(driver: Driver, encounter: Array, lead_speeds: Array | None = None) -> pd.DataFrame:
-    """Simulate one encounter of a reference driver, and return its trace.
+    """Simulate one encounter of a reference driver, and return its states with the columns `COLUMNS`.
 
-    Parameters
-    ----------
-    driver
-        Parameters of the driver.
-    encounter, lead_speeds
-        As in `trace_car`.
-
-    Returns
-    -------
-    pandas.DataFrame
-        One row for each state, with the columns `COLUMNS`. With lateral motion, the first state is the state
-        after the first step of this motion. The range is negative while the cars overlap along the road, and
-        positive again when the other car is behind the host.
+    With lateral motion, the first state is the state after the first step of this motion. The range is
+    negative while the cars overlap along the road, and positive again when the other car is behind the host.
     """
     state = np.empty((driver_kernel.FIELDS, 1))
     is_moving = lead_speeds is not None
@@ -109,22 +86,9 @@ def trace_driver(driver: Driver, encounter: Array, lead_speeds: Array | None = N
 def trace_human(
     numbers: HumanNumbers, encounter: Array, traits: Array, lead_speeds: Array | None = None
 ) -> pd.DataFrame:
-    """Simulate one encounter of a human driver, and return its trace.
+    """Simulate one encounter of a human driver, and return its states with the columns `COLUMNS`.
 
-    Parameters
-    ----------
-    numbers
-        Parameters that all drivers share.
-    encounter, lead_speeds
-        Lead speed [m/s], range [m] and closing speed [m/s], shape (3, 1), and lead speeds over time [m/s],
-        shape (states,); None if the lead vehicle keeps its speed.
-    traits
-        Traits of the driver, shape (traits,).
-
-    Returns
-    -------
-    pandas.DataFrame
-        One row for each state, with the columns `COLUMNS`; "emergency" is 1 while the driver brakes.
+    The column "emergency" is 1 while the driver brakes.
     """
     outcome, course = np.empty(5), np.empty((human_kernel.STEPS + 1, 5))
     if lead_speeds is None:

@@ -15,17 +15,8 @@ DIE_WITH_PARENT = 1  # PR_SET_PDEATHSIG of prctl(2)
 def run_apart(work: Callable[[], None], what: str) -> None:
     """Run a function in a child process; an exception of the function is raised in this process.
 
-    Parameters
-    ----------
-    work
-        The function. Its changes of objects in memory are lost, because they are made in the child process.
-    what
-        Description of what runs, for the error.
-
-    Raises
-    ------
-    InputError
-        If a signal ends the child process, for example because of a segmentation fault in compiled code.
+    Its changes of objects in memory are lost. InputError is raised if a signal ends the child process, for
+    example because of a segmentation fault in compiled code.
     """
     read, write = os.pipe()
     parent = os.getpid()

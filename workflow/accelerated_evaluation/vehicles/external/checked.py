@@ -34,27 +34,15 @@ class CheckedVehicle:
     each twice, in another order and in a batch of another size. This takes at most eight simulations for each
     vehicle that is loaded. The repetition detects a vehicle whose outcomes usually differ. If outcomes differ
     in only one run out of a hundred, the many repeats of the sampler are needed to detect this.
-
-    Attributes
-    ----------
-    vehicle
-        The user's vehicle.
-    name
-        Name of the vehicle in messages, such as ``path/to/file.py:ClassName``.
-    scenario
-        The scenario whose encounters the vehicle simulates.
-    deterministic
-        Whether the outcomes are deterministic, as stated by the user; by default the attribute of this name
-        of the user's class. None means that this is unknown and has to be tested. The value becomes False if
-        a repetition has other outcomes.
-    was_repeated
-        Whether encounters were simulated again. It is set to True if the repetition is done elsewhere.
     """
 
     vehicle: Vehicle
-    name: str
+    name: str  # in messages, such as ``path/to/file.py:ClassName``
     scenario: Scenario = field(default=CUT_IN, repr=False)
+    # As stated by the user or by the attribute of the user's class; None means unknown, to be tested. It
+    # becomes False if a repetition has other outcomes.
     deterministic: bool | None = field(default=None, repr=False, compare=False)
+    # Whether encounters were simulated again; it is set to True if the repetition is done elsewhere.
     was_repeated: bool = field(default=False, init=False, repr=False, compare=False)
     elsewhere: Callable[[Array], Any] | None = field(default=None, init=False, repr=False, compare=False)
 
@@ -66,16 +54,11 @@ class CheckedVehicle:
             raise outcome_error(self.name, "its attribute deterministic", seen, expected)
 
     def simulate(self, *columns: ArrayLike) -> Any:  # noqa: ANN401
-        """Return the checked outcomes of n encounters.
+        """Return the checked outcomes of n encounters, given by the variables of the scenario, (n,) each.
 
-        The arguments are the variables of the scenario, in order, each of shape (n,).
-
-        Raises
-        ------
-        InputError
-            If the encounters are not valid, if the user's code raises an error or exits, if the outcomes are
-            not valid, or if repeated encounters have other outcomes although the vehicle is stated to be
-            deterministic.
+        InputError is raised if the encounters are not valid, if the user's code raises an error or exits, if
+        the outcomes are not valid, or if repeated encounters have other outcomes although the vehicle is
+        stated to be deterministic.
         """
         encounters = self.scenario.checked(*columns)
         outcomes = self._outcomes(encounters)
@@ -107,16 +90,10 @@ class CheckedVehicle:
     def simulate_moving(
         self, lead_speed: ArrayLike, range_: ArrayLike, closing_speed: ArrayLike, lead_speeds: ArrayLike
     ) -> Any:  # noqa: ANN401
-        """Return the checked outcomes of n cut-ins behind lead vehicles that change their speeds.
+        """Return the checked outcomes of n cut-ins with lead speeds at 0, 0.1, ... s, (n, at least 81).
 
-        The arguments are lead speed [m/s], range [m] and closing speed [m/s] at the start, each of shape
-        (n,), and the lead speeds [m/s] at 0, 0.1, ... s, shape (n, at least 81).
-
-        Raises
-        ------
-        InputError
-            As in `simulate`; also if the vehicle cannot be simulated with lead speeds over time, or if these
-            are negative, not finite, or end before 8 s.
+        InputError is raised as in `simulate`; also if the vehicle cannot be simulated with lead speeds over
+        time, or if these are negative, not finite, or end before 8 s.
         """
         require_motion(self.vehicle, self.name)
         encounters = self.scenario.checked(lead_speed, range_, closing_speed)
@@ -146,27 +123,10 @@ def after_repetition(
     declared: bool | None,
     scenario: Scenario,
 ) -> bool | None:
-    """Simulate some encounters again, and return whether the vehicle is deterministic.
+    """Simulate some encounters again, and return whether the vehicle is deterministic, or None if unknown.
 
-    Parameters
-    ----------
-    simulate, encounters, first, vehicle, scenario
-        Function that simulates encounters, the encounters of the first batch, shape (d, n), their first
-        outcomes, the name of the vehicle in messages, and the scenario.
-    declared
-        Whether the user states that the vehicle is deterministic; None without a statement. If it is False,
-        nothing is simulated.
-
-    Returns
-    -------
-    bool or None
-        ``declared``, or False if ``declared`` is None and an outcome differs. A warning then names the
-        outcome.
-
-    Raises
-    ------
-    InputError
-        If an outcome differs although the vehicle is stated to be deterministic.
+    Nothing is simulated if ``declared``, the user's statement, is False. If it is None and an outcome
+    differs, a warning names the outcome. If it is True, InputError is raised.
     """
     if declared is False:
         return False
@@ -191,19 +151,6 @@ def found_difference(
     At most four encounters are simulated again, each twice. They are spread over the batch. The new batch
     contains them in order and then in reverse order, so that the number of earlier calls, the size of the
     batch, the neighbours and the position in the batch are different.
-
-    Parameters
-    ----------
-    simulate
-        Function that simulates encounters, shape (d, k).
-    encounters
-        Encounters that were simulated before, shape (d, n).
-    first
-        Outcomes of these encounters in the first simulation.
-    vehicle
-        Name of the vehicle in messages.
-    scenario
-        The scenario of the encounters.
     """
     count = encounters.shape[1]
     chosen = np.unique(np.linspace(0, count - 1, min(count, REPEATED)).astype(int))

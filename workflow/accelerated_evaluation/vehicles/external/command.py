@@ -48,22 +48,13 @@ class Command(ForeignVehicle):
 
     If the lead vehicle changes its speed, IN.csv also has the columns speed_0.1, speed_0.2, ..., speed_8.0,
     with the lead speed [m/s] 0.1, 0.2, ..., 8 s after the start. After 8 s the lead vehicle keeps its speed.
-
-    Attributes
-    ----------
-    command
-        The words of the command, or one text that is split into words as in a shell. No shell is used.
-    lead_motion
-        Whether the command reads the columns of lead speeds. If not, it cannot simulate cut-ins in which the
-        lead vehicle changes its speed.
-
-    Raises
-    ------
-    InputError
-        If a parameter has the wrong type, or the command has no words.
+    InputError is raised if a parameter has the wrong type, or the command has no words.
     """
 
+    # Its words, or one text that is split into words as in a shell. No shell is used.
     command: str | Sequence[str]
+    # Whether the command reads the columns of lead speeds. If not, it cannot simulate cut-ins in which the
+    # lead vehicle changes its speed.
     lead_motion: bool = False
 
     def __post_init__(self) -> None:
@@ -92,15 +83,10 @@ class Command(ForeignVehicle):
         return [Path(word) for word in self.words if Path(word).is_file()]
 
     def simulate(self, *columns: ArrayLike) -> Any:  # noqa: ANN401
-        """Run the command on n encounters, and return their outcomes.
+        """Run the command on n encounters, given by the variables of the scenario, (n,) each.
 
-        The arguments are the variables of the scenario, in order, each of shape (n,).
-
-        Raises
-        ------
-        InputError
-            If the command cannot be started, takes too long, fails, is killed, or does not write valid
-            outcomes.
+        InputError is raised if the command cannot be started, takes too long, fails, is killed, or does not
+        write valid outcomes.
         """
         return self._outcomes(self.scenario.checked(*columns))
 
@@ -207,13 +193,8 @@ class Printed:
 def end_group(process: int, mark: str) -> None:
     """Kill all processes of a command: its process group, and processes that have left the group.
 
-    Parameters
-    ----------
-    process
-        Number of the first process of the group.
-    mark
-        Entry of the environment that only the processes of this command have. It identifies processes that
-        have left the group, on systems that list processes under /proc.
+    ``mark`` is an entry of the environment that only the processes of this command have. It identifies
+    processes that have left the group, on systems that list processes under /proc.
     """
     with contextlib.suppress(ProcessLookupError, PermissionError):
         os.killpg(process, signal.SIGKILL)

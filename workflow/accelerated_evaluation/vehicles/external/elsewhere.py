@@ -25,20 +25,12 @@ TIME_LIMIT = 3600.0  # [s], longest time for the repetition of a batch of a vehi
 
 @dataclass(frozen=True)
 class Elsewhere:
-    """A copy of a user's vehicle in another process.
-
-    Attributes
-    ----------
-    name, parameters, scenario
-        The vehicle and its scenario.
-    executor
-        Executor with the other process, which loads the vehicle itself.
-    """
+    """A copy of a user's vehicle in another process."""
 
     name: str
     parameters: Mapping[str, Any]
     scenario: Scenario
-    executor: Executor = field(repr=False)
+    executor: Executor = field(repr=False)  # with the other process, which loads the vehicle itself
 
     def __call__(self, encounters: Array) -> Any:  # noqa: ANN401
         """Return the outcomes of encounters, shape (d, n), which are simulated in reverse order."""
@@ -55,27 +47,12 @@ class Elsewhere:
 
 
 def difference_elsewhere(vehicle: Any, encounters: Array, outcomes: Any, event: Event) -> InputError | None:  # noqa: ANN401
-    """Simulate runs of an estimate again in another process, and compare their outcomes.
+    """Simulate runs of an estimate again in another process, and return the error of the first difference.
 
-    Some runs are repeated one by one. If the vehicle is not stored, because it is fast, all runs are repeated
-    once more in one batch.
-
-    Parameters
-    ----------
-    vehicle
-        The vehicle of the estimate. Vehicles of the project have no method ``repeat`` and are not compared.
-    encounters
-        The encounters that the estimate has simulated, shape (d, n).
-    outcomes
-        Their outcomes.
-    event
-        The event; the last runs with it and the last runs without it are repeated one by one.
-
-    Returns
-    -------
-    InputError or None
-        The error that describes the first difference; None if there is no difference, or if the outcomes are
-        stated to be random.
+    The last runs with the event and the last runs without it are repeated one by one. If the vehicle is not
+    stored, because it is fast, all runs are repeated once more in one batch. The result is None without a
+    difference, for outcomes that are stated to be random, and for vehicles of the project, which have no
+    method ``repeat``.
     """
     if not hasattr(vehicle, "repeat") or vehicle.deterministic is False or not encounters.shape[1]:
         return None

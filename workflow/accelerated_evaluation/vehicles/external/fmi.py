@@ -45,16 +45,9 @@ class State(NamedTuple):
         return self.host_speed - self.lead_speed
 
     def after(self, acceleration: float, step: float, lead_speed: float) -> "State":
-        """Return the state after a time step.
+        """Return the state after a step [s] with a constant acceleration of the host [m/s^2].
 
-        Parameters
-        ----------
-        acceleration
-            Acceleration of the host during the step [m/s^2]. The host does not drive backwards.
-        step
-            Length of the step [s].
-        lead_speed
-            Lead speed after the step [m/s]. Within the step it changes linearly.
+        The host does not drive backwards, and the lead speed [m/s] changes linearly to the given value.
         """
         speed = max(self.host_speed + acceleration * step, 0.0)
         lead = self.lead_speed if lead_speed == self.lead_speed else (self.lead_speed + lead_speed) / 2
@@ -64,41 +57,19 @@ class State(NamedTuple):
 
 @dataclass(frozen=True)
 class Variable:
-    """A variable of an FMU.
-
-    Attributes
-    ----------
-    quantity
-        Quantity of the variable, such as ``range``.
-    reference
-        Number of the variable in the FMU (value reference).
-    factor
-        Factor that converts a value of the variable to SI units.
-    """
+    """A variable of an FMU."""
 
     quantity: str
-    reference: int
-    factor: float
+    reference: int  # number of the variable in the FMU (value reference)
+    factor: float  # factor that converts a value of the variable to SI units
 
 
 class Model:
     """An FMU file and its variables.
 
-    Parameters
-    ----------
-    file
-        Path of the FMU.
-    inputs
-        ``name`` and ``unit`` of the input variables, by quantity.
-    acceleration
-        ``name`` and ``unit`` of the output variable.
-    start
-        Initial values of other variables, by name.
-
-    Raises
-    ------
-    InputError
-        If the file is not an FMU that can be run on this machine, or if it lacks a variable or a unit.
+    ``inputs`` has the ``name`` and ``unit`` of the input variables by quantity, ``acceleration`` those of the
+    output variable, and ``start`` the initial values of others. InputError is raised if the file is not an
+    FMU that can be run on this machine, or if it lacks a variable or a unit.
     """
 
     def __init__(
@@ -195,17 +166,8 @@ class Instance:
     def advance(self, time: float, step: float, state: State) -> float:
         """Set the inputs of the FMU, make one step, and return the acceleration of the host [m/s^2].
 
-        Parameters
-        ----------
-        time, step
-            Time at the beginning of the step, and length of the step [s].
-        state
-            State of the cars at the beginning of the step, for the inputs.
-
-        Raises
-        ------
-        InputError
-            If the FMU refuses the step, ends the simulation, or returns a value that is not finite.
+        The step [s] begins at the given time and state. InputError is raised if the FMU refuses the step,
+        ends the simulation, or returns a value that is not finite.
         """
         output, fmu = self._model.acceleration, self._fmu
         with _naming_the_fmu(f"its step at {time:g} s"):

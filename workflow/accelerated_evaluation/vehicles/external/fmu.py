@@ -37,38 +37,20 @@ class Fmu(ForeignVehicle):
     v_new) / 2) h, where v_L is the mean lead speed in the step. An encounter ends with a crash when the range
     is 0 or less. It ends without a crash when the host stands still or the time is over. The smallest range
     and the smallest time to collision are those at the beginnings of the steps; the smallest range also
-    includes the end of the encounter.
-
-    Attributes
-    ----------
-    file
-        The FMU, a file that ends in .fmu.
-    inputs
-        Quantities that the FMU receives: ``range``, ``range_rate``, ``closing_speed`` (minus the range rate),
-        ``host_speed`` or ``lead_speed``; each with the ``name`` of the variable of the FMU and its ``unit``.
-        By default they are range, range_rate and host_speed, with these names, in SI units.
-    acceleration
-        ``name`` and ``unit`` of the output variable with the acceleration of the host.
-    start
-        Initial values of other variables, by name.
-    step
-        The step h [s].
-    duration
-        Duration of an encounter [s], rounded to whole steps.
-
-    Raises
-    ------
-    InputError
-        If the file is not an FMU that can be run on this machine, if it lacks a variable, or if a parameter
-        is wrong.
+    includes the end of the encounter. InputError is raised if the file is not an FMU that can be run on this
+    machine, if it lacks a variable, or if a parameter is wrong.
     """
 
-    file: str
+    file: str  # a file that ends in .fmu
+    # Quantities that the FMU receives: ``range``, ``range_rate``, ``closing_speed`` (minus the range rate),
+    # ``host_speed`` or ``lead_speed``; each with the ``name`` of the variable of the FMU and its ``unit``. By
+    # default they are range, range_rate and host_speed, with these names, in SI units.
     inputs: Mapping[str, Mapping[str, str]] = field(default_factory=lambda: {name: {} for name in INPUTS})
+    # ``name`` and ``unit`` of the output variable with the acceleration of the host.
     acceleration: Mapping[str, str] = field(default_factory=dict)
-    start: Mapping[str, float] = field(default_factory=dict)
-    step: float = 0.1
-    duration: float = 8.0
+    start: Mapping[str, float] = field(default_factory=dict)  # initial values of other variables, by name
+    step: float = 0.1  # h [s]
+    duration: float = 8.0  # of an encounter [s], rounded to whole steps
 
     def __post_init__(self) -> None:
         if not isinstance(self.file, str):
@@ -107,13 +89,8 @@ class Fmu(ForeignVehicle):
     def simulate(self, lead_speed: ArrayLike, range_: ArrayLike, closing_speed: ArrayLike) -> Outcomes:
         """Return the outcomes of n cut-ins, each simulated with a new instance of the FMU.
 
-        The arguments are lead speed [m/s], range [m] and closing speed [m/s] at the start, each of shape
-        (n,).
-
-        Raises
-        ------
-        InputError
-            If the FMU cannot be instantiated, refuses a step, or returns an acceleration that is not finite.
+        InputError is raised if the FMU cannot be instantiated, refuses a step, or returns an acceleration
+        that is not finite.
         """
         encounters = CUT_IN.checked(lead_speed, range_, closing_speed)
         return self._outcomes(encounters, itertools.repeat(None))

@@ -13,17 +13,9 @@ TIME_LIMIT = 600.0  # [s], default of the longest time for a batch
 
 
 class ForeignVehicle(ABC):
-    """Base class of a vehicle that is an external program; its outcomes are checked and stored.
+    """Base class of a vehicle that is an external program; its outcomes are checked and stored."""
 
-    Attributes
-    ----------
-    time_limit
-        Longest time for a batch [s].
-    scenario
-        The scenario whose encounters the vehicle simulates.
-    """
-
-    time_limit: float = TIME_LIMIT
+    time_limit: float = TIME_LIMIT  # longest time for a batch [s]
     scenario: Scenario = CUT_IN
 
     @property

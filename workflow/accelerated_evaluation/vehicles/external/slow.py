@@ -39,45 +39,26 @@ class SlowVehicle:
     """A vehicle whose encounters are simulated only once, in batches, by workers.
 
     If the outcomes are random, an encounter is simulated every time it is requested.
-
-    Attributes
-    ----------
-    name, parameters
-        Name and parameters as for `load_vehicle`; each worker loads the vehicle itself.
-    title
-        Name of the vehicle in messages.
-    store
-        The store of outcomes.
-    workers
-        The workers that simulate the batches.
-    batch_size
-        Largest number of encounters in a batch. A request is divided evenly among the workers if this makes
-        the batches smaller.
-    time_limit
-        Longest time for a batch [s].
-    scenario
-        The scenario whose encounters the vehicle simulates.
-    deterministic
-        Whether the outcomes are deterministic; None if this is unknown and has to be tested.
-    takes_motion
-        Whether the vehicle can be simulated with given lead speeds over time.
-    simulated, found
-        Number of encounters that this object has simulated, including repetitions that test whether the
-        vehicle is deterministic, and number of encounters that it has found in the store.
     """
 
-    name: str
+    name: str  # as for `load_vehicle`; each worker loads the vehicle itself
     parameters: Mapping[str, Any]
-    title: str
+    title: str  # name of the vehicle in messages
     store: Store = field(repr=False)
     workers: Workers = field(repr=False)
+    # Largest number of encounters in a batch. A request is divided evenly among the workers if this makes the
+    # batches smaller.
     batch_size: int = field(default=100, repr=False)
-    time_limit: float = field(default=600.0, repr=False)
+    time_limit: float = field(default=600.0, repr=False)  # longest time for a batch [s]
     scenario: Scenario = field(default=CUT_IN, repr=False)
+    # None if this is unknown and has to be tested.
     deterministic: bool | None = field(default=None, repr=False)
+    # Whether the vehicle can be simulated with given lead speeds over time.
     takes_motion: bool = field(default=False, repr=False)
+    # Encounters that this object has simulated, with repetitions that test whether the vehicle is
+    # deterministic.
     simulated: int = field(default=0, repr=False)
-    found: int = field(default=0, repr=False)
+    found: int = field(default=0, repr=False)  # encounters that were found in the store
     _handed_out: Counter = field(default_factory=Counter, init=False, repr=False, compare=False)
 
     def __post_init__(self) -> None:
@@ -87,17 +68,9 @@ class SlowVehicle:
     def simulate(self, *columns: ArrayLike) -> Any:  # noqa: ANN401
         """Return the outcomes of n encounters; encounters that are not in the store are simulated.
 
-        Parameters
-        ----------
-        *columns
-            The variables of the scenario, in order, each of shape (n,).
-
-        Raises
-        ------
-        InputError
-            If the encounters are not valid, if the vehicle fails, takes too long, ends its worker or returns
-            invalid outcomes, or if repeated encounters have other outcomes although the vehicle is stated to
-            be deterministic. The outcomes of other batches remain in the store.
+        InputError is raised if the encounters are not valid, if the vehicle fails, takes too long, ends its
+        worker or returns invalid outcomes, or if repeated encounters have other outcomes although the vehicle
+        is stated to be deterministic. The outcomes of other batches remain in the store.
         """
         encounters = self.scenario.checked(*columns)
         starts = range(0, max(encounters.shape[1], 1), AT_ONCE)
@@ -115,17 +88,10 @@ class SlowVehicle:
     def simulate_moving(
         self, lead_speed: ArrayLike, range_: ArrayLike, closing_speed: ArrayLike, lead_speeds: ArrayLike
     ) -> Any:  # noqa: ANN401
-        """Return the outcomes of n cut-ins behind lead vehicles that change their speeds.
+        """Return the outcomes of n cut-ins with lead speeds [m/s] at 0, 0.1, ... s, (n, at least 81).
 
-        The arguments are lead speed [m/s], range [m] and closing speed [m/s] at the start, each of shape
-        (n,), and the lead speeds [m/s] at 0, 0.1, ... s, shape (n, at least 81).
-
-        The outcomes are not stored, because the same lead motion is hardly ever drawn twice.
-
-        Raises
-        ------
-        InputError
-            As in `simulate`, and as in `CheckedVehicle.simulate_moving`.
+        They are not stored, because the same lead motion is hardly ever drawn twice. InputError is raised as
+        in `simulate` and in `CheckedVehicle.simulate_moving`.
         """
         if not self.takes_motion:
             raise motion_error(self.title)
@@ -260,15 +226,6 @@ def is_slow(name: str, simulations: Mapping[str, Any], scenario: Scenario = CUT_
     """Return whether the outcomes of a vehicle are stored.
 
     They are stored for commands and FMUs, and for a class of the user if ``simulations.keep_class`` is true.
-
-    Parameters
-    ----------
-    name
-        Name of the vehicle, as for `load_vehicle`.
-    simulations
-        Section ``simulations`` of the configuration.
-    scenario
-        The scenario whose encounters the vehicle simulates.
     """
     if ":" in name:
         return simulations["keep_class"]
@@ -281,19 +238,8 @@ def loaded_for(
 ) -> Iterator[Vehicle]:
     """Yield the vehicle of a configuration, as a `SlowVehicle` if its outcomes are stored.
 
-    Workers are ended after the ``with`` block.
-
-    Parameters
-    ----------
-    vehicle, simulations
-        The sections ``vehicle`` and ``simulations`` of the configuration.
-    scenario
-        The scenario whose encounters the vehicle simulates.
-
-    Raises
-    ------
-    InputError
-        If the vehicle cannot be loaded, if a file does not exist, or if the workers cannot be started.
+    Workers are ended after the ``with`` block. InputError is raised if the vehicle cannot be loaded, if a
+    file does not exist, or if the workers cannot be started.
     """
     name, parameters = vehicle["name"], vehicle["parameters"]
     # The vehicle is loaded here in any case, so that errors are raised before a worker starts.
@@ -328,17 +274,7 @@ def loaded_for(
 def all_loaded(
     vehicles: Mapping[str, Mapping[str, Any]], simulations: Mapping[str, Any], scenario: Scenario = CUT_IN
 ) -> Iterator[dict[str, Vehicle]]:
-    """Yield several vehicles by name, each loaded by `loaded_for`.
-
-    Parameters
-    ----------
-    vehicles
-        Sections of the same form as ``vehicle``, by name.
-    simulations
-        Section ``simulations`` of the configuration.
-    scenario
-        The scenario of the vehicles.
-    """
+    """Yield several vehicles by name, each loaded by `loaded_for`."""
     with ExitStack() as stack:
         yield {
             name: stack.enter_context(loaded_for(vehicle, simulations, scenario))

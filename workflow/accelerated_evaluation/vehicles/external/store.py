@@ -53,19 +53,8 @@ class Store:
     """Outcomes of one vehicle by encounter, in an SQLite file that several processes may use simultaneously.
 
     Numbers are stored exactly: an encounter is found if all its numbers are equal, and outcomes are returned
-    without rounding. When `add` returns, the outcomes are on the disk.
-
-    Parameters
-    ----------
-    path
-        The file; it is created with its folder if necessary.
-    scenario
-        The scenario, whose variables and outcomes are the columns of the tables.
-
-    Raises
-    ------
-    InputError
-        If the file is not a store, or is damaged.
+    without rounding. When `add` returns, the outcomes are on the disk. The file is created with its folder if
+    necessary. InputError is raised if the file is not a store, or is damaged.
     """
 
     def __init__(self, path: str | os.PathLike, scenario: Scenario = CUT_IN) -> None:
@@ -75,13 +64,7 @@ class Store:
             connection.executescript(self._sql.tables)
 
     def known(self, requests: Iterable[Request]) -> dict[Request, Outcome]:
-        """Return the stored outcomes of requests; requests without stored outcomes are left out.
-
-        Parameters
-        ----------
-        requests
-            Pairs of an encounter and the number of its simulation, counted from 0.
-        """
+        """Return the stored outcomes of pairs of an encounter and the number of its simulation, from 0."""
         found = {}
         with self._connected() as connection:
             for encounter, number in requests:
@@ -149,16 +132,8 @@ def store_of(
     """Return the store of a vehicle, in a folder whose name contains a digest of the vehicle's definition.
 
     If a parameter or the content of a file changes, the vehicle gets another folder. Studies with the same
-    vehicle share one folder. The file ``vehicle.json`` in the folder describes the vehicle.
-
-    Parameters
-    ----------
-    name, parameters
-        Name and parameters of the vehicle, as in the configuration.
-    files
-        Paths of the files that define the vehicle.
-    scenario
-        The scenario whose encounters the vehicle simulates.
+    vehicle share one folder. The file ``vehicle.json`` in the folder describes the vehicle. ``files`` are the
+    paths of the files that define the vehicle.
     """
     described = {"vehicle": name, "parameters": dict(parameters), "content": content_digest(files)}
     if scenario is not CUT_IN:  # no entry for cut-ins, so that stores of version 0.2 remain valid

@@ -12,19 +12,11 @@ REMEMBERED = 20_000  # largest number of runs that are kept; an estimate from fe
 
 
 class WatchedVehicle:
-    """A vehicle that remembers its runs.
+    """A vehicle that remembers its runs; all other attributes are those of ``vehicle``.
 
-    Attributes
-    ----------
-    vehicle
-        The vehicle. All attributes except those of this class are those of this vehicle.
-    scenario
-        The scenario.
-    not_ended
-        Number of simulations that were stopped at their time limit. Their outcome is not known; an estimate
-        treats them as simulations without the event.
-    differed
-        Number of repetitions that ended differently from the first simulation of the encounter.
+    ``not_ended`` counts simulations that were stopped at their time limit. Their outcome is not known; an
+    estimate treats them as simulations without the event. ``differed`` counts repetitions that ended
+    differently from the first simulation of the encounter.
     """
 
     def __init__(self, vehicle: Vehicle, scenario: Scenario) -> None:

@@ -52,27 +52,11 @@ class Workers:
 def simulate_batch(
     name: str, parameters: Mapping[str, Any], encounters: Array, time_limit: float, scenario: str = "cut_in"
 ) -> Array:
-    """Return the outcomes of a batch of n encounters; this function runs in a worker.
+    """Return the outcomes of a batch of n encounters, shape (m, n); this function runs in a worker.
 
-    The printed output of the vehicle is discarded. If the vehicle takes too long, the worker process is
-    ended, because there is no other way to stop compiled code.
-
-    Parameters
-    ----------
-    name, parameters
-        Name and parameters of the vehicle, as for `load_vehicle`.
-    encounters
-        The encounters, shape (d, n). For cut-ins with lead speeds over time, further rows contain these
-        speeds.
-    time_limit
-        Longest time for the batch [s].
-    scenario
-        Name of the scenario.
-
-    Returns
-    -------
-    numpy.ndarray
-        The m outcomes of the scenario as numbers, shape (m, n).
+    The printed output of the vehicle is discarded. If the vehicle takes longer than ``time_limit`` [s], the
+    worker process is ended, because there is no other way to stop compiled code. For cut-ins with lead speeds
+    over time, further rows of ``encounters`` contain these speeds.
     """
     with ONE_AT_A_TIME, open(os.devnull, "w") as nowhere, _silenced(nowhere):
         faulthandler.dump_traceback_later(time_limit + GRACE, exit=True, file=nowhere)
@@ -93,15 +77,8 @@ def simulate_batch(
 def workers_of(simulations: Mapping[str, Any]) -> Iterator[Workers]:
     """Yield the configured workers, and end them after the ``with`` block.
 
-    Parameters
-    ----------
-    simulations
-        Section ``simulations`` of the configuration.
-
-    Raises
-    ------
-    InputError
-        If the executor is unknown, if Dask is not installed, or if the cluster cannot be reached or started.
+    InputError is raised if the executor is unknown, if Dask is not installed, or if the cluster cannot be
+    reached or started.
     """
     kind, count = simulations["executor"], simulations["workers"]
     if kind == PROCESSES:
@@ -125,10 +102,7 @@ def workers_of(simulations: Mapping[str, Any]) -> Iterator[Workers]:
 class Processes(Executor):
     """Independent worker processes on this machine: if one dies, no other batch is lost.
 
-    Parameters
-    ----------
-    count
-        Number of processes, which are started when they are first needed.
+    The ``count`` processes are started when they are first needed.
     """
 
     def __init__(self, count: int) -> None:

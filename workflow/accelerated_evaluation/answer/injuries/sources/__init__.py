@@ -13,15 +13,7 @@ SOURCES: Registry[Callable[[], Source]] = Registry("source of injury risk curves
 
 
 def published_curves(level: str, impact: str) -> dict[str, RiskCurve]:
-    """Return all published curves for a level of injury and the struck end of a car, by name of the source.
-
-    Parameters
-    ----------
-    level
-        One of `curves.LEVELS`.
-    impact
-        Struck end of the car, `FRONTAL` or `REAR`.
-    """
+    """Return the published curves for a level of injury and a struck end of a car, by name of the source."""
     sources = [SOURCES[name]() for name in SOURCES]
     return {
         source.name: source.curves[level, impact] for source in sources if (level, impact) in source.curves
