@@ -7,7 +7,7 @@ probability pi_j. With a control variate g, the difference estimator
     Y = 1/M [ sum over the pool of w_j g_j  +  sum over the runs of w_i (1{event}_i - g_i) / pi_i ]
 
 has the mean P(event) (Sarndal, Swensson and Wretman 1992, chapter 6). Its variance is smallest for pi_j
-proportional to w_j sqrt(E (1{event}_j - g_j)^2). Notebook 10 derives both results.
+proportional to w_j sqrt(E (1{event}_j - g_j)^2). docs/method.md derives both results.
 """
 
 import math
