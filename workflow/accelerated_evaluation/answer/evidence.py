@@ -109,8 +109,8 @@ def checked_answers(
 ) -> tuple[list[Answer], Evidence]:
     """Compute answers from few runs, and check them by replays of records and by runs in other processes.
 
-    The replays guide the sampler, in addition to its predecessor. If there is evidence against the replicates,
-    which are independent, none counts as converged.
+    The replays guide the sampler, in addition to its predecessor. If there is evidence against the
+    replicates, which are independent, none counts as converged.
     """
     watched = WatchedVehicle(problem.vehicle, problem.scenario)
     problem = replace(problem, vehicle=watched, law=draws.proposal)
@@ -134,7 +134,7 @@ def known_runs(
     from_normal_scores: Callable[[Array], Array],
     predecessor: Predecessor | None = None,
 ) -> Predecessor | None:
-    """Return the replays, and the runs of a predecessor, as known runs for the sampler; None without an event."""
+    """Return the replays and the runs of a predecessor as known runs; None without an event."""
     if not replays.flags.any() or len(replays.encounters) > FEW:
         return predecessor
     z, is_found = normal_scores(from_normal_scores, replays.encounters.T)

@@ -155,8 +155,8 @@ class EstimateAlone:
         command.add_argument(
             "--verbose",
             action="store_true",
-            help="also print further events, the sampling alone, bounds on what no run has shown, repeated runs, "
-            "and stored outcomes",
+            help="also print further events, the sampling alone, bounds on what no run has shown, "
+            "repeated runs, and stored outcomes",
         )
         command.add_argument(
             "--json", action="store_true", help="print the answer as JSON, for scripts, instead of words"
