@@ -13,7 +13,7 @@ from accelerated_evaluation import cli
 from accelerated_evaluation.base.randomness import child_generator
 from accelerated_evaluation.methods import METHODS, Stopping
 from accelerated_evaluation.methods.estimate import Estimate
-from accelerated_evaluation.problem import Problem
+from accelerated_evaluation.methods.problem import Problem
 from accelerated_evaluation.scenarios.cut_in import CUT_IN
 from accelerated_evaluation.track.campaign_file import read_campaign, write_campaign
 from accelerated_evaluation.track.results import read_results

@@ -15,8 +15,7 @@ from accelerated_evaluation.records.encounter_table import (
     read_encounters,
     write_encounters,
 )
-from accelerated_evaluation.records.filters import Account
-from accelerated_evaluation.records.ingest import ingest, opening_cut_ins
+from accelerated_evaluation.records.ingest import Account, ingest, opening_cut_ins
 from accelerated_evaluation.records.segments import (
     assign_segments,
     dependence,
