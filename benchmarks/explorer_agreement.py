@@ -31,7 +31,7 @@ from accelerated_evaluation.records.encounter_table import read_encounters
 from accelerated_evaluation.scenarios.cut_in import CUT_IN
 from accelerated_evaluation.scenarios.parameters import parameter_names
 from accelerated_evaluation.vehicles.events import CRASH
-from accelerated_evaluation.vehicles.registry import VEHICLES
+from accelerated_evaluation.vehicles.protocol import VEHICLES
 from playwright.sync_api import sync_playwright
 from tqdm import tqdm
 

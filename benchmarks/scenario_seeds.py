@@ -17,8 +17,8 @@ from accelerated_evaluation.base.files import write_csv
 from accelerated_evaluation.base.randomness import child_generator
 from accelerated_evaluation.methods import Stopping
 from accelerated_evaluation.methods.estimate import Estimate
+from accelerated_evaluation.methods.problem import Problem, read_law_of
 from accelerated_evaluation.methods.surrogate import Surrogate
-from accelerated_evaluation.problem import Problem, read_law_of
 from accelerated_evaluation.scenarios import SCENARIOS
 from accelerated_evaluation.scenarios.protocol import Scenario
 from accelerated_evaluation.vehicles import load_vehicle

@@ -53,6 +53,14 @@ def pytest_terminal_summary(terminalreporter, config):
         terminalreporter.write_line(LEFT_OUT)
 
 
+@pytest.fixture(autouse=True)
+def _closed_figures():
+    """Close all figures after each test, without an import of Matplotlib if there are none."""
+    yield
+    if "matplotlib.pyplot" in sys.modules:
+        sys.modules["matplotlib.pyplot"].close("all")
+
+
 @functools.cache
 def compile_vehicles() -> None:
     """Compile the kernels of the vehicles in this project, so that its copies need not.

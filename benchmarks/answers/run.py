@@ -23,8 +23,8 @@ from accelerated_evaluation.crash_map.lines import CrashLines
 from accelerated_evaluation.crash_map.mapping import map_crashes
 from accelerated_evaluation.crash_map.maps import Grid
 from accelerated_evaluation.laws.draws import Draws
+from accelerated_evaluation.methods.problem import Problem
 from accelerated_evaluation.methods.surrogate import Surrogate
-from accelerated_evaluation.problem import Problem
 from accelerated_evaluation.scenarios.cut_in import CUT_IN
 from accelerated_evaluation.study.configuration import load
 from accelerated_evaluation.study.preflight import compared_sections

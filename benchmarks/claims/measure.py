@@ -16,8 +16,8 @@ from accelerated_evaluation.answer.choice import ANSWER, choose_draws
 from accelerated_evaluation.answer.fitted_records import read_records
 from accelerated_evaluation.base.files import write_csv
 from accelerated_evaluation.base.randomness import child_generator
+from accelerated_evaluation.methods.problem import Problem
 from accelerated_evaluation.methods.surrogate import Surrogate
-from accelerated_evaluation.problem import Problem
 from accelerated_evaluation.scenarios.cut_in import CUT_IN
 from accelerated_evaluation.study.configuration import load
 from accelerated_evaluation.vehicles import load_vehicle

@@ -15,7 +15,7 @@ from accelerated_evaluation.answer.smooth_family import SmoothFamily
 from accelerated_evaluation.base.arrays import Array
 from accelerated_evaluation.base.files import write_csv
 from accelerated_evaluation.base.randomness import child_generator
-from accelerated_evaluation.distributions import Empirical
+from accelerated_evaluation.laws.distributions import Empirical
 from accelerated_evaluation.laws.motion import MOTIONS, LeadMotion, draw_lead_speeds
 from accelerated_evaluation.laws.motion.recorded import Recorded, recorded_courses
 from accelerated_evaluation.laws.smooth.dependent import DependentStratum

@@ -21,10 +21,10 @@ from pathlib import Path
 
 import numpy as np
 import pandas as pd
-from accelerated_evaluation import problem as library
 from accelerated_evaluation.base.arrays import Array
 from accelerated_evaluation.base.files import write_csv
 from accelerated_evaluation.base.randomness import child_generator
+from accelerated_evaluation.methods import problem as library
 from accelerated_evaluation.methods.surrogate import Surrogate
 from accelerated_evaluation.vehicles import AccAeb, Outcomes, Vehicle, load_vehicle
 from fewruns.problems import Response, ScoreProblem, SystemProblem

@@ -11,10 +11,10 @@ from pathlib import Path
 
 import numpy as np
 import pandas as pd
-from accelerated_evaluation import problem as library
 from accelerated_evaluation.base.arrays import Array
 from accelerated_evaluation.base.files import read_json
-from accelerated_evaluation.distributions import (
+from accelerated_evaluation.laws import Factors
+from accelerated_evaluation.laws.distributions import (
     BoundedExponential,
     BoundedNormal,
     Empirical,
@@ -23,8 +23,8 @@ from accelerated_evaluation.distributions import (
     PiecewiseMixture,
     from_dict,
 )
-from accelerated_evaluation.laws import Factors
 from accelerated_evaluation.laws.paper.independent import IndependentLaw
+from accelerated_evaluation.methods import problem as library
 from accelerated_evaluation.scenarios.cut_in import CUT_IN
 from accelerated_evaluation.scenarios.protocol import Event
 from accelerated_evaluation.vehicles import AccAeb, Outcomes, Vehicle, load_vehicle

@@ -4,9 +4,9 @@ from dataclasses import replace
 from typing import Any
 
 import numpy as np
-from accelerated_evaluation import problem as library
 from accelerated_evaluation.base.arrays import Array
-from accelerated_evaluation.distributions import Distribution, Mixture, PiecewiseMixture
+from accelerated_evaluation.laws.distributions import Distribution, Mixture, PiecewiseMixture
+from accelerated_evaluation.methods import problem as library
 
 
 class Tabulated:

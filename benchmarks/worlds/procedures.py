@@ -24,7 +24,7 @@ from accelerated_evaluation.crash_map.sensitivity import fit_for_crashes
 from accelerated_evaluation.laws.smooth.conditional import Places
 from accelerated_evaluation.laws.smooth.family import Fitter
 from accelerated_evaluation.methods.estimate import Stopping
-from accelerated_evaluation.problem import Problem
+from accelerated_evaluation.methods.problem import Problem
 from accelerated_evaluation.records.segments import assign_segments
 from accelerated_evaluation.scenarios.cut_in import CUT_IN
 from accelerated_evaluation.vehicles.builtin.acc_aeb import AccAeb

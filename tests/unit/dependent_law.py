@@ -10,8 +10,8 @@ from dataclasses import dataclass
 from typing import ClassVar
 
 import numpy as np
-from accelerated_evaluation.distributions import BoundedExponential, Empirical, PiecewiseMixture
 from accelerated_evaluation.laws import Factors, StratifiedLaw, Stratum
+from accelerated_evaluation.laws.distributions import BoundedExponential, Empirical, PiecewiseMixture
 
 LOWER, POWER = 1 / 75, 1.5
 UNIT = BoundedExponential(1.0)

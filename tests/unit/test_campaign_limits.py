@@ -9,7 +9,7 @@ from accelerated_evaluation import cli
 from accelerated_evaluation.base.randomness import child_generator
 from accelerated_evaluation.laws.files import read_law
 from accelerated_evaluation.methods import METHODS, Stopping
-from accelerated_evaluation.problem import Problem
+from accelerated_evaluation.methods.problem import Problem
 from accelerated_evaluation.records.encounter_table import read_encounters
 from accelerated_evaluation.scenarios.cut_in import CUT_IN
 from accelerated_evaluation.track.campaign import Campaign
@@ -54,18 +54,21 @@ def campaign(tmp_path, monkeypatch):
     return begin_campaign(tmp_path, "--batch-size", 20, *OPTIONS)
 
 
-def drawn(law, seed=5):
-    return law.draw(DRAWS, np.random.default_rng(seed)).T
+@pytest.fixture(scope="module", params=[LAW, dependent_law(), dependent_law(cap=12.0)], ids="abc")
+def drawn(request):
+    """A law, and cut-ins that are drawn from it."""
+    return request.param, request.param.draw(DRAWS, np.random.default_rng(5)).T
 
 
-def exact(limits):
-    """P(crash within limits) under LAW to 2 percent: TTC^-1 is drawn from a wider law, and weighed."""
+def exact(*limits):
+    """P(crash within each of some limits) under LAW to 2 percent; TTC^-1 is drawn from a wider law."""
     generator, size = np.random.default_rng(1), 1_000_000
     lead_speed, inverse_range = generator.choice(SPEEDS, size), LAW.inverse_range.rvs(generator, size)
     inverse_ttc = generator.exponential(1 / 5, size)
     weight = 15 / 5 * np.exp(-(15 - 5) * inverse_ttc)
     cut_ins = lead_speed, 1 / inverse_range, LAW.capped(inverse_ttc / inverse_range)
-    return np.mean(weight * load_vehicle("acc_aeb").simulate(*cut_ins).crash * limits.hold(*cut_ins))
+    crashes = weight * load_vehicle("acc_aeb").simulate(*cut_ins).crash
+    return [np.mean(crashes * each.hold(*cut_ins)) for each in limits]
 
 
 def test_a_campaign_within_limits_drives_nothing_beyond_and_finds_the_event_within(campaign, capsys):
@@ -86,7 +89,7 @@ def test_a_campaign_within_limits_drives_nothing_beyond_and_finds_the_event_with
     )
     assert status.estimate.row() == wanted.row()
     error = (status.estimate.high - status.estimate.low) / 2 / 1.28
-    within, anywhere = exact(LIMITS), exact(UNLIMITED)
+    within, anywhere = exact(LIMITS, UNLIMITED)
     assert abs(status.estimate.probability - within) < 4 * error
     assert abs(status.estimate.probability - anywhere) > 4 * error  # the wrong variant
     assert anywhere < status.estimate.high + read_campaign("c.json").beyond
@@ -97,13 +100,13 @@ def test_a_campaign_within_limits_drives_nothing_beyond_and_finds_the_event_with
     assert f"beyond      {read_campaign('c.json').beyond:.2g} of all cut-ins" in told
 
 
-@pytest.mark.parametrize("law", [LAW, dependent_law(), dependent_law(cap=12.0)])
 @pytest.mark.parametrize(
     "limits",
     [LIMITS, Limits(host_speed_max=24.0), Limits(closing_speed_max=13.0), Limits(range_min=5.0), UNLIMITED],
 )
-def test_what_lies_beyond_is_an_exact_integral(law, limits):
-    wanted = 1 - limits.hold(*drawn(law)).mean()
+def test_what_lies_beyond_is_an_exact_integral(drawn, limits):
+    law, cut_ins = drawn
+    wanted = 1 - limits.hold(*cut_ins).mean()
     error = np.sqrt(wanted * (1 - wanted) / DRAWS)
     assert limits.beyond(law) == pytest.approx(wanted, abs=4 * error + 5 / DRAWS)
 

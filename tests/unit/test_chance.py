@@ -14,8 +14,8 @@ from accelerated_evaluation.answer.posterior import SampledPosterior
 from accelerated_evaluation.laws.draws import as_draws
 from accelerated_evaluation.methods import METHODS, Stopping
 from accelerated_evaluation.methods.cross_entropy.method import CrossEntropyMethod
+from accelerated_evaluation.methods.problem import Problem
 from accelerated_evaluation.methods.surrogate import Surrogate
-from accelerated_evaluation.problem import Problem
 from accelerated_evaluation.scenarios.cut_in import CUT_IN
 from accelerated_evaluation.track.weighted_set import draw_weighted_set
 from accelerated_evaluation.vehicles import load_vehicle

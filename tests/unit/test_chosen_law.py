@@ -116,7 +116,7 @@ def test_a_law_file_of_a_study_is_taken_and_of_other_records_refused(config, cho
 def test_the_command_says_the_law_and_what_the_interval_is(config, capsys):
     Path("few_draws.yaml").write_text("answer: {draws: 20}\n")
     configs = ["--config", "motorway.yaml", "--config", "few_draws.yaml"]
-    assert cli.main(["estimate", *configs, "--law", "exponential 0.9"]) == 0
+    assert cli.main(["estimate", *configs, "--law", "exponential 0.9", "--verbose"]) == 0
     printed = capsys.readouterr().out
     assert "law of cut-ins: mean of 20 draws of exponential 0.9\n" in printed
     assert "interval of the sampling alone" in printed

@@ -6,7 +6,7 @@ from dataclasses import dataclass, field
 import numpy as np
 import pytest
 from accelerated_evaluation.base.files import write_csv
-from accelerated_evaluation.distributions import BoundedExponential, Empirical
+from accelerated_evaluation.laws.distributions import BoundedExponential, Empirical
 from accelerated_evaluation.laws.paper.independent import IndependentLaw
 from accelerated_evaluation.methods.crude import (
     Checkpoint,
@@ -15,7 +15,7 @@ from accelerated_evaluation.methods.crude import (
     fingerprint,
     simulate_batches,
 )
-from accelerated_evaluation.problem import Problem
+from accelerated_evaluation.methods.problem import Problem
 from accelerated_evaluation.scenarios.cut_in import CUT_IN
 from accelerated_evaluation.vehicles.protocol import Outcomes
 

@@ -2,7 +2,7 @@
 
 import hashlib
 
-from accelerated_evaluation.base.digests import content_digest, value_digest
+from accelerated_evaluation.base.files import content_digest, value_digest
 from accelerated_evaluation.records.sources import SOURCES
 from accelerated_evaluation.study import dependencies
 from accelerated_evaluation.study.configuration import load

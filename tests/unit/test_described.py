@@ -8,7 +8,7 @@ from typing import ClassVar
 import numpy as np
 import pandas as pd
 import pytest
-from accelerated_evaluation.distributions import (
+from accelerated_evaluation.laws.distributions import (
     DISTRIBUTIONS,
     BoundedExponential,
     BoundedNormal,

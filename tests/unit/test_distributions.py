@@ -6,7 +6,7 @@ from dataclasses import dataclass
 import mpmath
 import numpy as np
 import pytest
-from accelerated_evaluation.distributions import (
+from accelerated_evaluation.laws.distributions import (
     BoundedExponential,
     BoundedNormal,
     Distribution,

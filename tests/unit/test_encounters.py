@@ -15,8 +15,7 @@ from accelerated_evaluation.records.encounter_table import (
     read_encounters,
     write_encounters,
 )
-from accelerated_evaluation.records.filters import Account
-from accelerated_evaluation.records.ingest import ingest, opening_cut_ins
+from accelerated_evaluation.records.ingest import Account, ingest, opening_cut_ins
 from accelerated_evaluation.records.segments import (
     assign_segments,
     dependence,
@@ -240,44 +239,41 @@ def test_csv_numbers_are_read_exactly(csv_config):
     assert (read_source(config["data"], np.random.default_rng()).to_numpy(float) == values).all()
 
 
-@pytest.mark.parametrize(
-    ("unit", "cell"),
-    [("m/s", "10"), ("km/h", "36"), ("mph", repr(10 / 0.44704)), ("ft/s", repr(10 / 0.3048))],
-)
-def test_units_of_speed(csv_config, unit, cell):
-    config = csv_config(f"{cell},50,{cell}\n20,40,3\n")
-    columns = config["data"]["table"]["columns"]
-    columns["lead_speed"]["unit"] = columns["closing"]["unit"] = unit
-    first = complete(read_source(config["data"], np.random.default_rng()).astype(float)).iloc[0]
-    np.testing.assert_allclose(first, [10, 50, 10, 1 / 50, 10 / 50], rtol=1e-15)
+def in_units(row, **changes):
+    """A row of a user's table, with other units or quantities of some of its columns."""
+    return pytest.param(row, changes, id=row)
 
 
 @pytest.mark.parametrize(
-    ("unit", "cell"),
-    [("m", "50"), ("km", "0.05"), ("ft", repr(50 / 0.3048)), ("1/m", "0.02"), ("1/ft", repr(0.02 * 0.3048))],
-)
-def test_units_of_range(csv_config, unit, cell):
-    config = csv_config(f"10,{cell},2\n")
-    config["data"]["table"]["columns"]["range"]["unit"] = unit
-    first = complete(read_source(config["data"], np.random.default_rng()).astype(float)).iloc[0]
-    np.testing.assert_allclose(first, [10, 50, 2, 1 / 50, 2 / 50], rtol=1e-15)
-
-
-@pytest.mark.parametrize(
-    ("quantity", "unit", "cell"),
+    ("row", "changes"),
     [
-        ("closing_speed", "km/h", "7.2"),
-        ("range_rate", "m/s", "-2"),
-        ("ttc", "s", "25"),
-        ("ttc", "ms", "25000"),
-        ("ttc", "1/s", "0.04"),
+        *(
+            in_units(f"{cell},50,{cell}", lead_speed={"unit": unit}, closing={"unit": unit})
+            for unit, cell in (("m/s", 10), ("km/h", 36), ("mph", 10 / 0.44704), ("ft/s", 10 / 0.3048))
+        ),
+        *(
+            in_units(f"10,{cell},10", range={"unit": unit})
+            for unit, cell in (
+                ("m", 50),
+                ("km", 0.05),
+                ("ft", 50 / 0.3048),
+                ("1/m", 0.02),
+                ("1/ft", 0.02 * 0.3048),
+            )
+        ),
+        in_units("10,50,36", closing={"quantity": "closing_speed", "unit": "km/h"}),
+        in_units("10,50,-10", closing={"quantity": "range_rate", "unit": "m/s"}),
+        in_units("10,50,5", closing={"quantity": "ttc", "unit": "s"}),
+        in_units("10,50,5000", closing={"quantity": "ttc", "unit": "ms"}),
+        in_units("10,50,0.2", closing={"quantity": "ttc", "unit": "1/s"}),
     ],
 )
-def test_ways_to_state_how_the_gap_closes(csv_config, quantity, unit, cell):
-    config = csv_config(f"10,50,{cell}\n")
-    config["data"]["table"]["columns"]["closing"].update(quantity=quantity, unit=unit)
+def test_units_and_ways_to_state_how_the_gap_closes(csv_config, row, changes):
+    config = csv_config(f"{row}\n20,40,3\n")
+    for column, change in changes.items():
+        config["data"]["table"]["columns"][column].update(change)
     first = complete(read_source(config["data"], np.random.default_rng()).astype(float)).iloc[0]
-    np.testing.assert_allclose(first, [10, 50, 2, 1 / 50, 2 / 50], rtol=1e-15)
+    np.testing.assert_allclose(first, [10, 50, 10, 1 / 50, 10 / 50], rtol=1e-15)
 
 
 @pytest.mark.parametrize(

@@ -2,7 +2,6 @@
 
 import math
 
-import matplotlib.pyplot as plt
 import numpy as np
 import pandas as pd
 import pytest
@@ -14,12 +13,6 @@ from accelerated_evaluation.publishing.figures.estimates import (
 ALL = ("single", "piecewise", "heuristic")
 EXACT = pd.DataFrame({"segment": ["5-15", "all"], "probability": [2e-6, 9e-7]})
 STEPS = np.arange(100, 1001, 100)
-
-
-@pytest.fixture(autouse=True)
-def _closed():
-    yield
-    plt.close("all")
 
 
 @pytest.fixture

@@ -20,8 +20,7 @@ from accelerated_evaluation.answer.evidence import (
 from accelerated_evaluation.answer.posterior import Posterior
 from accelerated_evaluation.answer.replays import FOLLOWED, LEVEL, SIZES, replay
 from accelerated_evaluation.laws.draws import as_draws
-from accelerated_evaluation.problem import Problem
-from accelerated_evaluation.problem.inverse import normal_scores
+from accelerated_evaluation.methods.problem import Problem, normal_scores
 from accelerated_evaluation.scenarios.cut_in import CUT_IN
 from accelerated_evaluation.scenarios.left_turn import LEFT_TURN
 from accelerated_evaluation.vehicles import Outcomes, load_vehicle

@@ -15,18 +15,18 @@ from accelerated_evaluation.crash_map.exact import (
 )
 from accelerated_evaluation.crash_map.mapping import map_crashes
 from accelerated_evaluation.crash_map.maps import Intervals
-from accelerated_evaluation.distributions import (
+from accelerated_evaluation.laws import Factors
+from accelerated_evaluation.laws.distributions import (
     BoundedExponential,
     BoundedNormal,
     Empirical,
     Mixture,
     PiecewiseMixture,
 )
-from accelerated_evaluation.distributions.tails import interval_probability
-from accelerated_evaluation.laws import Factors
+from accelerated_evaluation.laws.distributions.tails import interval_probability
 from accelerated_evaluation.laws.paper.independent import IndependentLaw
 from accelerated_evaluation.methods.cross_entropy.sample import Sample
-from accelerated_evaluation.problem import Problem
+from accelerated_evaluation.methods.problem import Problem
 from accelerated_evaluation.scenarios.cut_in import CUT_IN
 from accelerated_evaluation.vehicles import AccAeb, Outcomes
 from accelerated_evaluation.vehicles.events import CRASH, events_from

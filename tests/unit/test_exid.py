@@ -11,7 +11,7 @@ import pandas as pd
 import pytest
 from accelerated_evaluation.base.errors import InputError
 from accelerated_evaluation.records.encounter_table import complete
-from accelerated_evaluation.records.filters import Account, apply_filters
+from accelerated_evaluation.records.ingest import Account, apply_filters
 from accelerated_evaluation.records.recordings.drone import read_recordings
 from accelerated_evaluation.records.sources import exid
 from drone_checks import FRAMES, LENGTH, MOMENT, RATE, adds_up, is_driving_of, settings, stays, write_shuffled

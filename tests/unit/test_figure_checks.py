@@ -15,12 +15,6 @@ ANSWER = ANSWER.assign(low50=3e-7, high50=6e-6, low80=2e-7, high80=9e-6, low95=1
 ESTIMATE = pd.DataFrame({"probability": [4.5e-6], "ci_low": [4e-6], "ci_high": [5e-6]})
 
 
-@pytest.fixture(autouse=True)
-def _closed():
-    yield
-    plt.close("all")
-
-
 def spoil_font(axes):
     axes.set_xlabel("speed", fontsize=5)
 

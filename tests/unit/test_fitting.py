@@ -9,7 +9,7 @@ import numpy as np
 import pandas as pd
 import pytest
 from accelerated_evaluation.base.errors import ConvergenceError, InputError
-from accelerated_evaluation.distributions import (
+from accelerated_evaluation.laws.distributions import (
     BoundedExponential,
     BoundedNormal,
     Mixture,

@@ -4,9 +4,8 @@ import numpy as np
 import pytest
 from accelerated_evaluation.base.errors import InputError
 from accelerated_evaluation.laws import Box
-from accelerated_evaluation.laws.joint.folding import folded
 from accelerated_evaluation.laws.joint.truncated import Normals
-from accelerated_evaluation.laws.joint.truncated_normals import TruncatedNormalMixture
+from accelerated_evaluation.laws.joint.truncated_normals import TruncatedNormalMixture, folded
 
 SIGN = np.array([1, -1, 1])
 

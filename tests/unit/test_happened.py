@@ -20,16 +20,16 @@ from accelerated_evaluation.answer.likeliest_crashes import (
 )
 from accelerated_evaluation.answer.preventable import CLOSING_SPEEDS, FORESEEN, preventable
 from accelerated_evaluation.answer.smooth_family import SmoothFamily
+from accelerated_evaluation.crash_map.checked import sample_crashes
 from accelerated_evaluation.crash_map.lines import CrashLines
 from accelerated_evaluation.crash_map.mapping import map_crashes
 from accelerated_evaluation.crash_map.maps import Grid
-from accelerated_evaluation.crash_map.sampled import sample_crashes
 from accelerated_evaluation.laws.paper.independent import recorded_lead_speeds
 from accelerated_evaluation.laws.smooth.conditional import Places
 from accelerated_evaluation.laws.smooth.dependent import DependentLaw
 from accelerated_evaluation.laws.smooth.family import DistinctRecords, Fitter, Member, members_at
 from accelerated_evaluation.laws.smooth.support import SUPPORT
-from accelerated_evaluation.problem import Problem
+from accelerated_evaluation.methods.problem import Problem
 from accelerated_evaluation.publishing.figures.likeliest_crashes import (
     CRASHES,
     RECORDS,

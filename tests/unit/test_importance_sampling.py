@@ -6,8 +6,8 @@ from fractions import Fraction
 import numpy as np
 import pandas as pd
 import pytest
-from accelerated_evaluation.distributions import BoundedExponential, Empirical
 from accelerated_evaluation.laws import Factors
+from accelerated_evaluation.laws.distributions import BoundedExponential, Empirical
 from accelerated_evaluation.laws.paper.independent import IndependentLaw
 from accelerated_evaluation.methods import METHODS, Stopping
 from accelerated_evaluation.methods.cross_entropy.proposals import Proposals
@@ -21,7 +21,7 @@ from accelerated_evaluation.methods.importance_sampling import (
     run_to_convergence,
     running,
 )
-from accelerated_evaluation.problem import Problem
+from accelerated_evaluation.methods.problem import Problem
 from accelerated_evaluation.scenarios.cut_in import CUT_IN
 from accelerated_evaluation.vehicles import Outcomes
 from scipy import stats

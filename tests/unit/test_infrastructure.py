@@ -15,8 +15,7 @@ import pytest
 from accelerated_evaluation.base.errors import StudyError
 from accelerated_evaluation.base.files import atomic_path, read_json, write_csv, write_json, write_text
 from accelerated_evaluation.base.randomness import child_generator
-from accelerated_evaluation.study.jobs import LOGGER_VARIABLE
-from accelerated_evaluation.study.locks import release_dead_locks
+from accelerated_evaluation.study.jobs import LOGGER_VARIABLE, release_dead_locks
 
 
 class Interruption(BaseException):
@@ -187,7 +186,7 @@ def test_what_a_killed_process_left_is_removed_by_the_next(tmp_path):
 
 HOLD = """
 import sys
-from accelerated_evaluation.study.locks import release_dead_locks
+from accelerated_evaluation.study.jobs import release_dead_locks
 held = release_dead_locks(sys.argv[1])
 print("alive", flush=True)
 sys.stdin.read()

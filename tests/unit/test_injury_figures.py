@@ -1,6 +1,5 @@
 """Figures and tables of injuries: what they show is what the result tables say."""
 
-import matplotlib.pyplot as plt
 import numpy as np
 import pandas as pd
 import pytest
@@ -19,12 +18,6 @@ from accelerated_evaluation.publishing.tables.injuries import (
 
 KEYS = list(tabulated_risks())
 KNOWN, UNKNOWN = {"kilometres": 1000.0, "hours": None}, {"kilometres": None, "hours": None}
-
-
-@pytest.fixture(autouse=True)
-def _closed():
-    yield
-    plt.close("all")
 
 
 def made(exposure, scale=1.0):

@@ -15,7 +15,7 @@ from accelerated_evaluation.base.arrays import Array
 from accelerated_evaluation.base.errors import InputError
 from accelerated_evaluation.laws import LAWS, Box
 from accelerated_evaluation.laws.draws import DrawnLaws
-from accelerated_evaluation.problem import Problem
+from accelerated_evaluation.methods.problem import Problem
 from accelerated_evaluation.scenarios.protocol import FLAG, Event, Scenario, Variable, outcome
 from normal_law import normal_law
 from scipy.stats import truncnorm

@@ -8,7 +8,8 @@ import numpy as np
 import pandas as pd
 import pytest
 from accelerated_evaluation.base.errors import InputError
-from accelerated_evaluation.distributions import (
+from accelerated_evaluation.laws import LAWS, Box
+from accelerated_evaluation.laws.distributions import (
     BoundedExponential,
     BoundedNormal,
     Empirical,
@@ -16,7 +17,6 @@ from accelerated_evaluation.distributions import (
     Pareto,
     PiecewiseMixture,
 )
-from accelerated_evaluation.laws import LAWS, Box
 from accelerated_evaluation.laws.draws import DrawnLaws, MixedDraws
 from accelerated_evaluation.laws.files import read_law, write_law
 from accelerated_evaluation.laws.lead_speeds import WithLeadSpeeds

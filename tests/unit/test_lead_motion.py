@@ -82,7 +82,7 @@ def test_a_driver_behind_a_lead_that_stops_by_hand():
 
     The driver needs no time to respond, and brakes fully as soon as the gap closes.
     """
-    driver = np.array([[1e-9, 1.0, 5.0, 4.0, 1e9, 0.0, 1.0]])  # the traits of human_numbers
+    driver = np.array([[1e-9, 1.0, 5.0, 4.0, 1e9, 0.0, 1.0]])  # the traits of human_kernel
     human = load_vehicle("human", margin=0.0, hard_braking=1e-9)
     times = STEP * np.arange(STATES)
     stops = np.maximum(20 - 8 * times, 0)[None]

@@ -14,7 +14,7 @@ from accelerated_evaluation.laws.files import read_law, write_law
 from accelerated_evaluation.laws.smooth.conditional import Places, range_grid, speed_grid
 from accelerated_evaluation.laws.smooth.family import DistinctRecords
 from accelerated_evaluation.methods.estimate import Stopping
-from accelerated_evaluation.problem import Problem
+from accelerated_evaluation.methods.problem import Problem
 from accelerated_evaluation.scenarios.cut_in import CUT_IN
 from accelerated_evaluation.vehicles import Outcomes
 from accelerated_evaluation.vehicles.events import CRASH
@@ -164,15 +164,15 @@ def test_reweighted_draws_of_the_mean_law_are_draws_of_each(law):
     happened = (x[:, 1] < 10) & (x[:, 2] > 0.3 * x[:, 1])
     found = (ratios * happened).mean(axis=1)
     deviation = (ratios * happened).std(axis=1) / np.sqrt(size)
-    exact = np.array([crash_probability(law, draw) for draw in range(DRAWS)])
+    exact = crash_probabilities(law)
     assert np.all(np.abs(found - exact) < 4.5 * deviation)
     # With the density at the cap in place of its probability, the weights are wrong.
     wrong = np.exp(replace(law, closing_speed_max=np.inf).log_ratios(x))
     assert np.max(np.abs(wrong.mean(axis=1) - 1) * np.sqrt(size) / wrong.std(axis=1)) > 8
 
 
-def crash_probability(law, draw):
-    """Return the probability of the event of the test above under one draw, by quadrature over ranges."""
+def crash_probabilities(law):
+    """Return the probability of the event of the test above under each draw, by quadrature over ranges."""
     draws = law.draws
     recorded = np.sort(np.concatenate([speeds.ppf(LEVELS) for speeds in law.lead_speeds.values()]))
     leads = recorded[10::20]
@@ -182,10 +182,11 @@ def crash_probability(law, draw):
     ends = [part.ravel() for side in (x[:-1], x[1:]) for part in np.meshgrid(leads, side, indexing="ij")[1:]]
     range_ = SUPPORT.range_max * np.exp(-logarithm)
     places = Places.of(lead, range_, SUPPORT)
-    ranges = places.range_hazards(draws.ranges[draws.shared[draw]])
-    mass = np.exp(-ranges.at(ends[0])) - np.exp(-ranges.at(ends[1]))
-    speeds = np.exp(-draws.laws[draw].given(places).cumulative(0.3 * range_))
-    return (mass * speeds).sum() / leads.size
+    hazards = [places.range_hazards(ranges) for ranges in draws.ranges]
+    masses = [np.exp(-each.at(ends[0])) - np.exp(-each.at(ends[1])) for each in hazards]
+    beyond = [np.exp(-speeds.given(places).cumulative(0.3 * range_)) for speeds in draws.laws]
+    pairs = zip(draws.shared, beyond, strict=True)
+    return np.array([(masses[shared] * speeds).sum() / leads.size for shared, speeds in pairs])
 
 
 def test_a_file_gives_the_law_back(law, encounters, x, tmp_path):

@@ -1,12 +1,12 @@
 """Figures 1, 2, 4 to 7 and model tables: values against their laws, no record shown, same bytes twice."""
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 
-import matplotlib.pyplot as plt
 import numpy as np
 import pandas as pd
 import pytest
-from accelerated_evaluation.distributions import (
+from accelerated_evaluation.laws import Factors
+from accelerated_evaluation.laws.distributions import (
     BoundedExponential,
     BoundedNormal,
     Empirical,
@@ -14,7 +14,6 @@ from accelerated_evaluation.distributions import (
     Pareto,
     PiecewiseMixture,
 )
-from accelerated_evaluation.laws import Factors
 from accelerated_evaluation.laws.paper.independent import IndependentLaw
 from accelerated_evaluation.publishing.figures import concept as concept_figures
 from accelerated_evaluation.publishing.figures import data as data_figures
@@ -72,12 +71,6 @@ PROPOSALS = {
         )
     },
 }
-
-
-@pytest.fixture(autouse=True)
-def closed_figures() -> Iterator[None]:
-    yield
-    plt.close("all")
 
 
 @pytest.fixture(scope="module")

@@ -7,9 +7,14 @@ import numpy as np
 import pandas as pd
 import pytest
 from accelerated_evaluation.answer import lead_motion as module
-from accelerated_evaluation.answer.lead_motion import Means, MovingProblem, mirrored
-from accelerated_evaluation.answer.motion_budget import MOTION, motion_budget
-from accelerated_evaluation.answer.motion_tables import motion_table
+from accelerated_evaluation.answer.lead_motion import (
+    MOTION,
+    Means,
+    MovingProblem,
+    mirrored,
+    motion_budget,
+    motion_table,
+)
 from accelerated_evaluation.crash_map.mapping import map_crashes
 from accelerated_evaluation.crash_map.maps import Grid
 from accelerated_evaluation.laws.motion import RAREST, STATES, STEP, draw_wide

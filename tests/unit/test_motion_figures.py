@@ -3,8 +3,7 @@
 import numpy as np
 import pandas as pd
 import pytest
-from accelerated_evaluation.answer.motion_budget import MOTION
-from accelerated_evaluation.answer.motion_tables import COLUMNS
+from accelerated_evaluation.answer.lead_motion import COLUMNS, MOTION
 from accelerated_evaluation.publishing.figures.motion import GROUPS, fig34_lead_motion
 from accelerated_evaluation.publishing.tables.laws import answer_budget_table, lead_motion_table
 

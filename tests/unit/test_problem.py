@@ -9,11 +9,11 @@ from pathlib import Path
 import mpmath
 import numpy as np
 import pytest
-from accelerated_evaluation.distributions import BoundedExponential, Empirical, Pareto
 from accelerated_evaluation.laws import Factors
+from accelerated_evaluation.laws.distributions import BoundedExponential, Empirical, Pareto
 from accelerated_evaluation.laws.paper.independent import IndependentLaw
 from accelerated_evaluation.methods.cross_entropy.sample import Sample
-from accelerated_evaluation.problem import Problem
+from accelerated_evaluation.methods.problem import Problem
 from accelerated_evaluation.scenarios.cut_in import CUT_IN
 from accelerated_evaluation.scenarios.left_turn import LEFT_TURN
 from accelerated_evaluation.vehicles import AccAeb, Outcomes, load_vehicle

@@ -14,18 +14,16 @@ import numpy as np
 import pandas as pd
 import pytest
 from accelerated_evaluation.base.errors import InputError
-from accelerated_evaluation.distributions import BoundedExponential, BoundedNormal, Pareto
+from accelerated_evaluation.laws.distributions import BoundedExponential, BoundedNormal, Pareto
 from accelerated_evaluation.laws.paper.pieces import EXPONENTIAL, PieceFamily
 from accelerated_evaluation.laws.paper.piecewise import fit_piecewise, usable_knots
-from accelerated_evaluation.records.filters import Account
-from accelerated_evaluation.records.ingest import ingest
+from accelerated_evaluation.records.ingest import Account, ingest
 from accelerated_evaluation.records.segments import require_rows
 from accelerated_evaluation.records.sources import read_source
 from accelerated_evaluation.scenarios.parameters import required_names
 from accelerated_evaluation.study.configuration import ConfigurationError, load, read_yaml, validate
 from accelerated_evaluation.vehicles.external.checked import CheckedVehicle
-from accelerated_evaluation.vehicles.protocol import Outcomes
-from accelerated_evaluation.vehicles.registry import VEHICLES
+from accelerated_evaluation.vehicles.protocol import VEHICLES, Outcomes
 from fewruns import InputError as SamplerInputError
 from fewruns import read_state
 from fewruns.state import sampler_of

@@ -11,7 +11,7 @@ import numpy as np
 import pandas as pd
 import pytest
 from accelerated_evaluation.base.errors import InputError
-from accelerated_evaluation.distributions import BoundedExponential, BoundedNormal
+from accelerated_evaluation.laws.distributions import BoundedExponential, BoundedNormal
 from accelerated_evaluation.laws.paper.candidates import compare, fit_candidates
 from accelerated_evaluation.methods import METHODS, Stopping
 from accelerated_evaluation.vehicles import VEHICLES, load_vehicle

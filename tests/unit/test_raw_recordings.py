@@ -11,7 +11,7 @@ import pandas as pd
 import pytest
 from accelerated_evaluation.base.errors import InputError
 from accelerated_evaluation.cli import main
-from accelerated_evaluation.records.filters import Account
+from accelerated_evaluation.records.ingest import Account
 from accelerated_evaluation.records.sources import SOURCES, UNKNOWN, read_source, spmd_raw, table
 from accelerated_evaluation.study.configuration import load
 

@@ -5,11 +5,11 @@ import pytest
 from accelerated_evaluation.base.errors import InputError
 from accelerated_evaluation.laws import Box
 from accelerated_evaluation.laws.files import write_law
-from accelerated_evaluation.laws.joint.folding import folded
+from accelerated_evaluation.laws.joint.truncated_normals import folded
 from accelerated_evaluation.methods import METHODS, Stopping
 from accelerated_evaluation.methods.normal_mixture import DEFENSIVE, NormalMixture
+from accelerated_evaluation.methods.problem import Problem, read_law_of
 from accelerated_evaluation.methods.study import study_method
-from accelerated_evaluation.problem import Problem, read_law_of
 from accelerated_evaluation.scenarios.cut_in import CUT_IN
 from accelerated_evaluation.scenarios.left_turn import LEFT_TURN
 from accelerated_evaluation.scenarios.pedestrian import PEDESTRIAN

@@ -7,7 +7,6 @@ import pandas as pd
 import pytest
 from accelerated_evaluation.base.errors import InputError
 from accelerated_evaluation.scenarios import SCENARIOS
-from accelerated_evaluation.scenarios.pedestrian.records import records_of_series
 from accelerated_evaluation.scenarios.protocol import CLUSTER, FITTED
 from accelerated_evaluation.scenarios.record_table import OUTSIDE, REPEATED, account
 
@@ -46,6 +45,19 @@ def test_the_car_crashes_in_as_many_records_as_published(name, crashes, not_ende
     outcomes = car.simulate(*(table[each] for each in scenario.names))
     assert outcomes.crash.sum() == crashes
     assert (~outcomes.ended & ~outcomes.crash).sum() == not_ended
+
+
+def records_of_series(series):
+    """Return the state at the sample with the smallest distance of each series, 10 samples per second.
+
+    The pedestrian speed is the central difference of the transversal position, one-sided at the ends. Mostly
+    the sample is the last one, where the sensor loses the pedestrian whom the vehicle has not yet passed.
+    """
+    samples = series.assign(distance_m=np.hypot(series["range_m"], series["transversal_m"]))
+    groups = samples.groupby("record", sort=False)
+    samples["pedestrian_speed_mps"] = groups["transversal_m"].transform(lambda x: np.gradient(x) * 10)
+    samples["is_last"] = groups.cumcount(ascending=False) == 0
+    return samples.loc[groups["distance_m"].idxmin()].reset_index(drop=True)
 
 
 def test_series_give_all_stored_records_of_pedestrians():

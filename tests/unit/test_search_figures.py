@@ -2,28 +2,20 @@
 
 import math
 
-import matplotlib.pyplot as plt
 import numpy as np
 import pandas as pd
 import pytest
-from accelerated_evaluation.distributions import BoundedExponential, Empirical, PiecewiseMixture
+from accelerated_evaluation.laws.distributions import BoundedExponential, Empirical, PiecewiseMixture
 from accelerated_evaluation.laws.paper.independent import IndependentLaw
 from accelerated_evaluation.publishing.figures import flow as flow_figures
 from accelerated_evaluation.publishing.figures import searches as search_figures
-from accelerated_evaluation.publishing.figures.flow import FLOW_ARROWS, flow_boxes
-from accelerated_evaluation.publishing.figures.flow_chart import Arrow, Box
+from accelerated_evaluation.publishing.figures.flow import FLOW_ARROWS, Arrow, Box, flow_boxes
 from accelerated_evaluation.publishing.figures.style import save_figure
 from accelerated_evaluation.study.configuration import load
 
 SETTINGS = load()["cross_entropy"]
 KNOT = 0.2
 ITERATIONS = 5
-
-
-@pytest.fixture(autouse=True)
-def _closed():
-    yield
-    plt.close("all")
 
 
 @pytest.fixture

@@ -11,7 +11,7 @@ from accelerated_evaluation.answer.law_study import LawStudy
 from accelerated_evaluation.answer.smooth_family import NAMED, SmoothFamily
 from accelerated_evaluation.base.errors import ConvergenceError, InputError
 from accelerated_evaluation.crash_map.sensitivity import Levels
-from accelerated_evaluation.distributions import BoundedExponential
+from accelerated_evaluation.laws.distributions import BoundedExponential
 from accelerated_evaluation.laws.paper.models import choose_knots, fit_paper_laws, refit, simpler_pieces
 from accelerated_evaluation.laws.paper.pieces import EXPONENTIAL, PieceFamily
 from accelerated_evaluation.laws.paper.piecewise import fit_piecewise, usable_knots

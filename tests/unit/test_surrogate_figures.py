@@ -2,23 +2,16 @@
 
 import math
 
-import matplotlib.pyplot as plt
 import numpy as np
 import pandas as pd
 import pytest
 from accelerated_evaluation.publishing.figures import surrogate as surrogate_figures
-from accelerated_evaluation.publishing.figures.method_styles import style_of
+from accelerated_evaluation.publishing.figures.style import style_of
 from accelerated_evaluation.publishing.tables.surrogate import PHASES, side_by_side, surrogate_table
 
 FIGURES = ("fig19_surrogate_runs", "fig20_methods")
 SHARES = {"5-15": 0.4, "15-25": 0.6}
 LEARNING = {"all": (23000, 35000, 23000), "5-15": (3000, 5000, 3000)}  # of the paper's methods, by replicate
-
-
-@pytest.fixture(autouse=True)
-def _closed():
-    yield
-    plt.close("all")
 
 
 @pytest.fixture

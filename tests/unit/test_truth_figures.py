@@ -2,14 +2,13 @@
 
 import math
 
-import matplotlib.pyplot as plt
 import numpy as np
 import pandas as pd
 import pytest
 from accelerated_evaluation.methods.coverage import INTERVALS
 from accelerated_evaluation.publishing.figures import coverage as coverage_figures
 from accelerated_evaluation.publishing.figures import exact as truth_figures
-from accelerated_evaluation.publishing.figures.method_styles import style_of
+from accelerated_evaluation.publishing.figures.style import style_of
 from accelerated_evaluation.publishing.tables.coverage import COVERAGE_COLUMNS, coverage_table
 from accelerated_evaluation.publishing.tables.exact import (
     needed_simulations,
@@ -28,12 +27,6 @@ FIGURES = (
     "fig17_severity",
     "fig18_coverage",
 )
-
-
-@pytest.fixture(autouse=True)
-def _closed():
-    yield
-    plt.close("all")
 
 
 @pytest.fixture

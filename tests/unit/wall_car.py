@@ -5,7 +5,7 @@ from dataclasses import dataclass
 import mpmath
 import numpy as np
 from accelerated_evaluation.crash_map.maps import Grid
-from accelerated_evaluation.distributions import (
+from accelerated_evaluation.laws.distributions import (
     BoundedExponential,
     BoundedNormal,
     Empirical,

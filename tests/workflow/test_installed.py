@@ -10,7 +10,7 @@ from pathlib import Path
 import numpy as np
 import pandas as pd
 import pytest
-from accelerated_evaluation.base.project import PROJECT
+from accelerated_evaluation.base.files import PROJECT
 from accelerated_evaluation.scenarios import SCENARIOS
 
 pytestmark = pytest.mark.studies
@@ -75,7 +75,7 @@ def run(wheel, tmp_path_factory):
 
 
 def test_the_installed_library_is_not_that_of_the_repository(run):
-    shown = run("python", "-c", "from accelerated_evaluation.base.project import PROJECT; print(PROJECT)")
+    shown = run("python", "-c", "from accelerated_evaluation.base.files import PROJECT; print(PROJECT)")
     assert Path(shown.strip()).parts[-3:] == ("site-packages", "accelerated_evaluation", "project")
     assert PROJECT == ROOT
 

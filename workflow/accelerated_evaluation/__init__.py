@@ -44,7 +44,7 @@ _HOME = {
     "read_law": "laws.files",
     "write_law": "laws.files",
     # Vehicles, and what is asked about them.
-    "Problem": "problem",
+    "Problem": "methods.problem",
     "VEHICLES": "vehicles",
     "Vehicle": "vehicles.protocol",
     "load_vehicle": "vehicles.loading",

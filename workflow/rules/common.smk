@@ -9,8 +9,8 @@ import os
 from dataclasses import asdict
 from pathlib import Path
 
-from accelerated_evaluation.base.digests import content_digest
 from accelerated_evaluation.base.errors import StudyError
+from accelerated_evaluation.base.files import content_digest
 from accelerated_evaluation.laws.smooth.support import Support
 from accelerated_evaluation.methods import METHODS
 from accelerated_evaluation.records.segments import segment_names

@@ -2,7 +2,7 @@
 #
 # In, out: nothing; definitions only. Each main Snakefile includes this file.
 
-from accelerated_evaluation.study.locks import release_dead_locks
+from accelerated_evaluation.study.jobs import release_dead_locks
 
 # Only the main process removes locks: a job of a cluster cannot know whether a run on another machine is alive.
 ALIVE = release_dead_locks() if workflow.is_main_process else None

@@ -1,8 +1,8 @@
 """Compute exact probabilities, severity, and the variance under every f* from the crash maps and the laws."""
 
 from accelerated_evaluation.base.files import read_json, write_csv
+from accelerated_evaluation.crash_map.exact_variance import exact_tables
 from accelerated_evaluation.crash_map.maps import read_crash_map
-from accelerated_evaluation.crash_map.severity import exact_tables
 from accelerated_evaluation.laws.files import read_law
 from accelerated_evaluation.laws.paper.models import PAPER_LAWS
 from accelerated_evaluation.methods.cross_entropy.proposals import read_proposals

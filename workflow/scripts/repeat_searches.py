@@ -3,8 +3,8 @@
 from accelerated_evaluation.base.files import write_csv
 from accelerated_evaluation.base.randomness import child_generator
 from accelerated_evaluation.crash_map.maps import read_crash_map
-from accelerated_evaluation.methods.cross_entropy.repeated import repeated_searches
-from accelerated_evaluation.problem import loaded_problem
+from accelerated_evaluation.methods.cross_entropy.search import repeated_searches
+from accelerated_evaluation.methods.problem import loaded_problem
 from accelerated_evaluation.study.jobs import job
 
 if __name__ == "__main__":

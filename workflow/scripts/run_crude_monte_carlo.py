@@ -10,7 +10,7 @@ from accelerated_evaluation.methods.crude import (
     fingerprint,
     simulate_batches,
 )
-from accelerated_evaluation.problem import loaded_problem
+from accelerated_evaluation.methods.problem import loaded_problem
 from accelerated_evaluation.study.jobs import job
 
 if __name__ == "__main__":

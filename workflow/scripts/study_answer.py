@@ -9,7 +9,7 @@ from accelerated_evaluation.answer.study_tables import answer_tables, fast_way
 from accelerated_evaluation.base.files import read_json, write_csv
 from accelerated_evaluation.base.randomness import child_generator
 from accelerated_evaluation.laws.files import write_law
-from accelerated_evaluation.problem import Problem
+from accelerated_evaluation.methods.problem import Problem
 from accelerated_evaluation.records.report import read_report
 from accelerated_evaluation.records.verdict import Verdict
 from accelerated_evaluation.scenarios import SCENARIOS

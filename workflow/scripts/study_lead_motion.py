@@ -4,7 +4,7 @@ from functools import partial
 
 from accelerated_evaluation.answer.fitted_records import stored_records
 from accelerated_evaluation.answer.law_study import LawStudy
-from accelerated_evaluation.answer.motion_tables import motion_table
+from accelerated_evaluation.answer.lead_motion import motion_table
 from accelerated_evaluation.base.files import write_csv
 from accelerated_evaluation.base.randomness import child_generator
 from accelerated_evaluation.crash_map.maps import read_crash_map

@@ -16,8 +16,8 @@ from accelerated_evaluation.answer.joint_family import Candidate, ClusteredRecor
 from accelerated_evaluation.answer.scores import BLOCKS, contiguous_blocks
 from accelerated_evaluation.answer.smooth_family import SmoothFamily, region
 from accelerated_evaluation.base.arrays import Array
-from accelerated_evaluation.distributions import Empirical
 from accelerated_evaluation.laws import joint
+from accelerated_evaluation.laws.distributions import Empirical
 from accelerated_evaluation.laws.draws import DrawnLaws, Draws, MixedDraws
 from accelerated_evaluation.laws.joint.protocol import JointLaw
 from accelerated_evaluation.laws.lead_speeds import WithLeadSpeeds

@@ -12,7 +12,7 @@ from accelerated_evaluation.answer.calibration import mid_p
 from accelerated_evaluation.answer.posterior import Posterior, SampledPosterior, answer_row, budget
 from accelerated_evaluation.base.arrays import Array
 from accelerated_evaluation.laws.draws import Draws
-from accelerated_evaluation.problem import Problem
+from accelerated_evaluation.methods.problem import Problem
 from accelerated_evaluation.scenarios.protocol import Event
 
 # An answer is rejected unless the mid-p value of the number of events among replayed records exceeds this

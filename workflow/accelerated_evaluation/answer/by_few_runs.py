@@ -16,9 +16,9 @@ from accelerated_evaluation.answer.impacts import impact_share
 from accelerated_evaluation.answer.posterior import Posterior, SampledPosterior
 from accelerated_evaluation.base.arrays import Array
 from accelerated_evaluation.laws.draws import Draws
+from accelerated_evaluation.methods.problem import Problem
 from accelerated_evaluation.methods.study import with_encounters
 from accelerated_evaluation.methods.surrogate import Surrogate, sampler_of
-from accelerated_evaluation.problem import Problem
 from accelerated_evaluation.scenarios.protocol import ENDED, Event
 
 SHARE = 0.05  # allowed relative increase of the width of the interval by the sampling

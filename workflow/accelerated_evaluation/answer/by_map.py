@@ -9,15 +9,15 @@ from accelerated_evaluation.answer.answer import Answer, Crashes, Replayed
 from accelerated_evaluation.answer.extrapolation import speed_limits
 from accelerated_evaluation.answer.posterior import Posterior
 from accelerated_evaluation.base.arrays import Array
+from accelerated_evaluation.crash_map.checked import sample_crashes
 from accelerated_evaluation.crash_map.impacts import with_impacts
 from accelerated_evaluation.crash_map.lines import CrashLines, divided
 from accelerated_evaluation.crash_map.maps import CrashMap
-from accelerated_evaluation.crash_map.sampled import sample_crashes
 from accelerated_evaluation.laws.draws import Draws, MixedDraws, single_laws
 from accelerated_evaluation.laws.smooth.conditional import SpeedLaw
 from accelerated_evaluation.laws.smooth.family import DistinctRecords
 from accelerated_evaluation.laws.smooth.mean import MeanLaw
-from accelerated_evaluation.problem import Problem
+from accelerated_evaluation.methods.problem import Problem
 from accelerated_evaluation.scenarios.protocol import Event
 from accelerated_evaluation.vehicles.events import CRASH
 from accelerated_evaluation.vehicles.protocol import RandomVehicle, Vehicle

@@ -9,7 +9,7 @@ from accelerated_evaluation.answer.answer import Answer, Crashes
 from accelerated_evaluation.answer.posterior import SampledPosterior
 from accelerated_evaluation.base.errors import InputError
 from accelerated_evaluation.laws.draws import Draws
-from accelerated_evaluation.problem import Problem
+from accelerated_evaluation.methods.problem import Problem
 from accelerated_evaluation.scenarios.protocol import Event
 
 ENOUGH_EVENTS = 100  # simulations are repeated with other encounters until there are so many events,

@@ -21,7 +21,7 @@ from accelerated_evaluation.laws.joint.protocol import JointLaw
 from accelerated_evaluation.laws.paper.independent import IndependentLaw
 from accelerated_evaluation.laws.paper.models import PAPER_LAWS, fit_paper_laws
 from accelerated_evaluation.laws.smooth.family import DistinctRecords, Fitter, Member
-from accelerated_evaluation.problem import read_law_of
+from accelerated_evaluation.methods.problem import read_law_of
 from accelerated_evaluation.records.sources import describe
 
 ANSWER, PAPER = "answer", "paper"

@@ -13,8 +13,8 @@ import pandas as pd
 
 from accelerated_evaluation.answer.answer import Answer
 from accelerated_evaluation.answer.posterior import Posterior, SampledPosterior, answer_row
-from accelerated_evaluation.base.digests import file_digest
 from accelerated_evaluation.base.errors import InputError
+from accelerated_evaluation.base.files import file_digest
 from accelerated_evaluation.base.tables import read_csv, require_file
 
 RATIO = ("ratio", "ratio_low80", "ratio_high80")

@@ -34,9 +34,9 @@ from accelerated_evaluation.crash_map.maps import Grid
 from accelerated_evaluation.laws.draws import Draws
 from accelerated_evaluation.laws.files import read_verdict, write_law
 from accelerated_evaluation.laws.smooth.family import DistinctRecords
+from accelerated_evaluation.methods.problem import Problem
 from accelerated_evaluation.methods.surrogate import read_predecessor
 from accelerated_evaluation.methods.surrogate_words import chance_in_words, unseen_in_words, weights_in_words
-from accelerated_evaluation.problem import Problem
 from accelerated_evaluation.records.checks import Records
 from accelerated_evaluation.records.verdict import Verdict, verdict_on
 from accelerated_evaluation.scenarios import SCENARIOS, Scenario

@@ -15,8 +15,7 @@ from accelerated_evaluation.answer.posterior import answer_row
 from accelerated_evaluation.answer.replays import LEVEL, Replays, replay
 from accelerated_evaluation.base.arrays import Array
 from accelerated_evaluation.laws.draws import Draws
-from accelerated_evaluation.problem import Problem
-from accelerated_evaluation.problem.inverse import normal_scores
+from accelerated_evaluation.methods.problem import Problem, normal_scores
 from accelerated_evaluation.scenarios.protocol import Event
 from accelerated_evaluation.vehicles.external.elsewhere import difference_elsewhere
 from accelerated_evaluation.vehicles.external.slow import SlowVehicle

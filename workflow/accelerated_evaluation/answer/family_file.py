@@ -40,20 +40,19 @@ import numpy as np
 from accelerated_evaluation import answer
 from accelerated_evaluation.answer.smooth_family import NAMED, SmoothFamily
 from accelerated_evaluation.base.arrays import Array
-from accelerated_evaluation.base.digests import content_digest
 from accelerated_evaluation.base.errors import InputError
-from accelerated_evaluation.base.files import atomic_path, read_arrays
+from accelerated_evaluation.base.files import atomic_path, content_digest, read_arrays
 from accelerated_evaluation.laws import smooth
 from accelerated_evaluation.laws.smooth.conditional import Places, Threshold
 from accelerated_evaluation.laws.smooth.excess import Excess
 from accelerated_evaluation.laws.smooth.family import (
     DistinctRecords,
     Exceedances,
+    FarRecords,
     Fitter,
     LawFamily,
     Member,
 )
-from accelerated_evaluation.laws.smooth.far_records import FarRecords
 from accelerated_evaluation.laws.smooth.far_tail import FarTail
 from accelerated_evaluation.laws.smooth.shapes import SHAPES
 from accelerated_evaluation.laws.smooth.smooth_hazard import HazardGrid, SmoothHazard

@@ -18,8 +18,7 @@ from accelerated_evaluation.laws.smooth.family import DistinctRecords
 from accelerated_evaluation.laws.smooth.support import Support
 from accelerated_evaluation.records.checks import Records
 from accelerated_evaluation.records.encounter_table import read_encounters, write_encounters
-from accelerated_evaluation.records.filters import Account
-from accelerated_evaluation.records.ingest import ingest
+from accelerated_evaluation.records.ingest import Account, ingest
 from accelerated_evaluation.records.segments import require_rows
 from accelerated_evaluation.records.sources import read_source
 from accelerated_evaluation.scenarios import SCENARIOS

@@ -18,20 +18,25 @@ Opening cut-ins are drawn from recorded ones, with motions drawn in the same way
 opening cut-ins, recorded closing cut-ins with the opposite sign of the closing speed are used.
 """
 
+from collections.abc import Mapping
+from copy import deepcopy
 from dataclasses import dataclass, replace
 
 import numpy as np
+import pandas as pd
 
+from accelerated_evaluation.answer.law_study import LawStudy
 from accelerated_evaluation.base.arrays import Array
 from accelerated_evaluation.crash_map.lines import CrashLines
 from accelerated_evaluation.crash_map.maps import CrashMap, Intervals
 from accelerated_evaluation.laws.motion import LARGEST_WEIGHT, LeadMotion, draw_wide
+from accelerated_evaluation.laws.motion.ngsim import Ngsim
 from accelerated_evaluation.laws.smooth.conditional import SpeedLaw
 from accelerated_evaluation.laws.smooth.family import DistinctRecords
 from accelerated_evaluation.laws.smooth.smooth_hazard import SmoothHazard
 from accelerated_evaluation.vehicles.events import CRASH
-from accelerated_evaluation.vehicles.moving import MovingVehicle, simulate_motion
-from accelerated_evaluation.vehicles.protocol import RandomVehicle, simulate_inner
+from accelerated_evaluation.vehicles.moving import MovingVehicle, simulate_motion, takes_motion
+from accelerated_evaluation.vehicles.protocol import RandomVehicle, Vehicle, simulate_inner
 
 # [m/s], amounts by which a lead motion may lower the smallest closing speed with a crash; places are drawn
 # preferentially for each of them.
@@ -180,3 +185,96 @@ def mirrored(records: DistinctRecords) -> DistinctRecords:
     The negative closing speed is limited such that the speed of the host does not become negative.
     """
     return replace(records, closing_speed=np.maximum(-records.closing_speed, -records.lead_speed))
+
+
+FEWEST = 30  # smallest number of recorded opening cut-ins that are used
+COLUMNS = ["vehicle", "gap", "cut_ins", "exact", "constant", "moving", "standard_error", "high95"]
+COLUMNS += ["factor", "factor_error", "factor_half"]
+# Number of opening cut-ins per closing cut-in, for studies without records of opening cut-ins. In the Safety
+# Pilot Model Deployment, 173,692 of 403,581 cut-ins are closing (paper, section II). In NGSIM there are 38
+# opening and 43 closing cut-ins.
+OPENING_PER_CLOSING = 403_581 / 173_692 - 1
+
+
+def motion_table(
+    vehicles: Mapping[str, Vehicle],
+    maps: Mapping[str, CrashMap],
+    study: LawStudy,
+    opening: DistinctRecords,
+    generator: np.random.Generator,
+) -> pd.DataFrame:
+    """Tabulate the crash probabilities of vehicles if the lead vehicle changes its speed as in NGSIM.
+
+    The law with the largest weight is used, and all vehicles get the same random numbers. Vehicles that
+    cannot be simulated with a changing lead speed are left out. If there are fewer than `FEWEST` opening
+    cut-ins, closing ones with the opposite sign of the closing speed are used instead. The row of a vehicle
+    and kind of cut-in (``gap``) has the crash probability with a constant lead speed, ``exact`` (from the
+    crash map, only for closing cut-ins) and ``constant`` (estimated); with a changing lead speed, ``moving``;
+    ``factor``, moving divided by constant; and ``factor_half``, the factor if all changes of speed are
+    halved.
+    """
+    records, family = study.smooth.records, study.smooth.family
+    law = study.smooth.speeds(study.heaviest)
+    has_opening = opening.size >= FEWEST
+    ratio = opening.size / records.size if has_opening else OPENING_PER_CLOSING
+    share, recorded = ratio / (1 + ratio), opening if has_opening else mirrored(records)
+    rows = []
+    for name, vehicle in vehicles.items():
+        if not takes_motion(vehicle):
+            continue
+        lines = CrashLines.of(maps[name], records.lead_speed, support=records.support)
+        exact = {"closing": lines.probability(family.ranges, law)}
+        halves, wholes = (
+            _kinds(
+                MovingProblem(vehicle, maps[name], records, family.ranges, law, Ngsim(scale)),
+                recorded,
+                share,
+                deepcopy(generator),
+            )
+            for scale in (0.5, 1.0)
+        )
+        cut_ins = {"closing": 1 - share, "opening": share, "all": 1.0}
+        for gap, found in wholes.items():
+            own = cut_ins[gap], exact.get(gap, np.nan), found.still, found.moved, found.error, found.limit
+            rows.append((name, gap, *own, *found.factor(), halves[gap].factor()[0]))
+    return pd.DataFrame(rows, columns=COLUMNS)
+
+
+def _kinds(
+    problem: MovingProblem, recorded: DistinctRecords, share: float, generator: np.random.Generator
+) -> dict[str, Means]:
+    """Return the estimates for closing, opening and all cut-ins."""
+    closing, opening = problem.closing(generator), problem.opening(recorded, generator)
+    return {"closing": closing, "opening": opening, "all": closing.together(opening, share)}
+
+
+MOTION = "what the other car does next"
+
+
+def motion_budget(moving: pd.DataFrame, vehicle: str, together: float) -> pd.DataFrame:
+    """Return the contribution of the unknown lead motion to the budget of the answer.
+
+    Lead motion multiplies the crash probability by a factor. The law of motion was fitted to all cars. It is
+    not known whether cars that have just changed lane change their speed as much as other cars. The changes
+    of speed are therefore multiplied by a scale that is uniform from 0 to 1. The logarithm of the factor, as
+    a function of the scale, is interpolated by a parabola through its values at 0, 1/2 and 1. Its variance is
+    the contribution. ``together`` is the factor, exp(standard deviation of the log probability), of all other
+    sources together. The ``variance_share`` is relative to their variance, and ``effect`` is the factor of
+    the probability for the scale 1. There is no row if the vehicle is not in the table or never crashes.
+    """
+    own = moving[(moving["vehicle"] == vehicle) & (moving["gap"] == "closing")]
+    own = own[(own["factor"] > 0) & (own["factor_half"] > 0)]
+    half, whole = (np.log(own[name].astype(float)) for name in ("factor_half", "factor"))
+    slope, bend = 4 * half - whole, 2 * whole - 4 * half
+    # For a uniform variable s on [0, 1]: var(s) = 1/12, var(s^2) = 4/45, cov(s, s^2) = 1/12.
+    variance = (
+        slope**2 / 12 + slope * bend / 6 + 4 * bend**2 / 45 + (own["factor_error"] / own["factor"]) ** 2
+    )
+    return pd.DataFrame(
+        {
+            "source": MOTION,
+            "factor": np.exp(np.sqrt(variance)),
+            "variance_share": variance / np.log(together) ** 2,
+            "effect": own["factor"],
+        }
+    )

@@ -1,25 +1,134 @@
 """Tables that a crash map of the vehicle under test allows: calibration, thresholds and places of crashes."""
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
 import pandas as pd
+from numpy.typing import NDArray
 
 from accelerated_evaluation.answer.by_map import thinned
-from accelerated_evaluation.answer.calibration_table import NearMisses, calibration_table
+from accelerated_evaluation.answer.calibration import (
+    held_out_counts,
+    near_miss_counts,
+    recorded_counts,
+    with_limits,
+)
 from accelerated_evaluation.answer.law_study import LawStudy
-from accelerated_evaluation.answer.near_misses import near_miss_table
+from accelerated_evaluation.answer.law_table import KNOT, PAPER, TOGETHER, papers_law
 from accelerated_evaluation.answer.posterior import Posterior
+from accelerated_evaluation.answer.scores import HeldOut
 from accelerated_evaluation.answer.variants import threshold_table
+from accelerated_evaluation.base.arrays import Array
 from accelerated_evaluation.crash_map.lines import CrashLines
 from accelerated_evaluation.crash_map.maps import CrashMap
 from accelerated_evaluation.laws.draws import Draws
-from accelerated_evaluation.laws.smooth.family import DistinctRecords
+from accelerated_evaluation.laws.smooth.family import DistinctRecords, Member
 from accelerated_evaluation.scenarios.protocol import Event, Scenario
 from accelerated_evaluation.vehicles.events import CRASH
 from accelerated_evaluation.vehicles.protocol import Outcomes, Vehicle
+
+SHOWN = (Member(), *(Member(KNOT, shape) for shape in ("exponential", "generalised", "two kinds")))
+
+
+@dataclass(frozen=True)
+class NearMisses:
+    """Crashes and near misses of the replayed records."""
+
+    # Number of distinct records that end in each event if the vehicle replays them.
+    recorded: Mapping[str, int]
+    # Probability of each event, by its name, under each law.
+    probabilities: Mapping[str, Mapping[str, float]]
+
+
+def shown_members(study: LawStudy) -> tuple[Member, ...]:
+    """Return the smooth laws that tables list individually, if there were enough records to fit them."""
+    return tuple(member for member in SHOWN if member in study.smooth.members)
+
+
+def calibration_table(study: LawStudy, near: NearMisses | None = None) -> pd.DataFrame:
+    """Compare recorded and expected numbers for the weighted mean of all laws and for some single laws.
+
+    The numbers are those of cut-ins in cells, of range and closing speed or of lead speed and host speed. The
+    expected numbers are those under laws that were fitted without the block of the records; only those of
+    near misses are under laws that were fitted to all records. The table has a row for each law and cell, and
+    for each event of ``near``, which is None if the records are not replayed: the cell ``where``, the speed
+    that divides the cells (``counted``), and the columns of `with_limits`.
+    """
+    smooth, records = study.smooth, study.smooth.records
+    recorded = recorded_counts(records)
+
+    def near_misses(probability: Mapping[str, float]) -> list[pd.DataFrame]:
+        return [] if near is None else [near_miss_counts(near.recorded, probability, records.size)]
+
+    by_event = {} if near is None else near.probabilities
+    by_member = dict(zip(smooth.names, smooth.expected, strict=True))
+    mean = {name: study.mean(values) for name, values in by_event.items()}
+    tables = {TOGETHER: [recorded.assign(expected=study.mean(by_member)), *near_misses(mean)]}
+    for member in shown_members(study):
+        of_member = {name: values[member.name] for name, values in by_event.items()}
+        of_cells = recorded.assign(expected=by_member[member.name])
+        tables[member.name] = [of_cells, *near_misses(of_member)]
+    independent = HeldOut.of_law(papers_law, records)
+    tables[PAPER] = [recorded.assign(expected=held_out_counts(independent)[0])]
+    rows = [with_limits(pd.concat(parts, ignore_index=True)).assign(law=law) for law, parts in tables.items()]
+    return pd.concat(rows, ignore_index=True)
+
+
+BLOCKS = (5_000, 15_000)  # consecutive records in a block; the longest are used for the factor
+LEAST = 20  # number of records below which a dispersion says nothing
+
+
+def block_counts(happened: NDArray[np.bool_], length: int) -> Array:
+    """Return the numbers of events in blocks of consecutive records; a last shorter block is left out."""
+    whole = happened[: happened.size // length * length]
+    return whole.reshape(-1, length).sum(axis=1)
+
+
+def dispersion(happened: NDArray[np.bool_], length: int) -> float:
+    """Return variance / mean of the block counts, which is 1 for Poisson counts; NaN for few events."""
+    if happened.sum() < LEAST or happened.size < 2 * length:
+        return float("nan")
+    counts = block_counts(happened, length)
+    return float(counts.var(ddof=1) / counts.mean())
+
+
+def level_factors(critical: NDArray[np.bool_], draws: int, generator: np.random.Generator) -> Array:
+    """Draw the relative number of critical records by the Bayesian bootstrap of long blocks, (draws,)."""
+    counts = block_counts(critical, min(BLOCKS[-1], max(critical.size // 10, 1)))
+    shares = generator.dirichlet(np.ones(counts.size), draws)
+    return shares @ counts / max(counts.mean(), np.finfo(float).tiny)
+
+
+def near_miss_table(
+    posteriors: Mapping[str, Posterior],
+    replayed: Mapping[str, NDArray[np.bool_]],
+    critical: NDArray[np.bool_],
+    generator: np.random.Generator,
+) -> pd.DataFrame:
+    """Tabulate the 95 % intervals of events with and without the variation between blocks of records.
+
+    The laws take records as independent of each other. Critical cut-ins are more frequent in some parts of
+    the file than in others, so their number varies more than a Poisson number. Here every draw of a
+    probability is multiplied by a random factor, the relative number of critical records in a Bayesian
+    bootstrap of long blocks.
+
+    ``critical`` marks the records near the events, as in the region in which laws are scored.
+    ``dispersion_5000`` and ``dispersion_15000`` are those in blocks of so many records, and the limits with
+    the variation between blocks begin with ``clustered``. The random factors are the same for all events.
+    """
+    factors = level_factors(critical, len(next(iter(posteriors.values())).probabilities), generator)
+    rows = []
+    for event, posterior in posteriors.items():
+        clustered = replace(posterior, probabilities=posterior.probabilities * factors)
+        happened = replayed[event]
+        row = {"event": event, "recorded": int(happened.sum())}
+        row |= {f"dispersion_{length}": dispersion(happened, length) for length in BLOCKS}
+        row |= dict(zip(("low95", "high95"), posterior.interval(0.95), strict=True))
+        row |= dict(zip(("clustered_low95", "clustered_high95"), clustered.interval(0.95), strict=True))
+        rows.append(row)
+    return pd.DataFrame(rows)
 
 
 @dataclass(frozen=True)

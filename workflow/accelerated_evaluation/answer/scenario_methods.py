@@ -11,9 +11,9 @@ import pandas as pd
 from accelerated_evaluation.base.randomness import child_generator
 from accelerated_evaluation.laws import Law
 from accelerated_evaluation.methods import METHODS
+from accelerated_evaluation.methods.problem import Problem
 from accelerated_evaluation.methods.study import study_method
 from accelerated_evaluation.methods.surrogate import read_predecessor
-from accelerated_evaluation.problem import Problem
 from accelerated_evaluation.scenarios.protocol import ENDED, Scenario
 from accelerated_evaluation.vehicles.events import event_named
 from accelerated_evaluation.vehicles.protocol import Vehicle

@@ -11,7 +11,6 @@ from accelerated_evaluation.answer.answer import Answer, Replayed, evaluate
 from accelerated_evaluation.answer.by_few_runs import FewRuns
 from accelerated_evaluation.answer.by_map import Map
 from accelerated_evaluation.answer.by_simulations import Simulations
-from accelerated_evaluation.answer.calibration_table import calibration_table
 from accelerated_evaluation.answer.comparison import (
     compared_table,
     draws_table,
@@ -29,12 +28,12 @@ from accelerated_evaluation.answer.injuries.impacts import Key, mean_risks, tabu
 from accelerated_evaluation.answer.injuries.tables import injury_tables
 from accelerated_evaluation.answer.joint_family import JointFamily
 from accelerated_evaluation.answer.law_study import LawStudy
-from accelerated_evaluation.answer.map_tables import MapTables
+from accelerated_evaluation.answer.map_tables import MapTables, calibration_table
 from accelerated_evaluation.answer.posterior import budget
 from accelerated_evaluation.answer.restricted import restricted
 from accelerated_evaluation.crash_map.maps import read_crash_map
 from accelerated_evaluation.laws.draws import Draws
-from accelerated_evaluation.problem import Problem
+from accelerated_evaluation.methods.problem import Problem
 from accelerated_evaluation.scenarios.protocol import Event
 
 UNDER_TEST = "under test"

@@ -1,11 +1,12 @@
-"""Write files atomically: a file is either written completely or not at all."""
+"""Files: written completely or not at all, their digests, and those of the project outside this package."""
 
 import errno
+import hashlib
 import json
 import os
 import re
 import tempfile
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -153,3 +154,43 @@ def write_csv(path: str | os.PathLike, table: "pd.DataFrame") -> None:
 
 def _no_formula(cell: object) -> object:
     return f"'{cell}" if isinstance(cell, str) and cell.startswith(("=", "@")) else cell
+
+
+def content_digest(paths: Iterable[str | os.PathLike], missing: str = "") -> str:
+    """Return a digest of the contents of files, in the given order.
+
+    The names and dates of the files do not influence the digest. ``missing`` is used in place of the SHA-256
+    of a file that does not exist, for example because it has not been retrieved yet. The rule that has the
+    file as an input reports that it is missing.
+    """
+    files = [Path(path) for path in paths]
+    return value_digest([file_digest(file) if file.is_file() else missing for file in files])
+
+
+def file_digest(path: Path) -> str:
+    """Return the SHA-256 of a file as hexadecimal digits; the file may be larger than the memory."""
+    with path.open("rb") as file:
+        return hashlib.file_digest(file, "sha256").hexdigest()
+
+
+def value_digest(value: Any) -> str:  # noqa: ANN401
+    """Return the SHA-256 of a value written as JSON; the order of mapping keys has no influence."""
+    return hashlib.sha256(json.dumps(value, sort_keys=True).encode()).hexdigest()
+
+
+def without_addresses(text: str) -> str:
+    """Return the ``repr`` of an object without memory addresses, which differ in every process."""
+    return re.sub(r"<\S*?(\w+) object at 0x\w+>", r"\1", text)
+
+
+_LIBRARY = Path(__file__).resolve().parents[1]
+# The default configuration, its schema, and the records of the project are in the folders config, data and
+# ``workflow`` of a copy of the repository. A wheel contains them as ``accelerated_evaluation/project``.
+_PACKAGED = _LIBRARY / "project"
+PROJECT = _PACKAGED if _PACKAGED.is_dir() else _LIBRARY.parents[1]
+
+
+def project_file(path: str | os.PathLike, project: Path = PROJECT) -> Path:
+    """Return a path that exists as it is, and otherwise the file of the project with this path, if any."""
+    own = project / path
+    return own if own.exists() and not Path(path).exists() else Path(path)

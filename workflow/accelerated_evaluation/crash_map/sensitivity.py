@@ -17,7 +17,7 @@ from accelerated_evaluation.base.errors import StudyError
 from accelerated_evaluation.crash_map.exact import ALL, Exact, exact_probabilities
 from accelerated_evaluation.crash_map.mapping import map_crashes
 from accelerated_evaluation.crash_map.maps import CrashMap
-from accelerated_evaluation.distributions import PiecewiseMixture
+from accelerated_evaluation.laws.distributions import PiecewiseMixture
 from accelerated_evaluation.laws.paper.independent import IndependentLaw, recorded_lead_speeds
 from accelerated_evaluation.laws.paper.pieces import EXPONENTIAL, PieceFamily
 from accelerated_evaluation.laws.paper.piecewise import fit_piecewise, knots_at_quantiles, usable_knots

@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 from scipy.special import logsumexp, ndtr, ndtri
 
 from accelerated_evaluation.base.arrays import Array
-from accelerated_evaluation.base.digests import value_digest
+from accelerated_evaluation.base.files import value_digest
 from accelerated_evaluation.laws import LAWS
 from accelerated_evaluation.laws.joint.truncated_normals import TruncatedNormalMixture
 from accelerated_evaluation.laws.protocol import Box, Law

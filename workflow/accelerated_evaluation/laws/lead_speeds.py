@@ -10,9 +10,9 @@ import pandas as pd
 from fewruns.problems import normal_score_quantile
 
 from accelerated_evaluation.base.arrays import Array
-from accelerated_evaluation.base.digests import value_digest
-from accelerated_evaluation.distributions import Empirical
+from accelerated_evaluation.base.files import value_digest
 from accelerated_evaluation.laws import LAWS
+from accelerated_evaluation.laws.distributions import Empirical
 from accelerated_evaluation.laws.protocol import Box, Law
 from accelerated_evaluation.laws.strata import VARIABLES
 

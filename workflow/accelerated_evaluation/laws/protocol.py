@@ -15,8 +15,8 @@ import pandas as pd
 from numpy.typing import NDArray
 
 from accelerated_evaluation.base.arrays import Array
-from accelerated_evaluation.base.digests import value_digest
 from accelerated_evaluation.base.errors import InputError
+from accelerated_evaluation.base.files import value_digest
 
 
 @dataclass(frozen=True)

@@ -16,12 +16,13 @@ a binomial distribution, so this number is drawn from that distribution with the
 
 import math
 import sys
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from functools import partial
 from typing import Any
 
 import numpy as np
 import pandas as pd
+from tqdm import trange
 
 from accelerated_evaluation.base.arrays import Array
 from accelerated_evaluation.laws import Factors
@@ -38,7 +39,7 @@ from accelerated_evaluation.methods.intervals import (
     normal_interval,
     sequential_estimate,
 )
-from accelerated_evaluation.problem import Problem
+from accelerated_evaluation.methods.problem import Problem
 
 LEVELS = (80, 95)
 INTERVALS = {
@@ -234,3 +235,35 @@ def _judge(group: pd.DataFrame, probability: float, standard_error: float) -> di
         )
         row |= {f"coverage{level}": share, f"coverage{level}_se": math.sqrt(share * (1 - share) / count)}
     return row
+
+
+def coverage_replicates(
+    method: str,
+    problem: Problem,
+    searches: Sequence[Mapping[str, Factors]],
+    probability: float,
+    generator_of: Callable[..., np.random.Generator],
+    stopping: Stopping,
+    coverage: Mapping[str, int],
+) -> pd.DataFrame:
+    """Run many replicates of one method, each of which is stopped by every stopping rule.
+
+    Replicate k uses the result of search k modulo the number of searches. Without a search, the method is
+    crude Monte Carlo, whose number of crashes is drawn with the exact probability. ``generator_of`` is called
+    with "pilot", with the number of a search, or, for crude Monte Carlo, without an argument. The columns are
+    ``method``, ``replicate`` and those of `coverage.replicate_rows`.
+    """
+    if searches:
+        size = predicted_size(problem, searches, generator_of("pilot"), coverage["pilot"], stopping)
+        streams = [Stream(problem, found, generator_of(number)) for number, found in enumerate(searches)]
+        stops = [partial(stop_importance_sampling, stream, size, stopping) for stream in streams]
+        weight_bound = None
+    else:
+        # The weights of crude Monte Carlo are 0 or 1, so the gamma interval can use 1 as their bound.
+        stops, weight_bound = [partial(stop_crude, probability, generator_of(), stopping)], 1.0
+    rows = []
+    for replicate in trange(coverage["replicates"], desc=f"coverage, {method}"):
+        stopped = stops[replicate % len(stops)]()
+        labels = {"method": method, "replicate": replicate}
+        rows += [labels | row for row in replicate_rows(stopped, weight_bound)]
+    return pd.DataFrame(rows)

@@ -16,8 +16,7 @@ import pandas as pd
 from fewruns.problems import ScoreProblem
 from tqdm import tqdm
 
-from accelerated_evaluation.base.digests import file_digest, value_digest
-from accelerated_evaluation.base.files import read_json, write_json
+from accelerated_evaluation.base.files import file_digest, read_json, value_digest, write_json
 from accelerated_evaluation.base.randomness import child_generator
 from accelerated_evaluation.base.sections import Schema, integer, section
 from accelerated_evaluation.methods import METHODS
@@ -28,7 +27,7 @@ from accelerated_evaluation.methods.intervals import (
     gamma_interval,
     sequential_estimate,
 )
-from accelerated_evaluation.problem import Problem
+from accelerated_evaluation.methods.problem import Problem
 
 ALL = "all"
 Counts = dict[str, list[int]]  # simulations and crashes of one batch, by segment

@@ -11,7 +11,7 @@ from accelerated_evaluation.base.arrays import Array
 from accelerated_evaluation.laws import Factors, StratifiedLaw
 from accelerated_evaluation.methods.cross_entropy.sample import Sample
 from accelerated_evaluation.methods.estimate import Estimate, Stopping, normal_reach
-from accelerated_evaluation.problem import Problem
+from accelerated_evaluation.methods.problem import Problem
 
 # Numbers of draws, without simulation, by which `bound_without_event` computes an upper limit.
 UNSEEN_DRAWS = 100  # expected draws from f* in the worst set, whose probability is the limit

@@ -150,9 +150,10 @@ def sequential_estimate(
     coverage of 78 %, so skewness is a larger problem than the stopping rule. `coverage` measures the coverage
     for any study. If the weights are so unequal that the largest are rarely drawn, the coverage of this rule
     is too low as well: in a trial with log-normal weights for a tenth of the simulations, it was 94 % for 95
-    % if the logarithm has a standard deviation of 1.5, and 89 % if it has 2. ``draw`` simulates a given
-    number of new cut-ins and returns the sums of their crash weights. The result is the sums of all
-    simulations, and whether the interval is narrow enough.
+    % if the logarithm has a standard deviation of 1.5, and 89 % if it has 2.
+
+    ``draw`` simulates a given number of new cut-ins and returns the sums of their crash weights. The result
+    is the sums of all simulations, and whether the interval is narrow enough.
     """
     sums, next_check = Sums(), float(first)
     while True:

@@ -20,7 +20,7 @@ from accelerated_evaluation.base.sections import Schema, choice, integer, sectio
 from accelerated_evaluation.base.tables import read_csv, require_file
 from accelerated_evaluation.methods import METHODS
 from accelerated_evaluation.methods.estimate import Method, configured_stopping
-from accelerated_evaluation.problem import Problem
+from accelerated_evaluation.methods.problem import Problem
 from accelerated_evaluation.scenarios.protocol import Event, Scenario
 
 ROUNDING = 1e-6  # relative tolerance; laws that were fitted on two kinds of processor differ by less

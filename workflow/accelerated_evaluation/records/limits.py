@@ -19,11 +19,10 @@ from typing import Any
 import numpy as np
 import pandas as pd
 
-from accelerated_evaluation.base.digests import content_digest, value_digest
 from accelerated_evaluation.base.errors import InputError
-from accelerated_evaluation.base.files import read_json, write_json
+from accelerated_evaluation.base.files import content_digest, read_json, value_digest, write_json
 from accelerated_evaluation.base.randomness import child_generator
-from accelerated_evaluation.records.filters import Account, drop_invalid
+from accelerated_evaluation.records.ingest import Account, drop_invalid
 from accelerated_evaluation.records.segments import MINIMUM_ROWS
 from accelerated_evaluation.records.sources import read_source
 

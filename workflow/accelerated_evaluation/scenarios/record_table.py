@@ -8,7 +8,7 @@ import numpy as np
 import pandas as pd
 
 from accelerated_evaluation.base.errors import InputError
-from accelerated_evaluation.base.project import project_file
+from accelerated_evaluation.base.files import project_file
 from accelerated_evaluation.base.randomness import child_generator
 from accelerated_evaluation.base.tables import read_csv, read_parquet, require_file
 from accelerated_evaluation.records.checks import Records, Simulate

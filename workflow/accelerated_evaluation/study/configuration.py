@@ -15,8 +15,7 @@ from typing import Any
 import yaml
 
 from accelerated_evaluation.base.errors import InputError, StudyError
-from accelerated_evaluation.base.files import write_text
-from accelerated_evaluation.base.project import project_file
+from accelerated_evaluation.base.files import project_file, write_text
 from accelerated_evaluation.base.sections import default_of
 from accelerated_evaluation.records.limits import AUTO, AUTOMATIC, with_limits, with_values
 from accelerated_evaluation.study.consistency import CHECKS

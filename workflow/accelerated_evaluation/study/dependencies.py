@@ -10,13 +10,25 @@ from functools import cache
 from pathlib import Path
 from typing import Any
 
-from accelerated_evaluation.base.digests import content_digest
+from accelerated_evaluation.base.files import content_digest
 
 # The rooms (packages) of the library, and the package of the sampler. Each imports only what stands before it
 # in this order, which a test checks. All may use the module of `fewruns` that compiles: it changes no result.
 SAMPLER = "../fewruns"
-ROOMS = ("base", "records", "distributions", SAMPLER, "laws", "scenarios", "vehicles", "problem", "crash_map")
-ROOMS += ("methods", "answer", "track", "study", "publishing", "commands")
+ROOMS = (
+    "base",
+    "records",
+    SAMPLER,
+    "laws",
+    "scenarios",
+    "vehicles",
+    "crash_map",
+    "methods",
+    "answer",
+    "track",
+    "study",
+)
+ROOMS += ("publishing", "commands")
 LIBRARY = Path(__file__).resolve().parents[1]
 JOBS = "study/jobs"  # the module that all scripts use
 

@@ -6,9 +6,8 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, Self
 
-from accelerated_evaluation.base.digests import content_digest, value_digest
 from accelerated_evaluation.base.errors import InputError, located
-from accelerated_evaluation.base.project import project_file
+from accelerated_evaluation.base.files import content_digest, project_file, value_digest
 from accelerated_evaluation.base.tables import require_file
 from accelerated_evaluation.records.sources import SOURCES, describe, record_files
 from accelerated_evaluation.records.verdict import require_checks

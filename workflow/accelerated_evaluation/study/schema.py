@@ -7,7 +7,7 @@ from typing import Any
 
 import yaml
 
-from accelerated_evaluation.base.project import PROJECT
+from accelerated_evaluation.base.files import PROJECT
 from accelerated_evaluation.base.sections import Schema
 from accelerated_evaluation.records.sources import SOURCES
 

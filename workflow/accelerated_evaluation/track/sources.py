@@ -4,10 +4,10 @@ import os
 from dataclasses import dataclass
 from pathlib import Path
 
-from accelerated_evaluation.base.digests import file_digest
+from accelerated_evaluation.base.files import file_digest
 from accelerated_evaluation.base.tables import require_file
 from accelerated_evaluation.laws import Law
-from accelerated_evaluation.problem import read_law_of
+from accelerated_evaluation.methods.problem import read_law_of
 from accelerated_evaluation.records.encounter_table import read_encounters
 from accelerated_evaluation.scenarios.protocol import Scenario
 

@@ -2,7 +2,6 @@
 
 from accelerated_evaluation.vehicles.builtin.acc_aeb import AccAeb
 from accelerated_evaluation.vehicles.loading import load_vehicle
-from accelerated_evaluation.vehicles.protocol import Outcomes, Vehicle
-from accelerated_evaluation.vehicles.registry import VEHICLES
+from accelerated_evaluation.vehicles.protocol import VEHICLES, Outcomes, Vehicle
 
 __all__ = ["VEHICLES", "AccAeb", "Outcomes", "Vehicle", "load_vehicle"]

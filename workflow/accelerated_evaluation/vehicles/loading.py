@@ -17,8 +17,7 @@ from accelerated_evaluation.scenarios.parameters import parameter_names, require
 from accelerated_evaluation.scenarios.protocol import Scenario
 from accelerated_evaluation.vehicles.external.checked import CheckedVehicle, error_in_words, kept_alive
 from accelerated_evaluation.vehicles.external.foreign import ForeignVehicle
-from accelerated_evaluation.vehicles.protocol import Vehicle
-from accelerated_evaluation.vehicles.registry import VEHICLES
+from accelerated_evaluation.vehicles.protocol import VEHICLES, Vehicle
 
 ANY_SCENARIO = ("command",)  # vehicles that simulate the encounters of every scenario
 

@@ -5,9 +5,10 @@ from typing import Protocol, runtime_checkable
 import numpy as np
 
 from accelerated_evaluation.base.arrays import Array
-from accelerated_evaluation.scenarios.cut_in import Outcomes
+from accelerated_evaluation.base.registry import Registry
+from accelerated_evaluation.scenarios.cut_in import CUT_IN, Outcomes
 
-__all__ = ["Outcomes", "RandomVehicle", "Vehicle", "repeats_itself", "simulate_inner"]
+__all__ = ["VEHICLES", "Outcomes", "RandomVehicle", "Vehicle", "repeats_itself", "simulate_inner"]
 
 
 @runtime_checkable
@@ -88,3 +89,7 @@ def simulate_inner(vehicle: Vehicle, cut_ins: tuple[Array, Array, Array], inner:
 def repeats_itself(vehicle: Vehicle) -> bool | None:
     """Return whether an encounter always has the same outcomes with this vehicle; None if this is unknown."""
     return getattr(vehicle, "deterministic", None)
+
+
+# A new vehicle for cut-ins is a module of this package that registers its class.
+VEHICLES: Registry[type[Vehicle]] = CUT_IN.vehicles

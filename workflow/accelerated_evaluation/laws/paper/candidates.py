@@ -10,11 +10,15 @@ from dataclasses import dataclass
 import numpy as np
 import pandas as pd
 from numpy.typing import ArrayLike
+from tqdm import tqdm
 
 from accelerated_evaluation.base.arrays import Array
-from accelerated_evaluation.base.errors import InputError
+from accelerated_evaluation.base.errors import InputError, located
+from accelerated_evaluation.laws.distributions import PiecewiseMixture
 from accelerated_evaluation.laws.paper.candidate_estimators import NoMaximumError
 from accelerated_evaluation.laws.paper.candidate_families import FAMILIES, CandidateFamily
+from accelerated_evaluation.laws.paper.independent import IndependentLaw
+from accelerated_evaluation.laws.paper.models import refit
 
 
 @dataclass(frozen=True)
@@ -130,3 +134,35 @@ def compare(fits: Iterable[CandidateFit]) -> pd.DataFrame:
     table.insert(table.columns.get_loc("reason"), "rank", rank)
     table.insert(table.columns.get_loc("reason"), "parameters", parameters)
     return table.sort_values("rank", kind="stable", ignore_index=True)
+
+
+def compare_with_candidates(
+    encounters: pd.DataFrame, models: Iterable[IndependentLaw], variable: str, segment: str
+) -> pd.DataFrame:
+    """Fit the candidate families to one variable, and rank them together with the piecewise models by AIC.
+
+    The piecewise models are fitted again to the same rows, with their knots. Knots count as parameters. Rows
+    exactly at the lower end of the support (R = 75 m in the paper) are counted, but excluded from all fits,
+    because a family whose density is zero or infinite there could not be fitted. The table has the columns
+    ``variable``, ``segment``, ``rows``, ``rows_on_edge`` and those of `candidates.compare`. The segment
+    ``all`` means all rows.
+    """
+    x = encounters.loc[(encounters["segment"] == segment) | (segment == "all"), variable].to_numpy()
+    laws: dict[int, PiecewiseMixture] = {}
+    for model in models:
+        law = model.inverse_range if variable == "inverse_range" else model.inverse_ttc[segment]
+        laws[len(law.components)] = law
+    lower = next(iter(laws.values())).lower
+    inside = x[x > lower]
+    fits = fit_candidates(inside, lower, progress=tqdm)
+    for pieces, law in laws.items():
+        with located(f"{variable} in segment {segment}"):
+            fitted = refit(law, inside)
+        parameters = fitted.n_parameters + len(fitted.knots)
+        fits.append(
+            assessed_fit(f"piecewise ({pieces} pieces)", fitted.logpdf, fitted.cdf, parameters, inside)
+        )
+    counts = {"rows": inside.size, "rows_on_edge": x.size - inside.size}
+    comparison = compare(fits)
+    labels = {"variable": variable, "segment": segment, **counts}
+    return comparison.assign(**labels)[[*labels, *comparison.columns]]

@@ -10,8 +10,8 @@ import pandas as pd
 from numpy.typing import ArrayLike
 
 from accelerated_evaluation.base.arrays import Array
-from accelerated_evaluation.distributions import Described, Empirical, from_dict
 from accelerated_evaluation.laws import LAWS
+from accelerated_evaluation.laws.distributions import Described, Empirical, from_dict
 from accelerated_evaluation.laws.protocol import Box
 from accelerated_evaluation.laws.strata import Factors, StratifiedLaw, Stratum
 

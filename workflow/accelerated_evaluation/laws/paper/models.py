@@ -11,7 +11,12 @@ import pandas as pd
 
 from accelerated_evaluation.base.arrays import Array
 from accelerated_evaluation.base.errors import ConvergenceError, located
-from accelerated_evaluation.distributions import BoundedExponential, Distribution, Pareto, PiecewiseMixture
+from accelerated_evaluation.laws.distributions import (
+    BoundedExponential,
+    Distribution,
+    Pareto,
+    PiecewiseMixture,
+)
 from accelerated_evaluation.laws.paper.independent import IndependentLaw, recorded_lead_speeds
 from accelerated_evaluation.laws.paper.pieces import EXPONENTIAL, PieceFamily
 from accelerated_evaluation.laws.paper.piecewise import (

@@ -7,7 +7,7 @@ import numpy as np
 
 from accelerated_evaluation.base.arrays import Array
 from accelerated_evaluation.base.errors import ConvergenceError
-from accelerated_evaluation.distributions import DISTRIBUTIONS, Described, Mixture
+from accelerated_evaluation.laws.distributions import DISTRIBUTIONS, Described, Mixture
 
 
 @dataclass(frozen=True)

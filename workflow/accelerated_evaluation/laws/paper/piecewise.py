@@ -9,7 +9,7 @@ from tqdm import tqdm
 
 from accelerated_evaluation.base.arrays import Array
 from accelerated_evaluation.base.errors import ConvergenceError, InputError
-from accelerated_evaluation.distributions import PiecewiseMixture
+from accelerated_evaluation.laws.distributions import PiecewiseMixture
 from accelerated_evaluation.laws.paper.pieces import PieceFamily
 
 

@@ -10,9 +10,9 @@ import pandas as pd
 from numpy.typing import ArrayLike
 
 from accelerated_evaluation.base.arrays import Array, numbers_in
-from accelerated_evaluation.distributions import Empirical
-from accelerated_evaluation.distributions.tails import interval_probability
 from accelerated_evaluation.laws import LAWS
+from accelerated_evaluation.laws.distributions import Empirical
+from accelerated_evaluation.laws.distributions.tails import interval_probability
 from accelerated_evaluation.laws.paper.independent import recorded_lead_speeds
 from accelerated_evaluation.laws.protocol import Box
 from accelerated_evaluation.laws.smooth.conditional import SpeedLaw, Threshold, range_grid, speed_grid

@@ -6,6 +6,7 @@ above which the tail begins.
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
+from typing import Self
 
 import numpy as np
 import pandas as pd
@@ -20,11 +21,38 @@ from accelerated_evaluation.laws.smooth.conditional import (
     speed_grid,
 )
 from accelerated_evaluation.laws.smooth.excess import Excess, fit_excess
-from accelerated_evaluation.laws.smooth.far_records import FarRecords
-from accelerated_evaluation.laws.smooth.far_tail import PRIOR, FarTail
+from accelerated_evaluation.laws.smooth.far_tail import PRIOR, FarTail, levels_of
 from accelerated_evaluation.laws.smooth.shapes import SHAPES
 from accelerated_evaluation.laws.smooth.smooth_hazard import Binned, HazardGrid, SmoothHazard, fit_hazard
 from accelerated_evaluation.laws.smooth.support import SUPPORT, Support
+
+# Cumulative hazard below the first level of a far tail, from which on records are kept. Draws of a law move
+# hardly any record farther than this.
+MARGIN = 1.5
+
+
+@dataclass(frozen=True)
+class FarRecords:
+    """Records with a large cumulative hazard."""
+
+    places: Places
+    closing_speed: Array  # m/s, (n,)
+    size: int  # number of all records
+    lowest: float  # cumulative hazard at the lowest threshold, the smallest level of a far tail
+
+    def tail(self, law: SpeedLaw, prior: float = PRIOR) -> FarTail:
+        """Return the posterior of the factors of the far tail, given a law without far tail."""
+        cumulative = law.given(self.places).cumulative(self.closing_speed)
+        return FarTail.of(cumulative, self.size, self.lowest, prior)
+
+    def reduced(self, largest: Array) -> Self:
+        """Return the records that reach a far tail under some draw of a law.
+
+        ``largest`` is the largest cumulative hazard of each record under the fitted laws, shape (n,).
+        """
+        kept = largest > levels_of(self.size, self.lowest)[0] - MARGIN
+        return FarRecords(self.places.only(kept), self.closing_speed[kept], self.size, self.lowest)
+
 
 LEVELS = (0.9, 0.925, 0.95, 0.97, 0.98, 0.99, 0.995)  # probabilities of closing speeds below the thresholds
 FEWEST = 10  # least number of records above a threshold for which tails are fitted

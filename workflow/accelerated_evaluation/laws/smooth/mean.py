@@ -22,8 +22,8 @@ from numpy.typing import ArrayLike, NDArray
 from scipy.special import logsumexp
 
 from accelerated_evaluation.base.arrays import Array, numbers_in
-from accelerated_evaluation.distributions import Empirical
 from accelerated_evaluation.laws import LAWS
+from accelerated_evaluation.laws.distributions import Empirical
 from accelerated_evaluation.laws.draws import Draws
 from accelerated_evaluation.laws.paper.independent import recorded_lead_speeds
 from accelerated_evaluation.laws.protocol import Box

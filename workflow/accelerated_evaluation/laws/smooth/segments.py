@@ -16,7 +16,7 @@ import pandas as pd
 from numpy.typing import ArrayLike
 
 from accelerated_evaluation.base.arrays import Array
-from accelerated_evaluation.distributions import BoundedExponential, Empirical, PiecewiseMixture
+from accelerated_evaluation.laws.distributions import BoundedExponential, Empirical, PiecewiseMixture
 from accelerated_evaluation.laws.paper.independent import recorded_lead_speeds
 from accelerated_evaluation.laws.smooth.conditional import Places
 from accelerated_evaluation.laws.smooth.support import Support

@@ -7,7 +7,12 @@ from typing import Protocol, Self
 import numpy as np
 
 from accelerated_evaluation.base.arrays import Array
-from accelerated_evaluation.distributions import BoundedExponential, PiecewiseMixture, Tiltable, match_mean
+from accelerated_evaluation.laws.distributions import (
+    BoundedExponential,
+    PiecewiseMixture,
+    Tiltable,
+    match_mean,
+)
 
 LARGE = 0.1  # weight from which a piece is large; the paper gives no number (section V.C.2)
 

@@ -8,7 +8,7 @@ from accelerated_evaluation.base.arrays import Array
 from accelerated_evaluation.laws import Factors
 from accelerated_evaluation.methods.cross_entropy.families import PiecewiseFamily, ProposalFamily
 from accelerated_evaluation.methods.cross_entropy.sample import Sample
-from accelerated_evaluation.problem import Problem
+from accelerated_evaluation.methods.problem import Problem
 
 Families = tuple[ProposalFamily, ProposalFamily]  # of 1 / range and of 1 / TTC
 

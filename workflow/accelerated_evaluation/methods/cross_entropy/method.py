@@ -1,4 +1,4 @@
-"""Common base of the paper's methods: a Cross-Entropy search of f*, then importance sampling from it."""
+"""The paper's methods and their base: a Cross-Entropy search of f*, then importance sampling from it."""
 
 from abc import abstractmethod
 from collections.abc import Callable, Mapping
@@ -9,7 +9,12 @@ import numpy as np
 
 from accelerated_evaluation.base.sections import Schema, integer, number, section, share
 from accelerated_evaluation.laws import Factors
-from accelerated_evaluation.methods.cross_entropy.families import ProposalFamily
+from accelerated_evaluation.methods import METHODS
+from accelerated_evaluation.methods.cross_entropy.families import (
+    PiecewiseFamily,
+    ProposalFamily,
+    SingleFamily,
+)
 from accelerated_evaluation.methods.cross_entropy.levels import SearchSettings, Shift
 from accelerated_evaluation.methods.cross_entropy.proposals import Proposals
 from accelerated_evaluation.methods.cross_entropy.search import Search, search
@@ -20,7 +25,7 @@ from accelerated_evaluation.methods.importance_sampling import (
     estimate_from_weights,
     run_to_convergence,
 )
-from accelerated_evaluation.problem import Problem
+from accelerated_evaluation.methods.problem import Problem
 
 SETTINGS = section(
     seeds=integer(
@@ -161,3 +166,67 @@ class CrossEntropyMethod(Method):
             )
             estimate = replace(estimate, high=high)
         return replace(estimate, tables={"course": course_table(weights, stopping.alpha, self.course_step)})
+
+
+@METHODS.add("single")
+class Single(CrossEntropyMethod):
+    """The authors' earlier method: f* is one exponential for each coordinate (paper, sections II and VI)."""
+
+    name: ClassVar[str] = "single"
+    style: ClassVar[dict[str, Any]] = {"color": "#b2182b", "linestyle": "--", "marker": "s"}
+
+    def start(self, f: Factors) -> tuple[ProposalFamily, ProposalFamily]:
+        """Return families of f* that begin at the exponential distributions with the means of f.
+
+        ``f`` contains the fitted distributions of both coordinates in one stratum.
+        """
+        return SingleFamily.start(f.first), SingleFamily.start(f.second)
+
+
+@METHODS.add("piecewise")
+class Piecewise(CrossEntropyMethod):
+    """The paper's method: each piece of f is tilted by its own theta and gets a new weight (section V)."""
+
+    name: ClassVar[str] = "piecewise"
+    style: ClassVar[dict[str, Any]] = {"color": "#08306b", "linestyle": "-", "marker": "o"}
+
+    def start(self, f: Factors) -> tuple[ProposalFamily, ProposalFamily]:
+        """Return families of f* that begin at f, except that small weights are raised to the lower bound.
+
+        ``f`` contains the fitted distributions of both coordinates in one stratum.
+        """
+        limits = self.cross_entropy["minimum_weight"], self.cross_entropy["minimum_piece_events"]
+        return PiecewiseFamily.start(f.first, *limits), PiecewiseFamily.start(f.second, *limits)
+
+
+@METHODS.add("heuristic")
+class Heuristic(Piecewise):
+    """The method `Piecewise` whose truncation points move if an iteration has too few events.
+
+    The truncation points of a variable move up by one step if its tail has the largest allowed weight. The
+    iteration then draws again, until it has enough events (section V.C.5).
+    """
+
+    name: ClassVar[str] = "heuristic"
+    style: ClassVar[dict[str, Any]] = {"color": "#41ab5d", "linestyle": "-.", "marker": "^"}
+
+    def shift(self) -> Shift:
+        """Return the steps by which the truncation points of both coordinates move up."""
+        return Shift(**self.cross_entropy["truncation_shift"])
+
+
+@METHODS.add("shifted")
+class Shifted(Piecewise):
+    """The method `Piecewise` whose truncation points move up towards the events.
+
+    The paper's `Heuristic` moves them only if an iteration has too few events. Here they move by one step
+    after every update that leaves the tail of a variable with the largest allowed weight, as long as the last
+    truncation point stays at least one step below all events.
+    """
+
+    name: ClassVar[str] = "shifted"
+    style: ClassVar[dict[str, Any]] = {"color": "#e6842a", "linestyle": (0, (5, 1)), "marker": "<"}
+
+    def shift(self) -> Shift:
+        """Return the steps by which the truncation points of both coordinates move up."""
+        return Shift(**self.cross_entropy["truncation_shift"], every_iteration=True)

@@ -7,8 +7,8 @@ from typing import Self
 
 from accelerated_evaluation.base.errors import InputError
 from accelerated_evaluation.base.files import read_json, write_json
-from accelerated_evaluation.distributions import from_dict
 from accelerated_evaluation.laws import Factors
+from accelerated_evaluation.laws.distributions import from_dict
 from accelerated_evaluation.methods.cross_entropy.search import Search
 
 

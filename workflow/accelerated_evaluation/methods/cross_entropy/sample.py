@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 
 from accelerated_evaluation.base.arrays import Array
 from accelerated_evaluation.laws import Factors
-from accelerated_evaluation.problem import Problem
+from accelerated_evaluation.methods.problem import Problem
 
 
 @dataclass(frozen=True)

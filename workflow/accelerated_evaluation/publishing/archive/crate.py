@@ -18,10 +18,8 @@ from rocrate.model.entity import Entity
 from rocrate.rocrate import ROCrate
 from tqdm import tqdm
 
-from accelerated_evaluation.base.digests import file_digest
 from accelerated_evaluation.base.errors import InputError
-from accelerated_evaluation.base.files import atomic_path
-from accelerated_evaluation.base.project import PROJECT
+from accelerated_evaluation.base.files import PROJECT, atomic_path, file_digest
 from accelerated_evaluation.publishing.archive.provenance import commit_of
 from accelerated_evaluation.publishing.archive.run_records import Job, jobs_of, require_unchanged
 from accelerated_evaluation.publishing.study import Study

@@ -11,8 +11,7 @@ from matplotlib.font_manager import findfont
 from tqdm import tqdm
 
 from accelerated_evaluation.base.errors import InputError
-from accelerated_evaluation.base.files import write_text
-from accelerated_evaluation.base.project import PROJECT
+from accelerated_evaluation.base.files import PROJECT, write_text
 from accelerated_evaluation.publishing.archive.provenance import origin_of
 from accelerated_evaluation.publishing.book.catalogue import read_contents
 from accelerated_evaluation.publishing.book.execution import run_notebook

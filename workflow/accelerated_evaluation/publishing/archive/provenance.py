@@ -10,8 +10,7 @@ from functools import cache
 from pathlib import Path
 from typing import Any
 
-from accelerated_evaluation.base.digests import file_digest
-from accelerated_evaluation.base.project import PROJECT
+from accelerated_evaluation.base.files import PROJECT, file_digest
 from accelerated_evaluation.publishing.study import Study
 
 # The results depend on these parts of the project only.

@@ -10,9 +10,8 @@ from datetime import UTC, datetime
 from pathlib import Path
 from typing import Any
 
-from accelerated_evaluation.base.digests import file_digest
 from accelerated_evaluation.base.errors import InputError
-from accelerated_evaluation.base.files import read_json
+from accelerated_evaluation.base.files import file_digest, read_json
 from accelerated_evaluation.study.dependencies import JOBS, LIBRARY, digest_of
 
 RECORDS = Path(".snakemake/metadata")

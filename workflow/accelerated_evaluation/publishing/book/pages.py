@@ -9,8 +9,7 @@ from typing import Any
 import pandas as pd
 import yaml
 
-from accelerated_evaluation.base.digests import file_digest
-from accelerated_evaluation.base.project import PROJECT
+from accelerated_evaluation.base.files import PROJECT, file_digest
 from accelerated_evaluation.publishing.archive.provenance import commit_of
 from accelerated_evaluation.publishing.study import Study
 from accelerated_evaluation.publishing.tables.exact import contradictions

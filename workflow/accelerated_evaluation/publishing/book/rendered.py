@@ -14,8 +14,7 @@ from pathlib import Path
 
 from PIL import Image
 
-from accelerated_evaluation.base.digests import value_digest
-from accelerated_evaluation.base.files import write_text
+from accelerated_evaluation.base.files import value_digest, write_text
 from accelerated_evaluation.study.jobs import without
 
 with without("rfc3987_syntax"):

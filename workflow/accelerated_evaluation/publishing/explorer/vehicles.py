@@ -18,8 +18,7 @@ from accelerated_evaluation.scenarios.parameters import parameter_names
 from accelerated_evaluation.vehicles.builtin.acc_aeb import V60_TTC, AccAeb
 from accelerated_evaluation.vehicles.builtin.driver_numbers import Driver
 from accelerated_evaluation.vehicles.builtin.kernel import Car
-from accelerated_evaluation.vehicles.protocol import Vehicle
-from accelerated_evaluation.vehicles.registry import VEHICLES
+from accelerated_evaluation.vehicles.protocol import VEHICLES, Vehicle
 
 PUBLISHED_TTC = f"{V60_TTC[0]:g}–{V60_TTC[1]:g}"  # [s], least and largest value; it depends on the speed
 

@@ -8,8 +8,8 @@ import pandas as pd
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from accelerated_evaluation.distributions import Distribution
 from accelerated_evaluation.laws import Factors
+from accelerated_evaluation.laws.distributions import Distribution
 from accelerated_evaluation.laws.paper.independent import IndependentLaw
 from accelerated_evaluation.publishing.figures.curves import (
     INVERSE_TTC,

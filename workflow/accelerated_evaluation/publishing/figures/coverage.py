@@ -20,8 +20,7 @@ from accelerated_evaluation.publishing.figures.dot_chart import (
     name_rows,
     spaced,
 )
-from accelerated_evaluation.publishing.figures.method_styles import style_of
-from accelerated_evaluation.publishing.figures.style import COLUMN_WIDTH, note_source, paper_style
+from accelerated_evaluation.publishing.figures.style import COLUMN_WIDTH, note_source, paper_style, style_of
 from accelerated_evaluation.publishing.published import figure
 
 OURS = "this project"

@@ -10,7 +10,7 @@ from matplotlib.axes import Axes
 from matplotlib.ticker import LogLocator, NullFormatter, StrMethodFormatter
 
 from accelerated_evaluation.base.arrays import Array
-from accelerated_evaluation.distributions import Distribution
+from accelerated_evaluation.laws.distributions import Distribution
 
 RECORDS = "empirical"
 RECORDS_COLOR = "#c0c0c0"

@@ -10,12 +10,12 @@ from matplotlib.figure import Figure
 from matplotlib.ticker import LogLocator, MaxNLocator, NullFormatter, StrMethodFormatter
 
 from accelerated_evaluation.publishing.figures.dot_chart import in_math
-from accelerated_evaluation.publishing.figures.method_styles import style_of
 from accelerated_evaluation.publishing.figures.style import (
     COLUMN_WIDTH,
     note_source,
     paper_style,
     say_no_crash,
+    style_of,
 )
 from accelerated_evaluation.publishing.published import figure
 from accelerated_evaluation.publishing.tables.paper_numbers import PAPER_PROBABILITY

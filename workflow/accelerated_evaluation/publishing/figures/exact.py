@@ -27,13 +27,13 @@ from accelerated_evaluation.publishing.figures.dot_chart import (
     spaced,
     write_beside,
 )
-from accelerated_evaluation.publishing.figures.method_styles import style_of
 from accelerated_evaluation.publishing.figures.style import (
     COLUMN_WIDTH,
     PIECES,
     note_source,
     paper_style,
     say_no_crash,
+    style_of,
 )
 from accelerated_evaluation.publishing.published import figure
 from accelerated_evaluation.publishing.tables.exact import severity_digest

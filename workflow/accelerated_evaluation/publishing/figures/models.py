@@ -8,7 +8,7 @@ import pandas as pd
 from matplotlib.figure import Figure
 
 from accelerated_evaluation.base.arrays import Array
-from accelerated_evaluation.distributions import Described, Empirical, unit_to_power
+from accelerated_evaluation.laws.distributions import Described, Empirical, unit_to_power
 from accelerated_evaluation.laws.paper.independent import IndependentLaw
 from accelerated_evaluation.publishing.figures.curves import (
     INVERSE_RANGE,
@@ -23,8 +23,13 @@ from accelerated_evaluation.publishing.figures.curves import (
     histogram,
     set_log_ticks,
 )
-from accelerated_evaluation.publishing.figures.method_styles import style_of
-from accelerated_evaluation.publishing.figures.style import COLUMN_WIDTH, PIECES, note_source, paper_style
+from accelerated_evaluation.publishing.figures.style import (
+    COLUMN_WIDTH,
+    PIECES,
+    note_source,
+    paper_style,
+    style_of,
+)
 from accelerated_evaluation.publishing.published import figure
 from accelerated_evaluation.publishing.tables.models import leaves
 

@@ -22,8 +22,13 @@ from accelerated_evaluation.publishing.figures.dot_chart import (
     scale_logarithmically,
     spaced,
 )
-from accelerated_evaluation.publishing.figures.method_styles import style_of
-from accelerated_evaluation.publishing.figures.style import COLUMN_WIDTH, PIECES, note_source, paper_style
+from accelerated_evaluation.publishing.figures.style import (
+    COLUMN_WIDTH,
+    PIECES,
+    note_source,
+    paper_style,
+    style_of,
+)
 from accelerated_evaluation.publishing.published import figure
 from accelerated_evaluation.scenarios.protocol import Scenario, Variable
 

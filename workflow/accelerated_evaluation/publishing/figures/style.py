@@ -1,4 +1,7 @@
-"""The common style of all figures, for a column of an IEEE journal and print in grey; saving of figures."""
+"""The common style of all figures, for a column of an IEEE journal and print in grey; saving of figures.
+
+Any two methods differ in their colour and in a further property.
+"""
 
 import os
 from collections.abc import Iterator, Mapping
@@ -15,6 +18,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from accelerated_evaluation.base.files import atomic_path, write_csv
+from accelerated_evaluation.methods import METHODS
 from accelerated_evaluation.publishing.tables.formats import reproducible
 
 COLUMN_WIDTH = 3.5  # [in], one column of an IEEE journal
@@ -157,3 +161,9 @@ def _save_widths(figure: Figure, settings: Print, name: str, metadata: Mapping[s
         with paper_style(), atomic_path(folder / f"{name}.pdf") as temporary:
             figure.savefig(temporary, format="pdf", metadata=metadata)
     figure.set_size_inches(own)
+
+
+def style_of(method: str, *parts: str) -> Mapping[str, Any]:
+    """Return the Matplotlib style of a method: the given properties, such as ``"color"``, or all of them."""
+    style = METHODS[method].style
+    return {part: style[part] for part in parts or style}

@@ -23,8 +23,7 @@ from accelerated_evaluation.publishing.figures.dot_chart import (
     spaced,
     write_beside,
 )
-from accelerated_evaluation.publishing.figures.method_styles import style_of
-from accelerated_evaluation.publishing.figures.style import COLUMN_WIDTH, note_source, paper_style
+from accelerated_evaluation.publishing.figures.style import COLUMN_WIDTH, note_source, paper_style, style_of
 from accelerated_evaluation.publishing.published import figure
 from accelerated_evaluation.publishing.tables.surrogate import PHASES, side_by_side
 

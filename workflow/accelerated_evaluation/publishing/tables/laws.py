@@ -3,7 +3,7 @@
 import pandas as pd
 
 from accelerated_evaluation.answer.calibration import HOST
-from accelerated_evaluation.answer.motion_budget import motion_budget
+from accelerated_evaluation.answer.lead_motion import motion_budget
 from accelerated_evaluation.answer.posterior import LEVELS
 from accelerated_evaluation.publishing.published import result_table, table
 from accelerated_evaluation.publishing.tables.formats import readable
@@ -82,7 +82,7 @@ def answer_budget_table(answer_budget: pd.DataFrame, lead_motion: pd.DataFrame) 
     """Return the budget of the uncertainty of the crash probability, by source, for publication.
 
     It is for a lead vehicle that keeps its speed. If lead motion was studied for the vehicle under test, a
-    last row contains the contribution of the unknown lead motion (`answer.motion_budget`).
+    last row contains the contribution of the unknown lead motion (`answer.lead_motion.motion_budget`).
     """
     together = answer_budget.set_index("source").loc["together", "factor"]
     motion = motion_budget(lead_motion, "under test", together)

@@ -5,7 +5,7 @@ from collections.abc import Iterator, Mapping, Sequence
 
 import pandas as pd
 
-from accelerated_evaluation.distributions import Distribution, Empirical, Mixture, unit_to_power
+from accelerated_evaluation.laws.distributions import Distribution, Empirical, Mixture, unit_to_power
 from accelerated_evaluation.laws.paper.independent import UNITS, IndependentLaw
 from accelerated_evaluation.publishing.published import table
 from accelerated_evaluation.publishing.tables.formats import reproducible_value

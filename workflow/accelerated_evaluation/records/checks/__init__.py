@@ -26,7 +26,7 @@ from numpy.typing import NDArray
 
 from accelerated_evaluation.base.errors import InputError
 from accelerated_evaluation.base.registry import Registry
-from accelerated_evaluation.records.filters import Account, apply_filters, drop_invalid
+from accelerated_evaluation.records.ingest import Account, apply_filters, drop_invalid
 from accelerated_evaluation.records.limits import FARTHEST, FASTEST
 from accelerated_evaluation.records.segments import MINIMUM_ROWS, segment_names
 

@@ -6,7 +6,7 @@ import pandas as pd
 
 from accelerated_evaluation.base.errors import InputError
 from accelerated_evaluation.base.sections import number, section
-from accelerated_evaluation.records.filters import Account
+from accelerated_evaluation.records.ingest import Account
 
 RULE = section(  # the section ``rule`` of each source that finds cut-ins in recordings
     gap=number(

@@ -16,7 +16,7 @@ from typing import TYPE_CHECKING, Any
 import pandas as pd
 
 from accelerated_evaluation.base.sections import Schema, listed, number
-from accelerated_evaluation.records.filters import Account
+from accelerated_evaluation.records.ingest import Account
 from accelerated_evaluation.records.recordings.cut_ins import (
     RULE,
     drop_in_turn,

@@ -17,9 +17,14 @@ SLOWEST = 0.2  # [m/s]; for a slower turning car the host waits, and rounding de
 
 
 def _read_records(path: Path) -> pd.DataFrame:
-    from accelerated_evaluation.scenarios.left_turn.records import read_records
+    """Return the records in a file; the drivers of the instrumented vehicles are the clusters.
 
-    return read_records(path)
+    Some left turns are in the authors' file twice, with different times, and are counted once. The column
+    ``in_fit`` of this file marks the rows to which the authors fitted their law.
+    """
+    from accelerated_evaluation.scenarios.record_table import read_record_table
+
+    return read_record_table(LEFT_TURN, path, "driver")
 
 
 LEFT_TURN = SCENARIOS.add("left_turn")(

@@ -23,9 +23,13 @@ FILLED = 0.02  # share of crashes in such neighbourhoods
 
 
 def _read_records(path: Path) -> pd.DataFrame:
-    from accelerated_evaluation.scenarios.pedestrian.records import read_records
+    """Return the records in a file, of the moment when a vehicle was nearest to a pedestrian.
 
-    return read_records(path)
+    The recording devices are the clusters.
+    """
+    from accelerated_evaluation.scenarios.record_table import read_record_table
+
+    return read_record_table(PEDESTRIAN, path, "device")
 
 
 PEDESTRIAN = SCENARIOS.add("pedestrian")(

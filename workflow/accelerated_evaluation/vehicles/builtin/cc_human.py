@@ -7,7 +7,7 @@ from accelerated_evaluation.scenarios.parameters import zero_or_more
 from accelerated_evaluation.vehicles.builtin.driver import G, ReferenceDriver
 from accelerated_evaluation.vehicles.builtin.driver_kernel import STEP
 from accelerated_evaluation.vehicles.builtin.driver_numbers import TTC_RULE, Driver
-from accelerated_evaluation.vehicles.registry import VEHICLES
+from accelerated_evaluation.vehicles.protocol import VEHICLES
 
 
 @VEHICLES.add("cc_human")

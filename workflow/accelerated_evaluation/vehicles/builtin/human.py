@@ -13,13 +13,12 @@ from accelerated_evaluation.base.errors import InputError
 from accelerated_evaluation.base.randomness import child_generator
 from accelerated_evaluation.scenarios.parameters import check_number, parameter_error, zero_or_more
 from accelerated_evaluation.vehicles.builtin import human_kernel
-from accelerated_evaluation.vehicles.builtin.human_numbers import SWERVE, HumanNumbers
+from accelerated_evaluation.vehicles.builtin.human_kernel import SWERVE, HumanNumbers
 from accelerated_evaluation.vehicles.builtin.human_population import Population
 from accelerated_evaluation.vehicles.builtin.traces import trace_human
 from accelerated_evaluation.vehicles.checks import checked_encounters
 from accelerated_evaluation.vehicles.moving import checked_lead_speeds, checked_motion, kept_speeds
-from accelerated_evaluation.vehicles.protocol import Outcomes
-from accelerated_evaluation.vehicles.registry import VEHICLES
+from accelerated_evaluation.vehicles.protocol import VEHICLES, Outcomes
 
 URGENCY = 0.25  # [1/s], inverse time to collision of ``critical_response``
 
@@ -115,7 +114,7 @@ class Human:
     def draw_inner(self, size: int, generator: np.random.Generator) -> Array:
         """Draw random drivers, and return their traits, shape (size, traits).
 
-        The columns are the names in `human_numbers.TRAITS`.
+        The columns are the names in `human_kernel.TRAITS`.
         """
         population = Population.central(size) if self.certain else Population.draw(size, generator)
         traits = population.drivers(generator)

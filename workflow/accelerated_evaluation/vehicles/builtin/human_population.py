@@ -11,7 +11,7 @@ import numpy as np
 from scipy.special import ndtr, ndtri
 
 from accelerated_evaluation.base.arrays import Array
-from accelerated_evaluation.vehicles.builtin.human_numbers import (
+from accelerated_evaluation.vehicles.builtin.human_kernel import (
     BRAKING,
     DURATION,
     JERK,
@@ -88,7 +88,7 @@ class Population:
     def drivers(self, generator: np.random.Generator) -> Array:
         """Draw one driver from each population; return their traits, shape (n, traits).
 
-        The columns are the `TRAITS` in `human_numbers`.
+        The columns are the `TRAITS` of `human_kernel`.
         """
         size = self.scale.size
         level = generator.random(size)

@@ -6,7 +6,7 @@ import pandas as pd
 from accelerated_evaluation.base.arrays import Array
 from accelerated_evaluation.vehicles.builtin import driver_kernel, human_kernel, kernel
 from accelerated_evaluation.vehicles.builtin.driver_numbers import Driver
-from accelerated_evaluation.vehicles.builtin.human_numbers import HumanNumbers
+from accelerated_evaluation.vehicles.builtin.human_kernel import HumanNumbers
 from accelerated_evaluation.vehicles.builtin.kernel import Car
 
 # Columns of a trace. Positions are those of the rear of the lead vehicle and of the front of the host, which

@@ -20,7 +20,7 @@ from accelerated_evaluation.vehicles.builtin.traces import COLUMNS
 from accelerated_evaluation.vehicles.external.fmi import Model, State
 from accelerated_evaluation.vehicles.external.foreign import ForeignVehicle
 from accelerated_evaluation.vehicles.moving import checked_lead_speeds
-from accelerated_evaluation.vehicles.registry import VEHICLES
+from accelerated_evaluation.vehicles.protocol import VEHICLES
 
 INPUTS = ("range", "range_rate", "host_speed")
 MOST_STEPS = 100_000  # largest number of steps of an encounter; a larger number is a wrong unit

@@ -12,9 +12,8 @@ from contextlib import closing, contextmanager
 from pathlib import Path
 from typing import Any
 
-from accelerated_evaluation.base.digests import content_digest, value_digest
 from accelerated_evaluation.base.errors import InputError
-from accelerated_evaluation.base.files import write_json
+from accelerated_evaluation.base.files import content_digest, value_digest, write_json
 from accelerated_evaluation.scenarios.cut_in import CUT_IN
 from accelerated_evaluation.scenarios.protocol import Scenario
 

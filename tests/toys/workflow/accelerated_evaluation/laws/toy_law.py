@@ -4,8 +4,8 @@ import math
 from dataclasses import dataclass
 from typing import ClassVar
 
-from accelerated_evaluation.distributions import BoundedExponential, Pareto
 from accelerated_evaluation.laws import FITS, LAWS
+from accelerated_evaluation.laws.distributions import BoundedExponential, Pareto
 from accelerated_evaluation.laws.paper.independent import IndependentLaw, recorded_lead_speeds
 
 

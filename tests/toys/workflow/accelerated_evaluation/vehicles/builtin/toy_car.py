@@ -3,8 +3,7 @@
 from dataclasses import dataclass
 
 import numpy as np
-from accelerated_evaluation.vehicles.protocol import Outcomes
-from accelerated_evaluation.vehicles.registry import VEHICLES
+from accelerated_evaluation.vehicles.protocol import VEHICLES, Outcomes
 
 
 @VEHICLES.add("toy_car")

@@ -13,9 +13,9 @@ from scipy.optimize import brentq
 from scipy.special import logsumexp
 
 from accelerated_evaluation.base.arrays import Array
-from accelerated_evaluation.distributions.described import Described, distribution, from_dict
-from accelerated_evaluation.distributions.protocol import Tiltable
-from accelerated_evaluation.distributions.roots import find_roots
+from accelerated_evaluation.laws.distributions.described import Described, distribution, from_dict
+from accelerated_evaluation.laws.distributions.protocol import Tiltable
+from accelerated_evaluation.laws.distributions.roots import find_roots
 
 
 @distribution("mixture")

@@ -10,8 +10,8 @@ from numpy.typing import ArrayLike
 from scipy.optimize import brentq
 
 from accelerated_evaluation.base.arrays import Array
-from accelerated_evaluation.distributions.bounded import LEAST, Bounded
-from accelerated_evaluation.distributions.described import Parameter, distribution
+from accelerated_evaluation.laws.distributions.bounded import LEAST, Bounded
+from accelerated_evaluation.laws.distributions.described import Parameter, distribution
 
 
 @distribution("bounded exponential")

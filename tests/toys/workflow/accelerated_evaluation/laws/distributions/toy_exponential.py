@@ -4,8 +4,8 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import ClassVar
 
-from accelerated_evaluation.distributions.bounded_exponential import BoundedExponential
-from accelerated_evaluation.distributions.described import Parameter, distribution
+from accelerated_evaluation.laws.distributions.bounded_exponential import BoundedExponential
+from accelerated_evaluation.laws.distributions.described import Parameter, distribution
 
 
 @distribution("toy exponential")

@@ -1,6 +1,6 @@
 """The problem of every method: a vehicle in encounters that follow a law, and an event."""
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, replace
 from functools import cached_property
@@ -9,19 +9,23 @@ from typing import Any, Self
 import numpy as np
 import pandas as pd
 from fewruns.problems import Response
+from numpy.typing import NDArray
 
 from accelerated_evaluation.base.arrays import Array
-from accelerated_evaluation.base.digests import without_addresses
 from accelerated_evaluation.base.errors import InputError
+from accelerated_evaluation.base.files import without_addresses
 from accelerated_evaluation.laws import Law
 from accelerated_evaluation.laws.files import read_law
-from accelerated_evaluation.laws.joint.folding import folded
-from accelerated_evaluation.laws.joint.truncated_normals import TruncatedNormalMixture
+from accelerated_evaluation.laws.joint.truncated_normals import TruncatedNormalMixture, folded
 from accelerated_evaluation.records.encounter_table import read_encounters
 from accelerated_evaluation.scenarios import SCENARIOS
 from accelerated_evaluation.scenarios.protocol import Event, Scenario
 from accelerated_evaluation.vehicles.external.slow import loaded_for
 from accelerated_evaluation.vehicles.protocol import Vehicle, repeats_itself
+
+REACH = 8.0  # largest absolute value of a normal score
+HALVINGS = 50  # after which the interval of a score is shorter than the resolution of floats
+SAME = 1e-6  # relative tolerance for an encounter that its normal scores reproduce
 
 
 @dataclass(frozen=True)
@@ -172,3 +176,28 @@ def loaded_problem(
     """
     with loaded_for(vehicle, simulations) as car:
         yield Problem(SCENARIOS["cut_in"], read_law(law, read_encounters(encounters)), car)
+
+
+def normal_scores(from_normal_scores: Callable[[Array], Array], x: Array) -> tuple[Array, NDArray[np.bool_]]:
+    """Return the normal scores of encounters x, shape (n, d), by bisection of one variable after the other.
+
+    Each variable depends on the scores up to its own, and increases or decreases with its own, as in a
+    Rosenblatt transformation. The second result says whether the scores reproduce the encounter, shape (n,).
+    They do not if it is outside of the law.
+    """
+    z = np.zeros_like(x)
+
+    def at(value: Array | float, k: int) -> Array:
+        z[:, k] = value
+        return from_normal_scores(z)[:, k]
+
+    for k in range(x.shape[1]):
+        low, high = np.full(len(x), -REACH), np.full(len(x), REACH)
+        increases = at(high, k) > at(low, k)
+        for _ in range(HALVINGS):
+            middle = (low + high) / 2
+            values = at(middle, k)
+            is_below = np.where(increases, values < x[:, k], values > x[:, k])
+            low, high = np.where(is_below, middle, low), np.where(is_below, high, middle)
+        z[:, k] = high
+    return z, np.isclose(from_normal_scores(z), x, rtol=SAME, atol=SAME).all(axis=1)

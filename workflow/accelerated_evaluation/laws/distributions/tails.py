@@ -4,8 +4,8 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from accelerated_evaluation.base.arrays import Array
-from accelerated_evaluation.distributions.mixture import Mixture
-from accelerated_evaluation.distributions.protocol import Distribution
+from accelerated_evaluation.laws.distributions.mixture import Mixture
+from accelerated_evaluation.laws.distributions.protocol import Distribution
 
 
 def interval_probability(law: Distribution, start: ArrayLike, end: ArrayLike) -> Array:

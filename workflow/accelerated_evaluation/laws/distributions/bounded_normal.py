@@ -13,9 +13,9 @@ from scipy.special import erfcx, log_ndtr, ndtri_exp
 
 from accelerated_evaluation.base.arrays import Array
 from accelerated_evaluation.base.errors import ConvergenceError
-from accelerated_evaluation.distributions.bounded import LEAST, Bounded
-from accelerated_evaluation.distributions.described import Parameter, distribution
-from accelerated_evaluation.distributions.mixture import Mixture
+from accelerated_evaluation.laws.distributions.bounded import LEAST, Bounded
+from accelerated_evaluation.laws.distributions.described import Parameter, distribution
+from accelerated_evaluation.laws.distributions.mixture import Mixture
 
 TOLERANCE = 1e-10  # gain of log-likelihood for each observation below which EM has converged
 _NODES, _NODE_WEIGHTS = np.polynomial.legendre.leggauss(12)
