@@ -8,6 +8,7 @@ SNAKEMAKE := snakemake --cores $(or $(CORES),2) --configfile $(or $(CONFIG),conf
 RULES := Snakefile workflow benchmarks/samplers/Snakefile benchmarks/samplers/vehicles.smk \
   benchmarks/worlds/Snakefile benchmarks/claims/Snakefile benchmarks/motorway/Snakefile
 SAMPLERS := snakemake --snakefile benchmarks/samplers/Snakefile --cores $(CORES)
+PUBLIC := python benchmarks/samplers/public.py benchmarks/results
 VEHICLES := snakemake --snakefile benchmarks/samplers/vehicles.smk --cores $(CORES)
 WORLDS := snakemake --snakefile benchmarks/worlds/Snakefile --cores $(CORES)
 MOTORWAY := snakemake --snakefile benchmarks/motorway/Snakefile --cores $(CORES) $(if $(SETTINGS),--config settings=$(SETTINGS))
@@ -16,7 +17,7 @@ CLAIMS ?=
 export PATH := $(CURDIR)/.venv/bin:$(PATH)
 
 .PHONY: study book article test test-slurm test-studies crate paper-figures lint format report smoke bench benchmark-samplers \
-  benchmark-recordings benchmark-vehicles world worlds claims lock clean help
+  benchmark-public benchmark-recordings benchmark-vehicles world worlds claims lock clean help
 .DEFAULT_GOAL := help
 
 help: ## list the targets
@@ -57,6 +58,11 @@ bench: $(ENVIRONMENT) ## encounters per second of the simulator, and ratios to N
 benchmark-samplers: $(ENVIRONMENT) ## simulations that our sampler and others need; half a day, resumable
 	python -m pip install --quiet --require-hashes -r benchmarks/environment.txt
 	$(SAMPLERS)
+
+benchmark-public: $(ENVIRONMENT) ## public problems, and problems with hidden parts, by our sampler and OpenTURNS; half a day, resumable
+	python -m pip install --quiet --require-hashes -r benchmarks/environment.txt
+	$(PUBLIC)/public.csv --raw results/benchmarks/public
+	$(PUBLIC)/hidden.csv --raw results/benchmarks/hidden --collection hidden --methods surrogate
 
 benchmark-vehicles: $(ENVIRONMENT) ## all vehicles of the study under four laws: exact, and by the sampler; about 20 minutes
 	$(VEHICLES)

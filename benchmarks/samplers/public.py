@@ -1,9 +1,10 @@
 """Problems of public collections, or with hidden parts: this project's sampler, and the best of OpenTURNS.
 
-    python benchmarks/samplers/public.py benchmarks/results/public.csv --raw FOLDER
-    python benchmarks/samplers/public.py hidden.csv --raw FOLDER --collection hidden --methods surrogate
+    make benchmark-public
+    python benchmarks/samplers/public.py public.csv --raw FOLDER --seeds 10 --problems rp_22 rp_25
 
-Raw results are kept, one table for each problem and method, so that an interrupted run goes on. The
+Raw results are kept, one table for each problem and method, so that an interrupted run continues with the
+next seed. They do not say which version of the sampler made them, so use another folder after a change. The
 methods ``nais`` and ``nais_25`` need OpenTURNS (``peers`` in pyproject.toml).
 """
 
@@ -41,10 +42,9 @@ def row(problem: PublicProblem, method: str, raw: Path, seeds: int) -> dict[str,
     """Return a row of the table: one method on one problem; what the raw results lack is run."""
     path = raw / f"{problem.name}_{method}.csv"
     runs = pd.read_csv(path) if path.exists() else pd.DataFrame()
-    if len(runs) < seeds:
-        plain = Problem(problem.name, problem.name, problem.event)
-        new = repeated(plain, method, range(len(runs), seeds))
-        runs = pd.concat([runs, new], ignore_index=True)
+    plain = Problem(problem.name, problem.name, problem.event)
+    for seed in range(len(runs), seeds):
+        runs = pd.concat([runs, repeated(plain, method, [seed])], ignore_index=True)
         write_csv(path, runs)
     probability, error = known(problem, raw)
     labels = {"problem": problem.name, "method": method, "dimension": problem.event.dimension}

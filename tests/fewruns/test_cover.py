@@ -5,11 +5,11 @@ import math
 
 import numpy as np
 import pytest
-from fewruns import Cover, InputError, Sampler, estimate
+from fewruns import Cover, InputError, Sampler, estimate, results
 from fewruns.basins import open_basins, probe
 from fewruns.certificate import BY_DEFAULT
-from fewruns.combining import combine, estimate_batch
-from fewruns.constants import BASIN_CLOSED, COVER_MISSED, MODES
+from fewruns.combining import combine, counted_batches, estimate_batch
+from fewruns.constants import BASIN_CLOSED, CORE, COVER_MISSED, MODES
 from fewruns.two_phase import reach_of
 from fewruns.wide_laws import draw_wide
 from sampler_checks import STOPPING, drive, new_sampler, numbers, resumed, standard_normal_event
@@ -133,7 +133,7 @@ def test_a_basin_of_the_scores_is_open_until_there_are_runs_near_its_minimum():
     happened, score, reach = margin(z) <= 0, margin(z), reach_of(ONE_PART)
     found = open_basins(z, happened, score, reach)
     assert len(z) - 2 in found
-    points = probe(5, np.array([len(z) - 2]), z, happened, score, generator)
+    points = probe(5, np.array([len(z) - 2]), z, happened, score, reach, generator)
     assert margin(points).min() < score[-2]
     close = np.vstack([z, z[-2] + [0.0, 0.9 * BASIN_CLOSED]])
     assert len(z) - 2 not in open_basins(close, margin(close) <= 0, margin(close), reach)
@@ -149,8 +149,8 @@ def followed(seed, dimension, radius):
 
     z = np.vstack([draw_wide(60, dimension, generator, reach_of(1e-5)), 5 * np.eye(dimension)[:1]])
     z, first = z[np.linalg.norm(z - centre, axis=1) > radius + 0.1], len(z)
-    while len(basins := open_basins(z, margin(z) <= 0, margin(z), reach_of(1e-5))):
-        z = np.vstack([z, probe(5, basins, z, margin(z) <= 0, margin(z), generator)])
+    while len(basins := open_basins(*(known := (z, margin(z) <= 0, margin(z), reach_of(1e-5))))):
+        z = np.vstack([z, probe(5, basins, *known, generator)])
         assert len(z) < first + 100
     return (np.linalg.norm(z - centre, axis=1) <= radius).any()
 
@@ -160,6 +160,43 @@ def test_basins_are_followed_into_balls_that_are_too_small_for_the_cover(dimensi
     """Most balls were missed when the points of a batch were at the same place, and closed their basin."""
     assert 1 / radius > Cover.by_default(dimension).curvature
     assert sum(followed(seed, dimension, radius) for seed in range(8)) >= 7
+
+
+def test_a_part_that_only_the_cover_has_found_restarts_the_estimate(monkeypatch):
+    """The surrogate expects it only after the last runs, and the batches of the estimate did not know it."""
+    disc = np.array([-4.6, 0.0])
+
+    def margin(z):
+        return np.minimum(4.5 - z[:, 0], np.linalg.norm(z - disc, axis=1) - 0.9)
+
+    sampler = new_sampler(2, 1, certificate=BY_DEFAULT)
+    progress = drive(sampler, standard_normal_event(lambda z: 4.5 - z[:, 0])).sampler.progress
+    assert (margin(progress.z) <= 0).sum() == progress.happened.sum()  # no run is in the disc
+    event = standard_normal_event(margin)
+    sampler.certificate, estimates = Cover.by_default(2), len(progress.estimates)
+    direction = isotropic(np.random.default_rng(1), 20, 2)
+    approach, inside = disc + direction[:10] * np.linspace(1.5, 0.8, 10)[:, None], disc + 0.4 * direction[10:]
+    covers = iter([approach, inside])
+    monkeypatch.setattr(results, "runs_of_cover", lambda *_: next(covers))
+    for points in (approach, inside):
+        assert (sampler.ask(certify=True) == points).all()
+        assert not progress.pending.aimed.any()
+        if points is inside:  # the wrong variant: the surrogate has learnt from the approach
+            assert (sampler.belief.probability(inside) >= CORE).all()
+            assert (progress.cover_runs == np.arange(len(progress.z) - 10, len(progress.z))).all()
+        sampler.tell(*event.evaluate(points))
+    assert progress.estimates[-1].surprising
+    # The next pool has kernels around the events.
+    assert cKDTree(progress.centres).query(inside)[0].max() == 0
+    monkeypatch.undo()
+    for _ in range(3):
+        sampler.tell(*event.evaluate(sampler.ask()))
+    assert progress.cover_runs.size == 0
+    assert len(counted_batches(progress.estimates)) < len(progress.estimates) - estimates
+    exact = norm.sf(4.5) + ncx2.cdf(0.9**2, 2, 4.6**2)
+    predicted = [each.prediction.probability / exact for each in progress.estimates]
+    assert predicted[estimates - 1] < 0.15
+    assert predicted[-1] > 0.5
 
 
 @pytest.mark.parametrize("wrong", [(0.0, 1.0), (1.0, 0.0), (1.0, np.inf)])

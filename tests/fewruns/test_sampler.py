@@ -174,9 +174,9 @@ def test_the_estimate_tells_of_all_runs(half_planes):
         assert 0 < max(errors) < STOPPING.beta
 
 
-def test_minimum_events_are_waited_for(half_planes):
-    events = half_planes[0].result.events
-    result = estimate(half_plane(), 0, replace(STOPPING, minimum_events=events + 20))
+def test_minimum_events_are_waited_for():
+    plain = estimate(half_plane(), 0)
+    result = estimate(half_plane(), 0, replace(STOPPING, minimum_events=plain.events + 20))
     assert result.converged
-    assert result.events >= events + 20
-    assert result.simulations > half_planes[0].result.simulations
+    assert result.events >= plain.events + 20
+    assert result.simulations > plain.simulations

@@ -2,8 +2,9 @@
 
 import numpy as np
 import pytest
-from fewruns import SeveralLaws, combining, crossfit
+from fewruns import SeveralLaws, combining
 from fewruns.crossfit import Control, cross_fitted
+from fewruns.progress import Progress
 from fewruns.several_laws import Ratios, reweight
 from sampler_checks import drive, half_plane, new_sampler
 from scipy.stats import norm
@@ -114,8 +115,8 @@ def test_cross_fitted_control_variates_keep_the_mean_and_reduce_the_error(poster
 
 def test_a_surrogate_that_has_seen_the_batch_itself_hides_the_error(samplers, cross, monkeypatch):
     """The wrong control variate: learnt from the runs that it is subtracted from."""
-    whole = crossfit._without
-    monkeypatch.setattr(crossfit, "_without", lambda progress, left_out: whole(progress, left_out[:0]))
+    whole = Progress.without
+    monkeypatch.setattr(Progress, "without", lambda progress, left_out: whole(progress, left_out[:0]))
     wrong = []
     for sampler in samplers[:20]:
         controls = cross_fitted(sampler, len(combining.counted_batches(sampler.progress.estimates)))
@@ -123,7 +124,7 @@ def test_a_surrogate_that_has_seen_the_batch_itself_hides_the_error(samplers, cr
         for control, batch, (_, happened) in zip(controls, batches, counted(sampler.progress), strict=True):
             wrong.extend((happened - control.runs)[batch.control > 0] ** 2)
     honest = []
-    monkeypatch.setattr(crossfit, "_without", whole)
+    monkeypatch.setattr(Progress, "without", whole)
     for sampler in samplers[:20]:
         controls = cross_fitted(sampler, len(combining.counted_batches(sampler.progress.estimates)))
         for control, (batch, happened) in zip(controls, counted(sampler.progress), strict=True):

@@ -5,7 +5,10 @@ smaller score than all runs around it may be next to such a part. It is followed
 not closer to the event. Earlier runs near it prove nothing, because they may all be on one side of it.
 """
 
+import math
+
 import numpy as np
+from scipy.special import chdtri
 
 from fewruns.arrays import Array, Flags, Indices
 from fewruns.constants import BASIN_CLOSED, CANDIDATES, FEW
@@ -17,36 +20,46 @@ def open_basins(z: Array, happened: Flags, score: Array, reach: float) -> Indice
     """Return the runs that are local minima of the scores, and have no later run near them.
 
     A local minimum has a smaller score than its 2 d nearest runs, none of which is an event. Runs beyond the
-    rarity ``reach`` are left out. With many inputs there are no neighbours, and so no basins.
+    rarity ``reach`` are left out, also as neighbours. With many inputs there are no neighbours, and so no
+    basins.
     """
-    n, d = z.shape
+    inside = np.flatnonzero(rarity(z) <= reach)
+    z, happened, score, (n, d) = z[inside], happened[inside], score[inside], z[inside].shape
     if d > FEW or n <= 2 * d:
         return np.empty(0, np.intp)
     outcome, distance = graded(happened, score), _distances(z)
     nearest = np.argsort(distance, axis=1)[:, : 2 * d]
     is_lowest = (outcome[:, None] < outcome[nearest]).all(axis=1)
     is_last = ~np.triu(distance <= BASIN_CLOSED).any(axis=1)
-    return np.flatnonzero(is_lowest & is_last & ~happened & (rarity(z) <= reach))
+    return inside[is_lowest & is_last & ~happened]
 
 
 def probe(
-    n: int, basins: Indices, z: Array, happened: Flags, score: Array, generator: np.random.Generator
+    n: int,
+    basins: Indices,
+    z: Array,
+    happened: Flags,
+    score: Array,
+    reach: float,
+    generator: np.random.Generator,
 ) -> Array:
     """Return n points, shape (n, d), near the basins in turn, where a regression predicts small scores.
 
-    They are at most as far from the run in the basin as its nearest run, or at most 2 `BASIN_CLOSED`: a step
-    down a slope then ends in the open. They are `BASIN_CLOSED` apart, because points at the same place would
-    close the basin of each other without having shown that the scores become larger beyond them.
+    They are not beyond the rarity ``reach``. They are at most as far from the run in the basin as its nearest
+    run, or at most 2 `BASIN_CLOSED`, so that a step down a slope ends in the open. They are `BASIN_CLOSED`
+    apart, because points at the same place would close the basin of each other without having shown that the
+    scores become larger beyond them.
     """
     outcome, d = graded(happened, score), z.shape[1]
     surrogate = GradedSurrogate(d)
     surrogate.fit(z, outcome, learn=True)
     length = np.maximum(_distances(z).min(axis=1), 2 * BASIN_CLOSED)
-    points = np.empty((0, d))
+    points, farthest = np.empty((0, d)), math.sqrt(chdtri(d, math.exp(-reach)))
     for basin in np.resize(basins[np.argsort(outcome[basins])], n):
         step = generator.normal(size=(CANDIDATES // n, d))
         step *= length[basin] / np.linalg.norm(step, axis=1, keepdims=True)
         near = z[basin] + step * generator.random((len(step), 1)) ** (1 / d)
+        near *= np.minimum(farthest / np.linalg.norm(near, axis=1, keepdims=True), 1.0)
         apart = np.linalg.norm(near[:, None] - points, axis=2).min(axis=1, initial=np.inf)
         apart = np.minimum(apart, BASIN_CLOSED)
         near = near[apart >= apart.max()]  # all of them, unless the basin is full of points

@@ -12,14 +12,12 @@ from itertools import pairwise
 import numpy as np
 from threadpoolctl import threadpool_limits
 
-from fewruns.arrays import Array, Indices
+from fewruns.arrays import Array
 from fewruns.belief import Belief
-from fewruns.progress import Progress
 from fewruns.sampler import Sampler
 from fewruns.two_phase import TwoPhaseBatch
 
 FOLDS = 5
-NEVER = 10**9  # a number of runs that is never reached, so that lengths and axes are not learnt again
 
 
 @dataclass(frozen=True)
@@ -53,21 +51,6 @@ def cross_fitted(sampler: Sampler, counted: int) -> list[Control]:
     batches, controls = progress.batches[-counted:], []
     with threadpool_limits(1, "blas"):  # the matrices are small
         for fold in range(min(FOLDS, counted)):
-            belief = sampler.belief.refitted(_without(progress, np.concatenate(runs[fold::FOLDS])))
+            belief = sampler.belief.refitted(progress.without(np.concatenate(runs[fold::FOLDS])))
             controls.append([Control.by(belief, batch) for batch in batches[fold::FOLDS]])
     return [controls[place % FOLDS][place // FOLDS] for place in range(counted)]
-
-
-def _without(progress: Progress, left_out: Indices) -> Progress:
-    """Return the runs of a sampler without some of them, for surrogates with unchanged axes and lengths."""
-    kept = np.setdiff1d(np.arange(len(progress.z)), left_out)
-    foreseen = kept[kept >= len(progress.z) - len(progress.foreseen)] - len(progress.z)
-    return Progress(
-        progress.z[kept],
-        progress.happened[kept],
-        progress.score[kept],
-        progress.law_draws,
-        estimates=progress.estimates,
-        foreseen=progress.foreseen[foreseen],
-        learnt_at=NEVER,
-    )

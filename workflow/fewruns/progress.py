@@ -1,11 +1,12 @@
 """The progress of a sampler: its runs so far, the requested batch, and what was derived from the runs."""
 
 from dataclasses import dataclass, field
+from itertools import takewhile
 from typing import Annotated, Self
 
 import numpy as np
 
-from fewruns.arrays import Array, Flags
+from fewruns.arrays import Array, Flags, Indices
 from fewruns.combining import BatchEstimate
 from fewruns.constants import REACH
 from fewruns.law_draws import LawDraws
@@ -20,6 +21,9 @@ class PlainBatch:
     z: Annotated[Array, "batch", "dimension"]  # normal scores
     phase: str  # WIDE, SEARCH or LAW
 
+
+# A number of runs that is never reached, so that lengths and axes are not learnt again.
+NEVER = 10**9
 
 WIDE, SEARCH, LAW = "wide", "search", "law"
 Batch = PlainBatch | RepeatBatch | TwoPhaseBatch
@@ -61,3 +65,24 @@ class Progress:
         """Return the progress of a sampler without any run."""
         nothing = np.empty((0, dimension)), np.empty(0, bool), np.empty(0)
         return cls(*nothing, LawDraws.none(dimension))
+
+    @property
+    def cover_runs(self) -> Indices:
+        """The runs of the batches of a cover since the last batch that was sampled."""
+        pairs = zip(reversed(self.estimates), reversed(self.batches), strict=False)
+        covers = takewhile(lambda pair: not pair[0].runs, pairs)
+        return np.arange(len(self.z) - sum(len(batch.z) for _, batch in covers), len(self.z))
+
+    def without(self, left_out: Indices) -> "Progress":
+        """Return the progress without some runs, for surrogates with unchanged axes and lengths."""
+        kept = np.setdiff1d(np.arange(len(self.z)), left_out)
+        foreseen = kept[kept >= len(self.z) - len(self.foreseen)] - len(self.z)
+        return Progress(
+            self.z[kept],
+            self.happened[kept],
+            self.score[kept],
+            self.law_draws,
+            estimates=self.estimates,
+            foreseen=self.foreseen[foreseen],
+            learnt_at=NEVER,
+        )

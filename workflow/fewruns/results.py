@@ -132,7 +132,8 @@ def runs_of_cover(progress: Progress, cover: Cover, batch_size: int, generator: 
     if cover.unseen(progress.z) > cover.share * probability:
         return cover.next_runs(batch_size, progress.z, cover.share * probability, generator)
     if len(basins := _basins(progress, probability)):
-        return probe(batch_size, basins, progress.z, progress.happened, progress.score, generator)
+        known = progress.z, progress.happened, progress.score, reach_of(probability)
+        return probe(batch_size, basins, *known, generator)
     return np.empty((0, progress.z.shape[1]))
 
 

@@ -25,6 +25,7 @@ from fewruns.certificate import BY_DEFAULT, Certificate
 from fewruns.combining import estimate_batch
 from fewruns.constants import (
     BEYOND,
+    CORE,
     DEFENCE,
     DEFENCE_ALONE,
     ENOUGH_REPEATS,
@@ -196,6 +197,9 @@ class Sampler:
             progress.estimates.append(estimate_batch(batch, happened))
             progress.batches.append(batch)
             progress.foreseen = np.vstack([progress.foreseen, batch.foreseen])
+            if not progress.estimates[-1].runs and progress.centres is not None:
+                # Kernels are needed around the events of a part that the last pool did not contain.
+                progress.centres = np.vstack([progress.centres, batch.z[happened]])
             return
         events = self.belief.space.coordinates(batch.z[happened])
         rarest = min(rarity(events).min(initial=REACH), progress.rarest)
@@ -347,9 +351,13 @@ class Sampler:
         cover = np.empty((0, self.dimension))
         if certify and isinstance(self.certificate, Cover):
             cover = results.runs_of_cover(progress, self.certificate, self.batch_size, generator)
-        sampled = self.batch_size - len(cover)
-        phase = SecondPhase(self.belief, progress, sampled, cover, defence, self.emphasis, generator)
-        return phase.batch()
+        sampled, known = self.batch_size - len(cover), self.belief
+        if len(cover) and len(since := progress.cover_runs):
+            # The estimate does not know a part that only the last runs of the cover have shown.
+            known = self.belief.refitted(progress.without(since))
+        aimed = known.probability(cover) >= CORE
+        given = self.belief, progress, sampled, cover, aimed
+        return SecondPhase(*given, defence, self.emphasis, generator).batch()
 
     def _learn_directions(self) -> None:
         """If there are many normal scores and enough new runs, learn the directions of the event again."""

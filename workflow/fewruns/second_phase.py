@@ -5,7 +5,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from fewruns.arrays import Array
+from fewruns.arrays import Array, Flags
 from fewruns.belief import Belief
 from fewruns.constants import (
     CORE,
@@ -37,6 +37,7 @@ class SecondPhase:
     progress: Progress  # the runs so far; the method `batch` replaces its attribute ``centres``
     runs: int  # number n of runs of a batch that are sampled
     cover: Array  # runs of the batch that only exclude modes, shape (m, d); their weight is 0
+    aimed_cover: Flags  # whether an event was known to be possible at these runs, shape (m,)
     defence: Defence
     # Factor for the inclusion probabilities at points, as in `Sampler`.
     emphasis: Callable[[Array], Array] | None
@@ -47,7 +48,7 @@ class SecondPhase:
         prediction, fringe_limit = self._look_ahead()
         pool = self._pool(self._pool_size)
         expected = expect(pool, fringe_limit, self._fringe, self.emphasis)
-        given = self.runs, self.defence, self.cover, self.belief
+        given = self.runs, self.defence, self.cover, self.aimed_cover, self.belief
         return draw_batch(pool, expected, prediction, *given, self.generator)
 
     def _look_ahead(self) -> tuple[Prediction, float]:

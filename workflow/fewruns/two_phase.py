@@ -82,7 +82,7 @@ class TwoPhaseBatch:
     controlled: float  # sum over the whole pool of w g, with w as in ``weight``
     controlled_square: float  # sum over the whole pool of w^2 g
     # Whether a run was sampled preferentially because the surrogates predicted that the event is possible
-    # there.
+    # there; of a run of a cover, whether they had predicted this when a batch was last sampled.
     aimed: Annotated[Flags, "batch"]
     # Draws from the wide distribution to which the batch is equivalent: number, smallest and largest rarity.
     wide_draws: Annotated[Array, "zones", 3]
@@ -146,6 +146,7 @@ def draw_batch(
     runs: int,
     defence: Defence,
     cover: Array,
+    aimed_cover: Flags,
     belief: "Belief",
     generator: np.random.Generator,
 ) -> TwoPhaseBatch:
@@ -166,7 +167,7 @@ def draw_batch(
         inclusion=np.append(inclusion[chosen], none + 1),
         controlled=float(w @ control),
         controlled_square=float(w * w @ control),
-        aimed=np.append(expected.probability[chosen] > 0, belief.probability(cover) >= CORE),
+        aimed=np.append(expected.probability[chosen] > 0, aimed_cover),
         wide_draws=np.array(wide_draws),
         prediction=prediction,
         foreseen=belief.foresee(z),
