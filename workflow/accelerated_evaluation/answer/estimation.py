@@ -97,7 +97,13 @@ class Estimated:
         return pd.concat([others, rows], ignore_index=True) if len(rows) else pd.DataFrame(others)
 
     def lines(self, compared: pd.DataFrame | None = None) -> list[str]:
-        """Return the answer in words: what was asked first, and findings of the checks of records last."""
+        """Return the answer in words: first the main event, last what the checks of the records found.
+
+        Parameters
+        ----------
+        compared
+            Ratios to other vehicles from `compare`, which are written after the probabilities.
+        """
         ratios = [] if compared is None else map(ratio_in_words, compared.to_dict("records"))
         return [
             *self.verdict.stop_lines(),

@@ -40,7 +40,7 @@ def number(value: float, decimals: int = 0, sign: str = "") -> str:
 
 
 def percent(value: float, decimals: int = 0, sign: str = "") -> str:
-    """Write a share between 0 and 1 as a percentage, such as 12.3%.
+    """Write a share between 0 and 1 as a percentage, such as 12.3 %, with a non-breaking space.
 
     Parameters
     ----------
@@ -51,7 +51,11 @@ def percent(value: float, decimals: int = 0, sign: str = "") -> str:
     sign
         ``"+"`` writes the sign of positive numbers too.
     """
-    return f"{number(100 * value, decimals, sign)}%" if math.isfinite(value) else readable(float(value))
+    return (
+        f"{number(100 * value, decimals, sign)}\N{NO-BREAK SPACE}%"
+        if math.isfinite(value)
+        else readable(float(value))
+    )
 
 
 def unbroken(value: Any, digits: int = 3) -> Any:  # noqa: ANN401
