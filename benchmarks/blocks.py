@@ -28,9 +28,10 @@ class Block(NamedTuple):
 
 
 def markdown(headings: tuple[str, ...], rows: list[tuple[str, ...]]) -> str:
-    """Return a Markdown table with the given headings and rows of text."""
+    """Return a Markdown table with the given headings and rows of text, in which 80% is written 80 %."""
     lines = [headings, ("---",) * len(headings), *rows]
-    return "".join(f"| {' | '.join(cells)} |\n".replace("|  |", "| |") for cells in lines)
+    table = "".join(f"| {' | '.join(cells)} |\n".replace("|  |", "| |") for cells in lines)
+    return re.sub(r"(?<=\d)%", " %", table)
 
 
 def formatted(table: pd.DataFrame, cells: Mapping[str, str]) -> str:

@@ -209,14 +209,13 @@ def covers_in_words(worlds: pd.DataFrame) -> str:
     """Return a paragraph that says in which kinds of worlds the 80 % intervals cover the truth."""
     worlds = worlds[worlds["procedure"] == "map"].sort_values("coverage80")
     is_family = worlds["kind"].isin(FAMILY)
-    like, others = worlds.loc[is_family, "coverage80"], worlds[~is_family]
-    first, second = others.iloc[0], others.iloc[1]
-    low, high = others["coverage80"].min(), others["coverage80"].max()
+    like, others = 100 * worlds.loc[is_family, "coverage80"], worlds[~is_family]
+    first, second, unlike = others.iloc[0], others.iloc[1], 100 * others["coverage80"]
     return (
         "**How far it can be trusted.** On synthetic records whose true crash probability is known, the "
-        f"80 % intervals cover the truth in {like.min():.0%} to {like.max():.0%} of the worlds of "
-        f"{like.size} kinds that resemble the models, and in {low:.0%} to {high:.0%} of those of "
-        f"{len(others)} kinds that break an assumption. The worst kinds are *{first['kind']}* and "
+        f"80 % intervals cover the truth in {like.min():.0f} % to {like.max():.0f} % of the worlds of "
+        f"{like.size} kinds that resemble the models, and in {unlike.min():.0f} % to {unlike.max():.0f} % of "
+        f"those of {len(others)} kinds that break an assumption. The worst kinds are *{first['kind']}* and "
         f"*{second['kind']}*, where the tail changes beyond the records and the answer is "
         f"{first['median_ratio']:.1f} and {second['median_ratio']:.1f} times the truth "
         "([worlds](benchmarks/worlds/README.md)).\n"

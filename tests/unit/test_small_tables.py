@@ -186,3 +186,12 @@ def test_records_of_one_lead_speed_on_the_edge_of_a_cell_are_drawn():
     _, data = fig26_sample_size(encounters, "data")
     assert data["records"].sum() == len(encounters)
     assert (data["lead_speed_high_m_per_s"] > data["lead_speed_low_m_per_s"]).all()
+
+
+def test_differences_of_scores_have_the_error_of_a_sum_of_independent_terms():
+    best, other = np.array([3.0, 1.0, 2.0, 5.0]), np.array([1.0, 2.0, 1.0, 1.0])  # differences 2, -1, 1, 4
+    error = law_scores.difference_error(best - other)
+    assert error == pytest.approx(np.sqrt(4 * 3.25))
+    assert law_scores.errors_behind(best, other) == pytest.approx(6 / error)
+    assert law_scores.errors_behind(best, best) == 0
+    assert np.isnan(law_scores.difference_error(best - np.array([1.0, -np.inf, 1.0, 1.0])))

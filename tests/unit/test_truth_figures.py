@@ -191,7 +191,7 @@ def test_the_budget_is_drawn_with_every_refit(draw, uncertainty, bootstrap):
     assert drawn(axes, "|") == bootstrap["probability"].tolist()
     assert drawn(axes) == uncertainty["probability"].tolist()
     assert np.array(bars(axes)) == pytest.approx(uncertainty[["ci_low", "ci_high"]].to_numpy())
-    assert [text.get_text() for text in axes.texts] == ["1.0%", "19.0%", "80.0%", "100.0%", "variance"]
+    assert [text.get_text() for text in axes.texts] == ["1.0 %", "19.0 %", "80.0 %", "100.0 %", "variance"]
     assert data["kind"].value_counts().to_dict() == {"budget": 4, "refit": 2, "exact": 1}
 
 

@@ -88,7 +88,7 @@ class Answer:
     converged
         Whether further simulations are expected to leave the answer as it is.
     tables
-        Tables of the way by which the answer was computed, such as the runs.
+        Additional tables by name, such as ``runs``, the simulations of an answer from few runs.
 
     See Also
     --------

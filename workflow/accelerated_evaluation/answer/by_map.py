@@ -106,7 +106,7 @@ def masses_under(lines: CrashLines, draws: Draws) -> Array:
 
 
 def typical_law(draws: Draws) -> SpeedLaw | None:
-    """Return the first draw of the candidate with most draws among smooth laws; None if there are none."""
+    """Return a draw of the smooth law of which there are most draws; None if no law is smooth."""
     if isinstance(draws, MixedDraws):
         return next((law for part in draws.parts if (law := typical_law(part)) is not None), None)
     if not isinstance(draws, MeanLaw):

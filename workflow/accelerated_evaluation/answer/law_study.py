@@ -125,7 +125,7 @@ class LawStudy:
 
     @property
     def heaviest(self) -> str:
-        """Name of the candidate with the largest mean weight."""
+        """Name of the law with the largest weight, averaged over the draws of the weights."""
         return self.names[int(self.mean_weights.argmax())]
 
     def smooth_only(self) -> Self:

@@ -110,10 +110,11 @@ def law_table(
 
     A law is rejected if its density is zero at a held-out record, or if in some region its score is below
     that of the best law by more than `ERRORS` standard errors of their difference. For each region, the
-    column is the gain in the held-out log score over the paper's law [nats]. ``behind`` is the largest
-    difference to the best law of a region in standard errors, ``impossible`` the number of held-out records
-    with zero density, and ``crps_gain`` the relative reduction of the CRPS. ``weight`` is the mean weight,
-    ``stacking`` the weight by stacking, and ``refused`` says whether the law is rejected.
+    column is the gain in the held-out log score over the paper's law [nats], and ``error_...`` the standard
+    error of the difference to the best law of the region. ``behind`` is the largest of these differences in
+    standard errors, ``impossible`` the number of held-out records with zero density, and ``crps_gain`` the
+    relative reduction of the CRPS. ``weight`` is the mean weight, ``stacking`` the weight by stacking, and
+    ``refused`` says whether the law is rejected.
     """
     mean_weights, names = study.mean_weights, list(study.names)
     stacked = stacking_weights(study.family.scores, study.family.resampled)
@@ -127,8 +128,9 @@ def law_table(
     for law, of_law in {TOGETHER: together, **scores}.items():
         gains = {f"gain_{at}": float((of_law[at] - scores[PAPER][at]).sum()) for at in together}
         behind = max(errors_behind(scores[best[at]][at], of_law[at]) for at in together)
+        errors = {f"error_{at}": difference_error(scores[best[at]][at] - of_law[at]) for at in together}
         impossible = int(np.isneginf(of_law[next(iter(together))]).sum())
-        rows.append({"law": law} | gains | {"behind": behind, "impossible": impossible})
+        rows.append({"law": law} | gains | errors | {"behind": behind, "impossible": impossible})
     table = pd.DataFrame(rows).set_index("law", drop=False)
     table["crps_gain"] = pd.Series(
         {law: float(1 - part.sum() / crps[PAPER].sum()) for law, part in crps.items()}
@@ -147,5 +149,11 @@ def errors_behind(best: Array, other: Array) -> float:
     difference = best - other
     if not np.all(np.isfinite(difference)):
         return float("inf")
-    error = float(np.sqrt(difference.size * difference.var()))
+    error = difference_error(difference)
     return float(difference.sum() / error) if error else 0.0
+
+
+def difference_error(difference: Array) -> float:
+    """Return the standard error of a sum over independent records; NaN if a term is not finite."""
+    finite = np.all(np.isfinite(difference))
+    return float(np.sqrt(difference.size * difference.var())) if finite else float("nan")

@@ -58,11 +58,13 @@ class Study:
             self.used.reads.append(name)
         path = self.results / name.format(**parts)
         if not path.is_file():
+            relative = f"results/{self.results.name}/{path.relative_to(self.results).as_posix()}"
             raise InputError(
                 str(path),
                 seen="no such file",
                 expected=f"a finished result of the study {self.results.name}",
-                change=f"Make it with `snakemake --cores 2 {path}`, and the study's own --configfile.",
+                change="In the folder of the project, run `make study`, or make this result alone by "
+                f"`snakemake --cores 2 {relative}`, with the study's own --configfile.",
             )
         return path
 

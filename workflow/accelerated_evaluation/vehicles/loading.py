@@ -23,7 +23,7 @@ ANY_SCENARIO = ("command",)  # vehicles that simulate the encounters of every sc
 
 
 def vehicles_of(scenario: Scenario) -> Mapping[str, type[Vehicle]]:
-    """Return the classes of the vehicles for a scenario by name, including ``command``."""
+    """Return the classes of the vehicles of a scenario by name; ``command`` is any program of the user."""
     return dict(sorted({**scenario.vehicles, **{name: VEHICLES[name] for name in ANY_SCENARIO}}.items()))
 
 

@@ -31,8 +31,13 @@ def number(value: float, decimals: int = 0, sign: str = "") -> str:
 
 
 def percent(value: float, decimals: int = 0, sign: str = "") -> str:
-    """Write a share as a percentage, such as 12.3%; with the sign ``"+"``, as +12.3% if positive."""
-    return f"{number(100 * value, decimals, sign)}%" if math.isfinite(value) else readable(float(value))
+    """Write a share as a percentage, such as 12.3 %; with the sign ``"+"``, as +12.3 % if positive.
+
+    The space before the sign is a non-breaking one.
+    """
+    if not math.isfinite(value):
+        return readable(float(value))
+    return f"{number(100 * value, decimals, sign)}\N{NO-BREAK SPACE}%"
 
 
 def unbroken(value: Any, digits: int = 3) -> Any:  # noqa: ANN401

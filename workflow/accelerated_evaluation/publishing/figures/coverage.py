@@ -66,7 +66,7 @@ def fig18_coverage(coverage: pd.DataFrame, source: str) -> tuple[Figure, pd.Data
             axes.axvline(level / 100, linestyle=":", **TRUTH)
             axes.set(xlabel=f"coverage of {level} %", xlim=(None, 1))
             axes.xaxis.set_major_locator(MaxNLocator(4, steps=[1, 2, 4, 5, 10]))
-            axes.xaxis.set_major_formatter(PercentFormatter(1, decimals=0))
+            axes.xaxis.set_major_formatter(PercentFormatter(1, decimals=0, symbol=" %"))
         name_groups(panels[0], y, coverage["method"])
         panels[0].invert_yaxis()
         signs = [plt.Line2D([], [], color="black", linestyle="none", **look) for look in STOPPINGS.values()]
@@ -96,7 +96,11 @@ def fig24_worlds(worlds: pd.DataFrame, beyond: pd.DataFrame) -> tuple[Figure, pd
     """
     further = beyond[~beyond["kind"].isin(worlds["kind"]) & (beyond["procedure"] == "map")]
     parts = {"similar to the models": worlds, "break an assumption": further.assign(procedure=OURS)}
-    parts = {f"{name}, {part['worlds'].max()} worlds each": part for name, part in parts.items() if len(part)}
+    parts = {
+        f"{name}, {' or '.join(map(str, sorted(part['worlds'].unique())))} worlds each": part
+        for name, part in parts.items()
+        if len(part)
+    }
     data = pd.concat([part.assign(group=name) for name, part in parts.items()], ignore_index=True)
     rows = data.drop_duplicates("kind")
     y = pd.Series(1.8 * spaced(rows["group"], 1.0), index=rows["kind"])

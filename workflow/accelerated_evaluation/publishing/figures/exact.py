@@ -178,7 +178,7 @@ def fig16_uncertainty(
         draw_intervals(axes, budget, y, **{**DOT, "linewidth": 1.5})
         draw_truth(axes, data.iloc[0], "exact, model of the study")
         axes.set_yticks(y, budget["source"].replace(names))
-        write_beside(axes, y, budget["variance_share"].map("{:.1%}".format), "variance")
+        write_beside(axes, y, (100 * budget["variance_share"]).map("{:.1f} %".format), "variance")
         axes.set(xlim=(0, None), ylim=(-0.5, len(budget) - 0.4))
         scale_linearly(axes, "crash probability")
         if not data["probability"].iloc[0]:

@@ -53,7 +53,7 @@ def fig37_extrapolation(
                 markersize=2.5,
                 markerfacecolor="none",
                 markeredgewidth=0.5,
-                label=f"crashes, {meaning}: {shares[part]:.0%}",
+                label=f"crashes, {meaning}: {100 * shares[part]:.0f} %",
             )
         fastest = encounters["closing_speed"].max()
         axes.axhline(fastest, color="black", linewidth=0.6, linestyle=":", label="fastest record")

@@ -58,7 +58,8 @@ def fig21_scores(laws: pd.DataFrame, source: str) -> tuple[Figure, pd.DataFrame]
         size = (2 * COLUMN_WIDTH, FRAME + ROW * len(laws))
         drawn, all_axes = plt.subplots(1, len(REGIONS) + 2, sharey=True, figsize=size)
         for axes, (region, title) in zip(all_axes, REGIONS.items(), strict=False):
-            _draw_differences(axes, y, below[region], laws["refused"])
+            error = laws[region.replace("gain", "error")]
+            _draw_differences(axes, y, below[region], laws["refused"], error)
             axes.set(title=title, xlabel="below the best [nats]")
         errors, weights = all_axes[len(REGIONS) :]
         _draw_differences(errors, y, laws["behind"].where(single), laws["refused"])
@@ -73,12 +74,17 @@ def fig21_scores(laws: pd.DataFrame, source: str) -> tuple[Figure, pd.DataFrame]
     return drawn, data
 
 
-def _draw_differences(axes: Axes, y: Array, below: pd.Series, refused: pd.Series) -> None:
+def _draw_differences(
+    axes: Axes, y: Array, below: pd.Series, refused: pd.Series, error: pd.Series | float = 0.0
+) -> None:
     """Draw the differences of accepted laws and the near ones; others are written as numbers at the edge."""
-    end = MARGIN * below[~refused].max()
+    end = MARGIN * (below + error)[~refused].max()
     far = (below > end).to_numpy()
     for rows, fill in ((~refused & ~far, DEFENDED), (refused & ~far, "white")):
         axes.plot(below[rows], y[rows], "o", color=DEFENDED, markersize=3.5, markerfacecolor=fill)
+        if np.any(error):
+            ends = (below - error)[rows], (below + error)[rows]
+            axes.hlines(y[rows], *ends, color=DEFENDED, linewidth=0.7, zorder=1)
     for at, value in zip(y[far], below[far], strict=True):
         axes.text(end, at, f"{value:,.0f} →", ha="right", va="center", fontsize=6, bbox=BLANK)
     axes.set_xlim(-0.08 * end, 1.05 * end)

@@ -46,7 +46,7 @@ def fig28_ways_to_crash(
     shown = crashes.nlargest(CRASHES, "probability")
     share = shown["probability"] / crashes["probability"].sum()
     titles = [
-        f"({letter}) {part:.0%} of the crashes:\n{in_math(probability)} per cut-in"
+        f"({letter}) {100 * part:.0f} % of the crashes:\n{in_math(probability)} per cut-in"
         for letter, part, probability in zip(LETTERS, share, shown["probability"], strict=False)
     ]
     return _draw(shown, traces, titles, CRASHES, source)

@@ -27,11 +27,11 @@ def rests_in_words(extrapolation: pd.DataFrame, *, by_speed: bool = True) -> str
         return ""
     near, far = rows.loc[NEAR, "share"] + rows.loc[FAR, "share"], rows.loc[FAR, "share"]
     beyond = (
-        f"{near:.0%} of the predicted crashes close faster than any record at a similar range, and "
-        f"{far:.0%} faster than any record at all."
+        f"{100 * near:.0f} % of the predicted crashes close faster than any record at a similar range, and "
+        f"{100 * far:.0f} % faster than any record at all."
         if by_speed
-        else f"{near:.0%} of the predicted crashes are farther from the nearest record than 95 % of the "
-        f"records are from each other, and {far:.0%} farther than any record is."
+        else f"{100 * near:.0f} % of the predicted crashes are farther from the nearest record than 95 % of "
+        f"the records are from each other, and {100 * far:.0f} % farther than any record is."
     )
     whole = rows.loc[ALL]
     mean, inside = (readable(rows.loc[part, "probability"], DIGITS) for part in (ALL, RECORDED))
