@@ -25,12 +25,24 @@ from accelerated_evaluation.vehicles.loading import load_vehicle
 
 @dataclass(frozen=True)
 class Evidence:
-    """Evidence for or against an estimate."""
+    """Evidence for or against an estimate.
 
-    event: str  # the event in words
-    upper: float  # largest probability that the estimate allows: the upper end of its widest interval.
+    Attributes
+    ----------
+    event
+        The event in words.
+    upper
+        The largest probability that the estimate allows: the upper end of its widest interval.
+    replays
+        The replayed records.
+    difference
+        How a run differs when it is repeated in another process; None if all repetitions agree.
+    """
+
+    event: str
+    upper: float
     replays: Replays
-    difference: str | None  # how a run differs when it is repeated in another process; None if all agree
+    difference: str | None
 
     @property
     def doubts(self) -> list[str]:
@@ -80,7 +92,19 @@ class Evidence:
 def replays_of(
     vehicle: WatchedVehicle, records: Array, event: Event, generator: np.random.Generator
 ) -> Replays:
-    """Replay records of shape (n, d); those near the event of the default vehicle come first."""
+    """Replay records with the vehicle under test; those near the event of the default vehicle come first.
+
+    Parameters
+    ----------
+    vehicle
+        The vehicle under test.
+    records
+        The distinct records to which the laws were fitted, as points of the law, shape (n, d).
+    event
+        The event.
+    generator
+        Source of randomness for the choice of records.
+    """
     scenario, car = vehicle.scenario, vehicle.vehicle
     known = load_vehicle(scenario.default_vehicle, scenario)
     return replay(
@@ -103,8 +127,16 @@ def checked_answers(
 ) -> tuple[list[Answer], Evidence]:
     """Compute answers from few runs, and check them by replays of records and by runs in other processes.
 
-    The replays guide the way, unless it has a predecessor. If there is evidence against the replicates, which
-    are independent, none counts as converged.
+    Parameters
+    ----------
+    problem
+        The scenario, the vehicle and its main event.
+    draws, records, way, events
+        As in `answer.evaluate`; the replays guide the way, unless it has a predecessor.
+    streams
+        Returns the random stream with a given name.
+    replicates
+        Number of independent answers. If there is evidence against them, none counts as converged.
     """
     watched = WatchedVehicle(problem.vehicle, problem.scenario)
     problem = replace(problem, vehicle=watched, law=draws.proposal)
@@ -124,7 +156,15 @@ def checked_answers(
 
 
 def known_runs(replays: Replays, from_normal_scores: Callable[[Array], Array]) -> Predecessor | None:
-    """Return the replays as known runs for the sampler; None without an event among them."""
+    """Return the replays as known runs for the sampler; None without an event among them.
+
+    Parameters
+    ----------
+    replays
+        The replayed records.
+    from_normal_scores
+        The map of the law that is sampled, from normal scores to encounters, both of shape (n, d).
+    """
     if not replays.flags.any() or len(replays.encounters) > FEW:
         return None
     z, is_found = normal_scores(from_normal_scores, replays.encounters.T)
@@ -135,7 +175,16 @@ def known_runs(replays: Replays, from_normal_scores: Callable[[Array], Array]) -
 def evidence_on(vehicle: WatchedVehicle, replays: Replays, event: Event, upper: float) -> Evidence:
     """Repeat the runs of an estimate elsewhere, and compare the estimate with the replays.
 
-    ``upper`` is the upper end of the widest interval of the estimate.
+    Parameters
+    ----------
+    vehicle
+        The vehicle under test, with the runs of the estimate.
+    replays
+        Its replays of the records.
+    event
+        The event.
+    upper
+        Upper end of the widest interval of the estimate.
     """
     found = None
     if not vehicle.differed:  # otherwise the sampler knows that the outcomes vary

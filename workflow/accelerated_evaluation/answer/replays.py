@@ -31,16 +31,29 @@ Happens = Callable[[Array], NDArray[np.bool_]]
 
 @dataclass(frozen=True)
 class Replays:
-    """The records that a vehicle has replayed."""
+    """The records that a vehicle has replayed.
 
-    records: NDArray[np.intp]  # number of distinct records in each stratum, the nearest to the event first
-    sampled: NDArray[np.intp]  # number of records drawn at random from each stratum
-    events: NDArray[np.intp]  # number of events among those
-    happened: int  # number of events in all replayed records
-    replayed: int  # number of these records, which include others that are similar to records with the event
-    # The records of the stratified sample and those similar to its events, (d, n); they guide the sampler.
+    Attributes
+    ----------
+    records
+        Number of distinct records in each stratum, the nearest to the event first.
+    sampled, events
+        Number of records that were drawn at random from each stratum, and of the events among them.
+    happened, replayed
+        Number of events in all replayed records, and number of these records. Besides the sampled ones there
+        may be others, which are similar to records with the event.
+    encounters, flags
+        The records of the stratified sample and those similar to its events, shape (d, n), and whether they
+        ended with the event, shape (n,). They guide the sampler.
+    """
+
+    records: NDArray[np.intp]
+    sampled: NDArray[np.intp]
+    events: NDArray[np.intp]
+    happened: int
+    replayed: int
     encounters: Array
-    flags: NDArray[np.bool_]  # whether they ended with the event, (n,)
+    flags: NDArray[np.bool_]
 
     def p_value(self, upper: float) -> float:
         """Return the probability of so many events if the event has at most the probability ``upper``.
@@ -78,10 +91,21 @@ def replay(
 ) -> Replays:
     """Replay a stratified sample of the records, and all of them if the vehicle is fast.
 
-    If the vehicle has the event in some of the sample, similar records are replayed, too. ``happens`` returns
-    whether the vehicle has the event in encounters of shape (d, n). A smaller nearness is nearer to the
-    event. If the vehicle is not known to be slow, the time of the sample decides, so that the number of
-    replayed records may depend on the computer.
+    If the vehicle has the event in some of the sample, similar records are replayed, too.
+
+    Parameters
+    ----------
+    happens
+        Function that returns whether the vehicle has the event in n encounters, shape (d, n).
+    records
+        The distinct records, shape (d, N).
+    nearness
+        How near each record comes to the event, shape (N,); a smaller value is nearer.
+    generator
+        Source of randomness.
+    is_slow
+        Whether the vehicle is known to be slow. Otherwise the time of the sample decides, so that the number
+        of replayed records may depend on the computer.
     """
     order = np.argsort(nearness, kind="stable")
     ends = np.unique(np.ceil(np.array(SHARES) * len(order)).astype(int))
