@@ -109,11 +109,26 @@ def law_table(
     """Tabulate the gain of each law over the paper's law, its weight, and whether it is rejected.
 
     A law is rejected if its density is zero at a held-out record, or if in some region its score is below
-    that of the best law by more than `ERRORS` standard errors of their difference. For each region, the
-    column is the gain in the held-out log score over the paper's law [nats]. ``behind`` is the largest
-    difference to the best law of a region in standard errors, ``impossible`` the number of held-out records
-    with zero density, and ``crps_gain`` the relative reduction of the CRPS. ``weight`` is the mean weight,
-    ``stacking`` the weight by stacking, and ``refused`` says whether the law is rejected.
+    that of the best law by more than `ERRORS` standard errors of their difference.
+
+    Parameters
+    ----------
+    study
+        The laws with its weights.
+    scores, crps
+        Held-out log scores by law and region, and negative threshold-weighted CRPS by law, of each record,
+        shape (records,).
+    probabilities
+        Crash probabilities of the laws of the family.
+
+    Returns
+    -------
+    pandas.DataFrame
+        Columns ``law``; for each region the gain in the held-out log score over the paper's law [nats];
+        ``behind``, the largest difference to the best law of a region, in standard errors; ``impossible``,
+        the number of held-out records with zero density; ``crps_gain``, the relative reduction of the CRPS;
+        the mean ``weight``; the weight by ``stacking``; the crash ``probability``; and ``refused``, whether
+        the law is rejected.
     """
     mean_weights, names = study.mean_weights, list(study.names)
     stacked = stacking_weights(study.family.scores, study.family.resampled)

@@ -17,11 +17,22 @@ DRAWN = ("constant", "ngsim")  # laws of lead motion that need no records
 def lead_speeds_of(text: str, encounter: Array, generator: np.random.Generator) -> Array:
     """Return the lead speeds [m/s] of one encounter at 0, 0.1, ..., 8 s, shape (81,).
 
-    The text is one of the names `DRAWN` of laws of lead motion; or the path of a CSV file with the columns
-    ``time_s``, from 0 to 8 s or more, and ``lead_speed_m_per_s``, between which speeds are interpolated; or
-    the path of a Parquet file of recorded cut-ins with speed profiles, for the law `recorded`. InputError is
-    raised if there is no such law or file, or if the file has other columns, times that do not increase from
-    0 to 8 s, or speeds that are negative or not finite.
+    Parameters
+    ----------
+    text
+        One of the names `DRAWN` of laws of lead motion; or the path of a CSV file with the columns
+        ``time_s``, from 0 to 8 s or more, and ``lead_speed_m_per_s``, between which speeds are interpolated;
+        or the path of a Parquet file of recorded cut-ins with speed profiles, for the law `recorded`.
+    encounter
+        Lead speed [m/s], range [m] and closing speed [m/s], shape (3,).
+    generator
+        Random generator, if the motion is drawn.
+
+    Raises
+    ------
+    InputError
+        If there is no such law or file, or if the file has other columns, times that do not increase from 0
+        to 8 s, or speeds that are negative or not finite.
     """
     if text.endswith(".csv"):
         return _read(Path(text))

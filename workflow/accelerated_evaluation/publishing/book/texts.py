@@ -31,7 +31,17 @@ def number(value: float, decimals: int = 0, sign: str = "") -> str:
 
 
 def percent(value: float, decimals: int = 0, sign: str = "") -> str:
-    """Write a share as a percentage, such as 12.3%; with the sign ``"+"``, as +12.3% if positive."""
+    """Write a share between 0 and 1 as a percentage, such as 12.3%.
+
+    Parameters
+    ----------
+    value
+        The share.
+    decimals
+        Digits after the point.
+    sign
+        ``"+"`` writes the sign of positive numbers too.
+    """
     return f"{number(100 * value, decimals, sign)}%" if math.isfinite(value) else readable(float(value))
 
 
