@@ -114,14 +114,15 @@ def test_a_replicate_without_an_estimate_is_described_next_to_one_with_an_estima
     found = Estimated(answers, silent, silent, None, {}, Request(replicates=2), silent)
     lines = found.lines()
     detailed = found.lines(verbose=True)
-    assert [line for line in detailed if line in lines] == lines
+    assert set(lines) < set(detailed)
     for words in (
         "a part of the event that no run has met",
         "interval of the sampling alone",
         "repeats: none",
     ):
         assert sum(words in line for line in detailed) == 2
-        assert not any(words in line for line in lines)
+        # Without an estimate, the interval of the sampling alone is what is known.
+        assert sum(words in line for line in lines) == (words == "interval of the sampling alone")
     assert sum(line.startswith("variance of the logarithm") for line in lines) == 1
     second = lines[lines.index("replicate 1:") :]
     assert second[1].startswith("NOT CONVERGED")

@@ -1,14 +1,17 @@
+import json
 import os
 import re
 import shlex
 import subprocess
 import sys
 from pathlib import Path
+from types import SimpleNamespace
 
 import numpy as np
 import pandas as pd
 import pytest
 from accelerated_evaluation import cli
+from accelerated_evaluation.answer import estimation
 from accelerated_evaluation.commands import COMMANDS
 from accelerated_evaluation.commands import simulate as simulate_command
 from accelerated_evaluation.vehicles import AccAeb
@@ -270,6 +273,21 @@ def test_encounters_of_any_scenario_are_simulated_by_a_user_s_class(table, tmp_p
     assert "row 2, column sdv_speed_mps: seen 99.0; expected 0 to 35 m/s" in capfd.readouterr().err
 
 
+def test_what_a_vehicle_prints_is_not_part_of_the_answer(monkeypatch, capfd, tmp_path):
+    def estimated(config, request):
+        print("from the vehicle")
+        subprocess.run([sys.executable, "-c", "print('from a worker')"], check=True)
+        return SimpleNamespace(write=lambda folder: None, content=lambda compared: {"answer": []})
+
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setattr(estimation, "estimate", estimated)
+    assert cli.main(["estimate", "--scenario", "left_turn", "--json"]) == 0
+    found = capfd.readouterr()
+    assert json.loads(found.out) == {"answer": []}
+    assert "from the vehicle" in found.err
+    assert "from a worker" in found.err
+
+
 TURNING = """
 from types import SimpleNamespace
 import numpy as np
@@ -278,6 +296,8 @@ class Turning:
         far = distance - speed
         names = [each for each in SCENARIO.outcome_names if each not in ("crash", "ended")]
         numbers = dict.fromkeys(names, far)
+        numbers["clearance"] = np.where(speed > 15, -1.0, far)
+        numbers["impact_speed"] = np.where(speed > 15, speed, 0.0)
         return SimpleNamespace(crash=speed > 15, ended=speed > 15, **numbers)
 from accelerated_evaluation.scenarios.left_turn import LEFT_TURN as SCENARIO
 """

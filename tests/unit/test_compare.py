@@ -82,3 +82,21 @@ def test_studies_that_cannot_be_compared_are_named(studies, capsys, names, messa
     assert cli.main(["compare", *names]) == 2
     assert message in capsys.readouterr().err
     assert not list(studies.glob("**/compared*"))
+
+
+def test_studies_of_two_scenarios_are_refused(studies, capsys):
+    """Their tables have no row in common, so that no number would differ."""
+    path = studies / "results/b/config.json"
+    path.write_text(json.dumps(json.loads(path.read_text()) | {"scenario": {"name": "left_turn"}}))
+    assert cli.main(["compare", "a", "b"]) == 2
+    assert "seen a study of left_turn; expected a study of the scenario cut_in" in capsys.readouterr().err
+
+
+def test_the_interval_of_an_event_is_printed_next_to_its_probability(studies, capsys):
+    tables = studies / "figures/b/tables/answer.csv"
+    tables.write_text(ANSWER.format("b", 5e-6, 3e-5).replace("1e-06", "2e-06").replace("4e-05", "6e-05"))
+    assert cli.main(["compare", "a", "b"]) == 0
+    rows = [line for line in capsys.readouterr().out.splitlines() if line.lstrip().startswith("answer")]
+    events = ["crash" in row for row in rows]
+    assert len(rows) == 4
+    assert events[0] == events[1] != events[2] == events[3]

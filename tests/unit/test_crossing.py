@@ -1,5 +1,6 @@
 """The car in the left turn and the pedestrian crossing, against stored verdicts and plain integration."""
 
+import re
 from dataclasses import replace
 from functools import cache
 from pathlib import Path
@@ -14,6 +15,7 @@ from accelerated_evaluation.scenarios.crossing import kernel
 from accelerated_evaluation.scenarios.left_turn.vehicle import LeftTurnCar
 from accelerated_evaluation.scenarios.pedestrian import CREEPING
 from accelerated_evaluation.scenarios.pedestrian.vehicle import PedestrianCar
+from accelerated_evaluation.vehicles.checks import checked_outcomes
 
 ROOT = Path(__file__).parents[2]
 CARS = {"left_turn": LeftTurnCar, "pedestrian": PedestrianCar}
@@ -257,3 +259,32 @@ def test_a_trace_ends_as_the_simulation_does(name):
 def test_a_parameter_out_of_its_range_is_named(change, message):
     with pytest.raises(InputError, match=message):
         replace(LeftTurnCar(), **change)
+
+
+@pytest.mark.parametrize("name", CARS)
+@pytest.mark.parametrize(
+    ("outcome", "crash", "value", "expected"),
+    [
+        ("impact_speed", True, -3.0, "a finite speed of 0 m/s or more"),
+        ("impact_speed", True, np.inf, "a finite speed of 0 m/s or more"),
+        ("impact_speed", False, 3.0, "0 m/s where crash is false"),
+        ("clearance", True, 0.5, "0 m or less where crash is true"),
+        ("clearance", False, -0.5, "0 m or more where crash is false"),
+        ("min_distance", False, -0.5, "0 m or more"),
+        ("run_time", False, -1.0, "0 s or more"),
+    ],
+)
+def test_impossible_outcomes_of_a_user_s_vehicle_are_refused(name, outcome, crash, value, expected):
+    """Otherwise a negative impact speed would silently be no impact, and an impact without a crash one."""
+    columns, _, slow = verdicts(name)
+    x = columns[:, ~slow][:, :2000]
+    found = CARS[name]().simulate(*x)
+    assert (
+        checked_outcomes(found, x, vehicle="own", scenario=SCENARIOS[name]).crash.sum()
+        == found.crash.sum()
+        > 0
+    )
+    values = getattr(found, outcome).copy()
+    values[np.flatnonzero(found.crash == crash)[0]] = value
+    with pytest.raises(InputError, match=re.escape(expected)):
+        checked_outcomes(replace(found, **{outcome: values}), x, vehicle="own", scenario=SCENARIOS[name])

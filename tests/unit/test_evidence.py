@@ -184,7 +184,7 @@ def test_replays_with_events_guide_the_sampler_and_others_do_not():
 
 
 def in_a_band(car, scenario, name, low, high, outcomes):
-    """Return a car that also crashes in a thin band of one variable, to which no outcomes lead."""
+    """Return a car that also crashes in a thin band of one variable, to which no outcome leads."""
     place = scenario.names.index(name)
 
     def simulate(*columns):
@@ -204,7 +204,7 @@ BANDS = {
 
 @pytest.mark.parametrize("name", BANDS)
 def test_no_answer_that_the_records_contradict_has_converged(name, monkeypatch):
-    """The sampler has found all events but those of a thin band, and says that it has converged."""
+    """The sampler has found all events but those in a thin band, and says that it has converged."""
     scenario, law, band, outcomes = BANDS[name]
     x = law.from_normal_scores(np.random.default_rng(5).standard_normal((2000, 3)))
     sound = SimpleNamespace(simulate=lambda *columns: never(scenario, columns), deterministic=True)

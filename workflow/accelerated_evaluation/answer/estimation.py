@@ -98,7 +98,7 @@ class Estimated:
         return pd.concat([others, rows], ignore_index=True) if len(rows) else pd.DataFrame(others)
 
     def lines(self, compared: pd.DataFrame | None = None, *, verbose: bool = False) -> list[str]:
-        """Return the answer in words: first what was asked, and with ``verbose`` all that is known."""
+        """Return the answer in words: first what was asked; with ``verbose`` all that is known of it."""
         ratios = [] if compared is None else map(ratio_in_words, compared.to_dict("records"))
         return [
             *self.verdict.stop_lines(),
@@ -134,17 +134,18 @@ class Estimated:
         yield from budget_in_words(answer.budget())
         yield f"law of {scenario.noun}s: {answer.draws.proposal.description}"
         verdict = "converged" if answer.converged else "not converged"
-        runs = f"{estimate.simulations:,} simulations, {estimate.events:,} of them with the event"
-        yield f"{verdict} after {runs}"
+        counts = f"{estimate.simulations:,} simulations, {estimate.events:,} of them with the event"
+        yield f"{verdict} after {counts}"
         if answer.notes["not_ended"]:
             yield f"warning: {answer.notes['not_ended']:,} runs did not end, and count as without the event"
-        if verbose:
+        if verbose or answer.posterior is None:
             known = "not known yet" if math.isnan(estimate.probability) else f"{estimate.probability:.3g}"
             yield (
                 f"{scenario.event_in_words(answer.problem.event)} under this law: probability {known}, "
                 f"{1 - estimate.alpha:.0%} interval of the sampling alone {estimate.low:.2g} to "
                 f"{estimate.high:.2g}"
             )
+        if verbose:
             yield weights_in_words(estimate.diagnostics)
             yield unseen_in_words(estimate.probability, estimate.diagnostics)
             yield chance_in_words(estimate.diagnostics)

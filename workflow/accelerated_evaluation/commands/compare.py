@@ -57,12 +57,22 @@ class Compare:
                 "OTHER", seen=names[1], expected="another study than STUDY", change="Name two studies."
             )
         studies = tuple(map(Study.named, names))
+        scenarios = [study.scenario.name for study in studies]
+        if scenarios[0] != scenarios[1]:
+            expected = f"a study of the scenario {scenarios[0]}, like {names[0]}"
+            change = "Name two studies of the same scenario."
+            raise InputError(names[1], seen=f"a study of {scenarios[1]}", expected=expected, change=change)
         settings, cells = changed_settings(*studies), changed_cells(*studies)
         print(settings.to_string(index=False) if len(settings) else "The settings are equal.")
         places = zip(cells["table"], cells["column"], strict=True)
         headline = [column in SHOWN.get(table, ()) for table, column in places]
-        shown = cells[headline].to_string(index=False, float_format="{:.3g}".format)
-        print(shown if any(headline) else "The probabilities are equal.")
+        if any(headline):
+            shown = cells[headline].sort_values(
+                ["table", "row"], kind="stable"
+            )  # an interval after its number
+            print(shown.to_string(index=False, float_format="{:.3g}".format))
+        else:
+            print("The probabilities are equal.")
         target = arguments.target or studies[1].results / f"compared_with_{names[0]}.csv"
         write_csv(target, cells)
         print(f"{target}: {len(cells)} cells of the published tables differ")

@@ -2,6 +2,10 @@
 
 import argparse
 import json
+import os
+import sys
+from collections.abc import Iterator
+from contextlib import contextmanager, redirect_stdout
 from pathlib import Path
 
 from accelerated_evaluation.commands import COMMANDS, add_accept
@@ -76,6 +80,20 @@ def _share(text: str) -> float:
 
 
 _share.__name__ = "number from 0 to 1"
+
+
+@contextmanager
+def _only_the_answer() -> Iterator[None]:
+    """Send what a vehicle prints, in this process or a worker, to standard error; the answer comes after."""
+    sys.stdout.flush()
+    known = os.dup(1)
+    os.dup2(2, 1)
+    try:
+        with redirect_stdout(sys.stderr):
+            yield
+    finally:
+        os.dup2(known, 1)
+        os.close(known)
 
 
 @COMMANDS.add("estimate")
@@ -155,8 +173,8 @@ class EstimateAlone:
         command.add_argument(
             "--verbose",
             action="store_true",
-            help="also print further events, the sampling alone, bounds on what no run has shown, "
-            "repeated runs, and stored outcomes",
+            help="also print further events, the sampling alone, bounds on what no run has shown, repeated "
+            "runs, and stored outcomes",
         )
         command.add_argument(
             "--json", action="store_true", help="print the answer as JSON, for scripts, instead of words"
@@ -176,7 +194,8 @@ class EstimateAlone:
         config["data"]["accepted_warnings"] = [*config["data"]["accepted_warnings"], *arguments.accept]
         names = ("law", "replicates", "sampling_share", "predecessor", "event", "compare", "reference")
         given = {name: value for name in names if (value := getattr(arguments, name)) not in (None, [])}
-        found = estimate(resolved(config), Request(**given))
+        with _only_the_answer():
+            found = estimate(resolved(config), Request(**given))
         folder = Path("results", config["study"], "estimate")
         compared = found.write(folder)
         if arguments.json:

@@ -9,6 +9,7 @@ from accelerated_evaluation.base.arrays import Array
 from accelerated_evaluation.base.errors import InputError
 from accelerated_evaluation.base.tables import read_csv, require_file
 from accelerated_evaluation.laws.motion import LONGEST, MOTIONS, STATES, STEP, draw_lead_speeds
+from accelerated_evaluation.laws.motion.recorded import FASTEST_CHANGE, is_jump
 
 FILE_COLUMNS = ("time_s", "lead_speed_m_per_s")  # as in the table that the command replay writes
 DRAWN = ("constant", "ngsim")  # laws of lead motion that need no records
@@ -32,7 +33,7 @@ def lead_speeds_of(text: str, encounter: Array, generator: np.random.Generator) 
     ------
     InputError
         If there is no such law or file, or if the file has other columns, times that do not increase from 0
-        to 8 s, or speeds that are negative or not finite.
+        to 8 s, or speeds that are negative, not finite, or change faster than those of a car.
     """
     if text.endswith(".csv"):
         return _read(Path(text))
@@ -68,6 +69,10 @@ def _read(path: Path) -> Array:
         wrong = int(np.argmin(np.isfinite(speeds) & (speeds >= 0)))
         seen = f"a lead speed of {speeds[wrong]:g} m/s at {times[wrong]:g} s"
         raise _error(path, seen, "finite speeds of 0 m/s or more")
+    if (jumps := is_jump(speeds[None], times)[0]).any():
+        k = int(jumps.argmax())
+        seen = f"{speeds[k]:g} m/s at {times[k]:g} s and {speeds[k + 1]:g} m/s at {times[k + 1]:g} s"
+        raise _error(path, seen, f"speeds in m/s that change by at most {FASTEST_CHANGE:g} m/s²")
     return np.interp(STEP * np.arange(STATES), times, speeds)
 
 

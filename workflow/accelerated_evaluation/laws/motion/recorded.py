@@ -222,8 +222,7 @@ def _require_courses(courses: Array, times: Array, names: list[str], where: str,
             expected="a speed of 0 m/s or more, and no speed after an empty cell",
             change="Correct the course of this cut-in, or leave it out.",
         )
-    change = np.abs(np.diff(courses, axis=1))
-    jumps = change > MEASURED + FASTEST_CHANGE * np.diff(times)
+    jumps = is_jump(courses, times)
     if jumps.any():
         row, column = np.argwhere(jumps)[0]
         before, after = courses[row, column : column + 2]
@@ -233,6 +232,11 @@ def _require_courses(courses: Array, times: Array, names: list[str], where: str,
             expected=f"a change of at most {FASTEST_CHANGE:g} m/s², and {MEASURED:g} m/s for errors",
             change="Correct the speeds. Are they in km/h, or are the times not in seconds?",
         )
+
+
+def is_jump(courses: Array, times: Array) -> NDArray[np.bool_]:
+    """Return where speeds [m/s], shape (n, k), change faster than a car's until the next of k times [s]."""
+    return np.abs(np.diff(courses, axis=1)) > MEASURED + FASTEST_CHANGE * np.diff(times)
 
 
 def _seconds(name: str) -> float:

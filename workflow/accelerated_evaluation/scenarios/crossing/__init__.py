@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from accelerated_evaluation.base.arrays import Array
-from accelerated_evaluation.scenarios.protocol import FLAG, Panel, ReportedRule, outcome
+from accelerated_evaluation.scenarios.protocol import FLAG, Fault, Panel, ReportedRule, outcome
 
 
 @dataclass(frozen=True)
@@ -39,6 +39,21 @@ PANELS = (
     Panel("acceleration [m/s²]", {"host_acceleration_m_per_s2": "host"}),
     Panel("position of the target [m]", {"ahead_m": "ahead", "aside_m": "aside"}, zero=True),
 )
+
+
+def outcome_rules(columns: Mapping[str, Array]) -> list[Fault]:
+    """Return the faults of simulated outcomes, from the columns of encounters and outcomes by name."""
+    names = ("crash", "min_distance", "clearance", "impact_speed", "run_time")
+    crash, min_distance, clearance, impact_speed, run_time = (columns[name] for name in names)
+    not_a_speed = ~(np.isfinite(impact_speed) & (impact_speed >= 0))
+    return [
+        (~(min_distance >= 0), "min_distance", "0 m or more"),
+        (crash & ~(clearance <= 0), "clearance", "0 m or less where crash is true"),
+        (~crash & ~(clearance >= 0), "clearance", "0 m or more where crash is false"),
+        (not_a_speed, "impact_speed", "a finite speed of 0 m/s or more"),
+        (~crash & (impact_speed != 0), "impact_speed", "0 m/s where crash is false"),
+        (~(run_time >= 0), "run_time", "0 s or more"),
+    ]
 
 
 def reported_rules(crash: bool, encounter: Mapping[str, float]) -> dict[str, ReportedRule]:

@@ -10,7 +10,7 @@ import pandas as pd
 
 from accelerated_evaluation.base.registry import Registry
 from accelerated_evaluation.scenarios import SCENARIOS
-from accelerated_evaluation.scenarios.crossing import PANELS, CrossingOutcomes, reported_rules
+from accelerated_evaluation.scenarios.crossing import PANELS, CrossingOutcomes, outcome_rules, reported_rules
 from accelerated_evaluation.scenarios.protocol import Event, Scenario, Variable
 
 SLOWEST = 0.2  # [m/s]; for a slower turning car the host waits, and rounding decides the outcome
@@ -53,6 +53,7 @@ LEFT_TURN = SCENARIOS.add("left_turn")(
         vehicles=Registry("vehicle", __name__, __path__),
         default_vehicle="acc_aeb",
         read_records=_read_records,
+        outcome_rules=outcome_rules,
         reported_rules=reported_rules,
         panels=PANELS,
         records=Path("data/left_turn/records.parquet"),

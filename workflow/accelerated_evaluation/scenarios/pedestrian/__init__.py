@@ -12,7 +12,7 @@ import pandas as pd
 
 from accelerated_evaluation.base.registry import Registry
 from accelerated_evaluation.scenarios import SCENARIOS
-from accelerated_evaluation.scenarios.crossing import PANELS, CrossingOutcomes, reported_rules
+from accelerated_evaluation.scenarios.crossing import PANELS, CrossingOutcomes, outcome_rules, reported_rules
 from accelerated_evaluation.scenarios.protocol import Event, Scenario, Variable
 
 SLOWEST = 0.3  # [m/s]; almost all crashes with slower pedestrians are artefacts of the simulation
@@ -66,6 +66,7 @@ PEDESTRIAN = SCENARIOS.add("pedestrian")(
         vehicles=Registry("vehicle", __name__, __path__),
         default_vehicle="acc_aeb",
         read_records=_read_records,
+        outcome_rules=outcome_rules,
         reported_rules=reported_rules,
         panels=PANELS,
         records=Path("data/pedestrian/records.parquet"),
