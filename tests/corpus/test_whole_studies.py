@@ -75,8 +75,8 @@ def merged(base, change):
 
 
 def car(name, **parameters):
-    """Name a vehicle of `vehicles.py` in the configuration."""
-    return {"vehicle": {"name": f"vehicles.py:{name}", "parameters": parameters}}
+    """Name a vehicle of `odd_vehicles.py` in the configuration."""
+    return {"vehicle": {"name": f"odd_vehicles.py:{name}", "parameters": parameters}}
 
 
 def table(name, **config):
@@ -261,7 +261,7 @@ pytestmark = pytest.mark.studies
 def shared(tmp_path_factory, project_in):
     """Return one folder for all studies, which share the crash maps of the vehicles that are compared."""
     project = project_in(tmp_path_factory.mktemp("studies"))
-    shutil.copy(HERE / "vehicles.py", project.folder)
+    shutil.copy(HERE / "odd_vehicles.py", project.folder)
     for name, made in TABLES.items():
         made().to_csv(project.folder / f"{name}.csv", index=False)
     return project

@@ -54,10 +54,13 @@ class Raising:
         return self
 """
 WORKER = """
+import signal
+
 import numpy as np
 from accelerated_evaluation.vehicles.external.workers import Processes, simulate_batch
 
 if __name__ == "__main__":
+    signal.signal(signal.SIGINT, signal.default_int_handler)  # shells ignore it for jobs in the background
     with Processes(1) as pool:
         future = pool.submit(simulate_batch, "cars.py:Sleeping", {}, np.ones((3, 2)), 300.0)
         while not pool._pools[0]._processes:

@@ -5,6 +5,7 @@ from pathlib import Path
 import pandas as pd
 import pytest
 import yaml
+from accelerated_evaluation.answer.replays import FOLLOWED, SIZES
 
 pytestmark = pytest.mark.studies
 CAR = """
@@ -109,10 +110,13 @@ def test_a_study_of_a_slow_vehicle_ends_in_a_book_though_it_dies_twice(finished,
     results = project.folder / "results/smoke"
     simulated = (project.folder / "simulated.txt").read_text().splitlines()
     runs = pd.read_csv(results / "laws/runs.csv")
-    # Two batches were lost, some encounters are repeated on purpose, and a few crashes are followed.
+    # Records are replayed, two batches were lost, some encounters are repeated on purpose, and a few crashes
+    # are followed.
+    replayed = pd.read_csv(results / "laws/replays.csv")["replayed"].max()
     assert len(runs) <= 150
-    assert len(set(simulated)) < len(runs) + 30
-    assert len(simulated) < len(runs) + 60
+    assert replayed <= sum(SIZES) + FOLLOWED
+    assert len(set(simulated)) < len(runs) + replayed + 30
+    assert len(simulated) < len(runs) + replayed + 60
     answer = pd.read_csv(results / "laws/answer.csv").set_index("event")
     crash, severe = answer.loc["crash"], answer.loc["impact above 5 m/s"]
     assert 0 < crash["low95"] < crash["low80"] < crash["median"] < crash["high80"] < crash["high95"] < 0.01

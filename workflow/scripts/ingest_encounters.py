@@ -1,8 +1,9 @@
 """Read the records of the study, filter and segment lane changes, and account for every row."""
 
 from accelerated_evaluation.base.errors import InputError
-from accelerated_evaluation.base.files import atomic_path, write_csv, write_json
+from accelerated_evaluation.base.files import write_csv, write_json
 from accelerated_evaluation.base.randomness import child_generator
+from accelerated_evaluation.base.tables import write_parquet
 from accelerated_evaluation.records.encounter_table import write_encounters
 from accelerated_evaluation.records.filters import Account
 from accelerated_evaluation.records.ingest import ingest
@@ -14,7 +15,7 @@ from accelerated_evaluation.study.jobs import job
 
 
 def cut_ins(config: dict, outputs: dict[str, str], kept_account: str) -> None:
-    """Write the encounter table and its account; if no table can be made, the account is kept as a log."""
+    """Write the encounter table and its account, which is kept as a log if no table can be made."""
     raw = read_source(config["data"], child_generator(config["seed"], "sample"))
     account = Account.of(raw)
     try:
@@ -28,20 +29,14 @@ def cut_ins(config: dict, outputs: dict[str, str], kept_account: str) -> None:
     write_encounters(outputs["encounters"], encounters, describe(config["data"]))
 
 
-def others(config: dict, outputs: dict[str, str]) -> None:
-    """Write the records of another scenario and their account."""
-    scenario = SCENARIOS[config["scenario"]["name"]]
-    records = read_scenario_records(scenario, config["scenario"]["records"])
-    write_csv(outputs["account"], records_account(scenario, records))
-    write_json(outputs["exposure"], {"kilometres": None, "hours": None})
-    with atomic_path(outputs["encounters"]) as temporary:
-        records.to_parquet(temporary, index=False)
-
-
 if __name__ == "__main__":
     with job(snakemake.log.messages):
         config, outputs = dict(snakemake.params.items()), dict(snakemake.output.items())
-        if SCENARIOS[config["scenario"]["name"]].has_sources:
+        scenario = SCENARIOS[config["scenario"]["name"]]
+        if scenario.has_sources:
             cut_ins(config, outputs, snakemake.log.account)
         else:
-            others(config, outputs)
+            records = read_scenario_records(scenario, config["scenario"]["records"])
+            write_csv(outputs["account"], records_account(scenario, records))
+            write_json(outputs["exposure"], dict.fromkeys(("kilometres", "hours")))
+            write_parquet(outputs["encounters"], records)

@@ -17,7 +17,7 @@ from accelerated_evaluation.laws.smooth.support import Support
 
 COARSE = (14, 12)  # numbers of stored nodes of the lead speed and of the square root of the range
 FINE = (19, 16)  # numbers of nodes between which the ratios are interpolated
-LEVELS = (0, 1, 2, 3, 4, 5, 6, 8, 10, 12, 14, 17, 20, 24, DEPTH)  # stored cumulative hazards
+LEVELS = (0, 1, 2, 3, 4, 5, 6, 7, 8, 9, 10, 11, 12, 14, 17, 20, 24, DEPTH)  # stored cumulative hazards
 # Limits of the stored logarithms. Smaller ratios are almost 0, and no draw with a relevant weight has larger
 # ones.
 LIMITS = (-12.0, 8.0)

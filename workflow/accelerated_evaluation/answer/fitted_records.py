@@ -11,9 +11,8 @@ import pandas as pd
 from accelerated_evaluation.answer.joint_family import ClusteredRecords
 from accelerated_evaluation.base.arrays import Array
 from accelerated_evaluation.base.errors import InputError
-from accelerated_evaluation.base.files import atomic_path
 from accelerated_evaluation.base.randomness import child_generator
-from accelerated_evaluation.base.tables import read_parquet
+from accelerated_evaluation.base.tables import read_parquet, write_parquet
 from accelerated_evaluation.laws import Box
 from accelerated_evaluation.laws.smooth.family import DistinctRecords
 from accelerated_evaluation.laws.smooth.support import Support
@@ -73,9 +72,8 @@ class FittedRecords:
         """Write the encounter table as a Parquet file."""
         if self.scenario.has_sources:
             write_encounters(path, self.table, self.table.attrs.get("description", "not described"))
-            return
-        with atomic_path(path) as temporary:
-            self.table.to_parquet(temporary, index=False)
+        else:
+            write_parquet(path, self.table)
 
     @property
     def per_km(self) -> float | None:

@@ -11,6 +11,7 @@ from types import MappingProxyType
 import pandas as pd
 
 from accelerated_evaluation.base.errors import InputError
+from accelerated_evaluation.base.files import atomic_path
 
 CLUSTER = "cluster"  # column of records that names the driver or device that made them
 SHOWN = 5  # number of column names that a message shows
@@ -85,6 +86,12 @@ def read_parquet(path: str | os.PathLike, named: Mapping[str, str] = MappingProx
         raise _unreadable(path, error, "a Parquet file") from error
     require_columns(path, list(map(str, table.columns)), named)
     return table
+
+
+def write_parquet(path: str | os.PathLike, table: pd.DataFrame) -> None:
+    """Write a table as a Parquet file without its index; an interrupted write leaves no incomplete file."""
+    with atomic_path(path) as temporary:
+        table.to_parquet(temporary, index=False)
 
 
 def read_csv(path: str | os.PathLike, named: Mapping[str, str] = MappingProxyType({})) -> pd.DataFrame:

@@ -52,7 +52,8 @@ class Extract:
         import pandas as pd
 
         from accelerated_evaluation.base.errors import InputError
-        from accelerated_evaluation.base.files import atomic_path, write_csv, write_json
+        from accelerated_evaluation.base.files import write_csv, write_json
+        from accelerated_evaluation.base.tables import write_parquet
         from accelerated_evaluation.records.sources import SOURCES
         from accelerated_evaluation.study.configuration import load
 
@@ -82,7 +83,6 @@ class Extract:
         if target.suffix == ".csv":
             write_csv(target, cut_ins)
         else:
-            with atomic_path(target) as temporary:
-                cut_ins.to_parquet(temporary, index=False)
+            write_parquet(target, cut_ins)
         driven = f"{exposure['hours']:,.2f} h and {exposure['kilometres']:,.1f} km"
         print(f"{len(cut_ins):,} cut-ins in {driven}: {target}")

@@ -6,8 +6,7 @@ import numpy as np
 import pandas as pd
 
 from accelerated_evaluation.base.errors import InputError
-from accelerated_evaluation.base.files import atomic_path
-from accelerated_evaluation.base.tables import read_parquet, require_file
+from accelerated_evaluation.base.tables import read_parquet, require_file, write_parquet
 
 NUMBERS = ("lead_speed", "range", "closing_speed", "inverse_range", "inverse_ttc")
 COLUMNS = (*NUMBERS, "segment")
@@ -57,8 +56,7 @@ def write_encounters(path: str | os.PathLike, encounters: pd.DataFrame, descript
     """
     table = encounters[list(COLUMNS)].reset_index(drop=True)
     table.attrs = {"description": description}
-    with atomic_path(path) as temporary:
-        table.to_parquet(temporary, index=False)
+    write_parquet(path, table)
 
 
 def read_encounters(path: str | os.PathLike) -> pd.DataFrame:
