@@ -48,7 +48,7 @@ HEADERS = {
     "to_crash": "ratio to crashes",
     "within": "within the limits",
     "to_exact": "ratio to exact",
-    "to_exact_sd": "ratio to exact, standard deviation",
+    "to_exact_sd": "its standard deviation",
     "who": "vehicle or study",
 }
 # Endings of names that belong to the word before them.
@@ -128,7 +128,8 @@ def _repeated(shown: pd.DataFrame) -> list[str]:
 
 def _html(shown: pd.DataFrame) -> str:
     with pd.option_context("display.max_colwidth", None):
-        return shown.to_html(index=False, border=0, na_rep="–", escape=True)
+        html = shown.to_html(index=False, border=0, na_rep="–", escape=True)
+    return html.replace(" × 10", "\N{NO-BREAK SPACE}×\N{NO-BREAK SPACE}10")
 
 
 def _quantity(value: Any) -> Any:  # noqa: ANN401
