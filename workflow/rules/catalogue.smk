@@ -23,6 +23,7 @@ if SLOW:
     )
 PATHS = {path.stem: path for path in CHAPTERS}
 GUIDES = sorted(map(str, (PROJECT / "docs").glob("*.md"))) if IS_CUT_IN else []
+PICTURES = sorted(map(str, (PROJECT / "docs").glob("*.svg"))) if IS_CUT_IN else []
 ON_FIRST_PAGE = ["records_report.csv", "laws/answer.csv"]
 if IS_CUT_IN:
     ON_FIRST_PAGE = ["records_report.csv", "laws/answer.csv"]

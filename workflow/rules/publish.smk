@@ -107,6 +107,7 @@ rule book:
         ],
         results=[result(name) for name in ("config.json", *ON_FIRST_PAGE)],
         guides=GUIDES,
+        pictures=PICTURES,
         captions=sorted(map(str, CAPTIONS.glob("*.rst"))),
         pages=sorted(str(path) for folder in PAGES for path in folder.iterdir()),
         explorer=[rules.explorer.output.page] if IS_CUT_IN else [],

@@ -115,6 +115,8 @@ def _write_sources(parts: Parts, sources: Path, names: dict[str, Any]) -> None:
     for guide in parts.guides:
         text = guide.read_text(encoding="utf-8").replace("](../notebooks/", "](")  # all pages share a folder
         (sources / guide.name).write_text(parts.without_missing(text), encoding="utf-8")
+        for picture in guide.parent.glob(f"{guide.stem}_*.svg"):
+            shutil.copy(picture, sources)
     for path in parts.notebooks:
         notebook = nbformat.read(path, as_version=4)
         notebook.cells = list(_chapter(parts, path.stem, notebook))
