@@ -1,4 +1,4 @@
-"""Contents of the first and the last page of the book: the answer, the claims, and the provenance."""
+"""Contents of the first and the last page of the book: the answer, and the provenance."""
 
 import platform
 from collections.abc import Iterable
@@ -6,7 +6,6 @@ from importlib.metadata import version
 from pathlib import Path
 from typing import Any
 
-import pandas as pd
 import yaml
 
 from accelerated_evaluation.base.files import PROJECT, file_digest
@@ -14,7 +13,6 @@ from accelerated_evaluation.publishing.archive.provenance import commit_of
 from accelerated_evaluation.publishing.study import Study
 from accelerated_evaluation.publishing.tables.exact import contradictions
 from accelerated_evaluation.publishing.tables.extrapolation import rests_in_words
-from accelerated_evaluation.publishing.tables.formats import readable, to_markdown
 from accelerated_evaluation.publishing.tables.paper_numbers import PAPER_PROBABILITY
 from accelerated_evaluation.scenarios.cut_in import CUT_IN
 
@@ -22,15 +20,6 @@ from accelerated_evaluation.scenarios.cut_in import CUT_IN
 # all.
 PACKAGES = ("numpy", "scipy", "pandas", "pyarrow", "numba", "matplotlib")
 PACKAGES += ("snakemake", "papermill", "jinja2", "sphinx", "myst-nb", "sphinx-book-theme")
-CLAIM_COLUMNS = {
-    "claim": "number",
-    "source": "where in the paper",
-    "paper": "paper",
-    "ours": "ours",
-    "ours_low": "from",
-    "ours_high": "to",
-    "verdict": "verdict",
-}
 
 
 def known_to_pages(study: Study, records: Iterable[str]) -> dict[str, Any]:
@@ -58,11 +47,8 @@ def known_to_pages(study: Study, records: Iterable[str]) -> dict[str, Any]:
 
 def _of_the_paper(study: Study) -> dict[str, Any]:
     """Return the values that need results of the paper's methods and of crude Monte Carlo."""
-    claims = pd.read_csv(study.figures / "tables" / "claims.csv")
-    claims = claims[list(CLAIM_COLUMNS)].rename(columns=CLAIM_COLUMNS).map(readable)
     return {
         "paper_probability": PAPER_PROBABILITY,
-        "claims": to_markdown(claims),
         "contradicted": contradictions(study.truth, study.crude),
     }
 
