@@ -46,10 +46,10 @@ class Evidence:
         """The replays as a sentence."""
         replays, (count, total) = self.replays, self._counts()
         shown = "all" if count == total else f"{count:,} of {total:,}"
+        share = f", a share of {replays.happened / count:.2g}" if replays.happened else ""
         return (
             f"replays: the vehicle replayed {shown} distinct records, and {replays.happened:,} ended "
-            f"with {self.event} ({replays.happened / count:.2g}); the estimate expects at most "
-            f"{self.upper * total:.2g} in all records"
+            f"with {self.event}{share}; the estimate expects at most {self.upper * total:.2g} in all records"
         )
 
     def added_to(self, tables: Mapping[str, pd.DataFrame]) -> dict[str, pd.DataFrame]:
