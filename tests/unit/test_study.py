@@ -91,7 +91,7 @@ def test_a_table_is_published_whole_with_its_source_and_read_as_its_digest(study
     markdown = (study.figures / "tables" / "example.md").read_text()
     assert "2.5 × 10⁻⁶" in markdown
     assert "all" not in markdown
-    assert "2.5 × 10⁻⁶" in shown._repr_html_()
+    assert "2.5\N{NO-BREAK SPACE}×\N{NO-BREAK SPACE}10⁻⁶" in shown._repr_html_()
 
 
 def test_a_study_knows_what_was_read_and_published(study):

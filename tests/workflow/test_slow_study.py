@@ -126,7 +126,8 @@ def test_a_study_of_a_slow_vehicle_ends_in_a_book_though_it_dies_twice(finished,
     assert crashes["impact_speed"].notna().all()
     compared = pd.read_csv(results / "laws/compared.csv").set_index("other")
     assert set(compared.index) >= {"acc_only", "cc_human", "reg157", "rss", "fsm"}
-    assert compared.loc["reg157", "ratio_high80"] < 1
+    assert compared.loc["cc_human", "ratio_high80"] < 1
+    assert compared.loc["reg157", "ratio":"safer"].isna().all()  # the replayed records contradict its answer
     first_page = (results / "book/index.html").read_text()
     assert f"answers by {len(runs)} simulations" in first_page
     left_out = (results / "book/99_what_was_left_out.html").read_text()
