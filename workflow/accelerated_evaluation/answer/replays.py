@@ -24,8 +24,8 @@ SHARES, SIZES = (0.001, 0.01, 0.1, 1.0), (20, 30, 40, 10)
 SIMILAR = 10  # number of similar records that are replayed after each event,
 FOLLOWED = 40  # and their largest number in total
 FAST = 1e-3  # [s]; a vehicle that takes less for a run replays all records
-PARTS = 5  # number of parts in which a slow vehicle replays the sample
 CHUNK = 10_000  # number of records that are replayed at a time
+PART = 20  # the same for a slow vehicle, whose outcomes are stored each time, so that few can be lost
 
 Happens = Callable[[Array], NDArray[np.bool_]]
 
@@ -101,14 +101,12 @@ def replay(
     if not is_slow:
         happens(records[:, chosen[:1]])  # the first call may compile or load something
     begun = time.perf_counter()
-    # Outcomes of a slow vehicle are stored after each part, so that an interruption loses few of them.
-    parts = np.array_split(chosen, PARTS if is_slow else 1)
-    happened = np.concatenate([happens(records[:, part]) for part in parts])
+    happened = _all(happens, records[:, chosen], PART if is_slow else CHUNK)
     is_fast = not is_slow and time.perf_counter() - begun < FAST * len(chosen)
     similar, others = _follow(happens, records, chosen, happened)
     known = records[:, np.append(chosen, similar)], np.append(happened, others)
     if is_fast:
-        everything = _all(happens, records)
+        everything = _all(happens, records, CHUNK)
         one = np.array([len(everything)])
         return Replays(one, one, np.array([everything.sum()]), one[0], *known, records[:, everything])
     return Replays(
@@ -121,11 +119,11 @@ def replay(
     )
 
 
-def _all(happens: Happens, records: Array) -> NDArray[np.bool_]:
-    """Return whether the event happens in each record."""
+def _all(happens: Happens, records: Array, step: int) -> NDArray[np.bool_]:
+    """Return whether the event happens in each record; so many records are replayed at a time."""
     size = records.shape[1]
-    starts = tqdm(range(0, size, CHUNK), desc="records replayed", unit_scale=CHUNK, disable=None, delay=1)
-    return np.concatenate([happens(records[:, start : start + CHUNK]) for start in starts])
+    starts = tqdm(range(0, size, step), desc="records replayed", unit_scale=step, disable=None, delay=1)
+    return np.concatenate([happens(records[:, start : start + step]) for start in starts])
 
 
 def _follow(

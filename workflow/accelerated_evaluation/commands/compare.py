@@ -67,9 +67,8 @@ class Compare:
         places = zip(cells["table"], cells["column"], strict=True)
         headline = [column in SHOWN.get(table, ()) for table, column in places]
         if any(headline):
-            shown = cells[headline].sort_values(
-                ["table", "row"], kind="stable"
-            )  # an interval after its number
+            # An interval comes after its number.
+            shown = cells[headline].sort_values(["table", "row"], kind="stable")
             print(shown.to_string(index=False, float_format="{:.3g}".format))
         else:
             print("The probabilities are equal.")
