@@ -132,10 +132,10 @@ def test_a_worker_ends_with_a_killed_study_even_while_a_class_runs(folder):
 def test_an_interrupt_at_the_keyboard_ends_workers_without_a_traceback(folder, seconds):
     """The keyboard interrupts the workers, too, while they start and while the vehicle runs."""
     script = folder / "study.py"
-    stopped = (
-        "try:\n            future.result()\n        except KeyboardInterrupt:\n            print('stopped')"
-    )
-    script.write_text(WORKER.replace("future.result()", stopped))
+    # The interrupt may come as soon as the number of the process has been printed.
+    watched = WORKER.replace("        print(*", "        try:\n            print(*")
+    stopped = "    future.result()\n        except KeyboardInterrupt:\n            print('stopped')"
+    script.write_text(watched.replace("future.result()", stopped))
     streams = {"stdout": subprocess.PIPE, "stderr": subprocess.PIPE, "text": True}
     study = subprocess.Popen([sys.executable, str(script)], cwd=folder, start_new_session=True, **streams)
     worker = int(study.stdout.readline())

@@ -3,9 +3,6 @@
 import argparse
 import json
 import os
-import sys
-from collections.abc import Iterator
-from contextlib import contextmanager, redirect_stdout
 from pathlib import Path
 
 from accelerated_evaluation.commands import COMMANDS, add_accept
@@ -80,20 +77,6 @@ def _share(text: str) -> float:
 
 
 _share.__name__ = "number from 0 to 1"
-
-
-@contextmanager
-def _only_the_answer() -> Iterator[None]:
-    """Send what a vehicle prints, in this process or a worker, to standard error; the answer comes after."""
-    sys.stdout.flush()
-    known = os.dup(1)
-    os.dup2(2, 1)
-    try:
-        with redirect_stdout(sys.stderr):
-            yield
-    finally:
-        os.dup2(known, 1)
-        os.close(known)
 
 
 @COMMANDS.add("estimate")
@@ -186,6 +169,7 @@ class EstimateAlone:
         """Estimate the probability of the event, write the tables, and print the answer."""
         from accelerated_evaluation.answer.estimation import Request, estimate
         from accelerated_evaluation.study.configuration import load, resolved
+        from accelerated_evaluation.vehicles.external.workers import printed_to
 
         given = {} if arguments.scenario is None else {"scenario": {"name": arguments.scenario}}
         if given and not arguments.config:
@@ -194,7 +178,8 @@ class EstimateAlone:
         config["data"]["accepted_warnings"] = [*config["data"]["accepted_warnings"], *arguments.accept]
         names = ("law", "replicates", "sampling_share", "predecessor", "event", "compare", "reference")
         given = {name: value for name in names if (value := getattr(arguments, name)) not in (None, [])}
-        with _only_the_answer():
+        # What a vehicle prints is not part of the answer.
+        with open(os.dup(2), "w", buffering=1) as errors, printed_to(errors, 1):
             found = estimate(resolved(config), Request(**given))
         folder = Path("results", config["study"], "estimate")
         compared = found.write(folder)

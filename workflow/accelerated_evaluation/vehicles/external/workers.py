@@ -58,7 +58,7 @@ def simulate_batch(
     worker process is ended, because there is no other way to stop compiled code. For cut-ins with lead speeds
     over time, further rows of ``encounters`` contain these speeds.
     """
-    with ONE_AT_A_TIME, open(os.devnull, "w") as nowhere, _silenced(nowhere):
+    with ONE_AT_A_TIME, open(os.devnull, "w") as nowhere, printed_to(nowhere, 1, 2):
         faulthandler.dump_traceback_later(time_limit + GRACE, exit=True, file=nowhere)
         try:
             vehicle = _loaded(json.dumps([name, scenario, parameters]))
@@ -225,18 +225,19 @@ def _loaded(description: str) -> CheckedVehicle:
 
 
 @contextmanager
-def _silenced(nowhere: TextIO) -> Iterator[None]:
-    """Redirect everything that is printed in the block, also by compiled code, to an open file."""
-    kept = [os.dup(stream) for stream in (1, 2)]
+def printed_to(file: TextIO, *streams: int) -> Iterator[None]:
+    """Redirect what is printed to streams, 1 for output and 2 for errors, also by compiled code, to `file`."""
+    kept = [os.dup(stream) for stream in streams]
     flush_all = ctypes.CDLL(None).fflush  # compiled code buffers its output and prints it later
     flush_all(None)
     try:
-        for stream in (1, 2):
-            os.dup2(nowhere.fileno(), stream)
-        with redirect_stdout(nowhere), redirect_stderr(nowhere):
+        with ExitStack() as redirected:
+            for stream in streams:
+                os.dup2(file.fileno(), stream)
+                redirected.enter_context({1: redirect_stdout, 2: redirect_stderr}[stream](file))
             yield
     finally:
         flush_all(None)
-        for stream, copy in zip((1, 2), kept, strict=True):
+        for stream, copy in zip(streams, kept, strict=True):
             os.dup2(copy, stream)
             os.close(copy)
