@@ -226,7 +226,7 @@ def _loaded(description: str) -> CheckedVehicle:
 
 @contextmanager
 def printed_to(file: TextIO, *streams: int) -> Iterator[None]:
-    """Redirect what is printed to streams, 1 for output and 2 for errors, also by compiled code, to `file`."""
+    """Redirect what is printed, also by compiled code, to a file; stream 1 is the output, 2 the errors."""
     kept = [os.dup(stream) for stream in streams]
     flush_all = ctypes.CDLL(None).fflush  # compiled code buffers its output and prints it later
     flush_all(None)
