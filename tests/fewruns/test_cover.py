@@ -87,9 +87,15 @@ def test_a_hidden_part_is_found_unless_the_event_is_stated_to_have_none():
 
 
 def test_defaults_follow_the_statement():
-    generator = np.random.default_rng(0)
-    assert Sampler(3, generator).certificate == Cover.by_default(3)
-    assert Sampler(3, generator, upper_set=True).certificate == BY_DEFAULT
+    sampler, stated = (Sampler(3, np.random.default_rng(0), upper_set=stated) for stated in (False, True))
+    assert stated.required == BY_DEFAULT
+    assert sampler.required == Cover.by_default(3, with_scores=False)
+    happened = np.zeros(len(sampler.ask()), bool)
+    sampler.tell(happened)  # flags alone need the stricter cover
+    assert sampler.required == Cover.by_default(3, with_scores=False)
+    sampler.tell(happened, sampler.ask()[:, 0])
+    assert sampler.required == Cover.by_default(3) == resumed(sampler).required
+    assert sampler.required.curvature < Cover.by_default(3, with_scores=False).curvature
 
 
 def test_runs_of_a_cover_have_no_weight_in_the_estimate_and_are_resumed():
@@ -100,8 +106,7 @@ def test_runs_of_a_cover_have_no_weight_in_the_estimate_and_are_resumed():
     assert any(of_cover)
     assert not of_cover[-1]  # one batch is sampled afterwards
     assert (
-        course.result.diagnostics["unseen_mode"]
-        <= course.sampler.certificate.share * course.result.probability
+        course.result.diagnostics["unseen_mode"] <= course.sampler.required.share * course.result.probability
     )
     assert (course.result.tables["runs"]["phase"] == "cover").sum() == 10 * sum(of_cover)
     place = of_cover.index(True)
@@ -115,7 +120,7 @@ def test_runs_of_a_cover_have_no_weight_in_the_estimate_and_are_resumed():
     ).surprising
     again = resumed(course.sampler)
     assert numbers(again.estimate(STOPPING)) == numbers(course.result)
-    assert again.certificate == course.sampler.certificate
+    assert again.required == course.sampler.required
     sampled = [each for each in progress.estimates if each.runs]
     assert combine(sampled[-3:]).batches == 3
 

@@ -11,7 +11,7 @@ import numpy as np
 from scipy.special import chdtri
 
 from fewruns.arrays import Array, Flags, Indices
-from fewruns.constants import BASIN_CLOSED, CANDIDATES, FEW
+from fewruns.constants import BASIN_CLOSED, CANDIDATES
 from fewruns.graded import GradedSurrogate, graded
 from fewruns.wide_laws import rarity
 
@@ -20,12 +20,11 @@ def open_basins(z: Array, happened: Flags, score: Array, reach: float) -> Indice
     """Return the runs that are local minima of the scores, and have no later run near them.
 
     A local minimum has a smaller score than its 2 d nearest runs, none of which is an event. Runs beyond the
-    rarity ``reach`` are left out, also as neighbours. With many inputs there are no neighbours, and so no
-    basins.
+    rarity ``reach`` are left out, also as neighbours.
     """
     inside = np.flatnonzero(rarity(z) <= reach)
     z, happened, score, (n, d) = z[inside], happened[inside], score[inside], z[inside].shape
-    if d > FEW or n <= 2 * d:
+    if n <= 2 * d:
         return np.empty(0, np.intp)
     outcome, distance = graded(happened, score), _distances(z)
     nearest = np.argsort(distance, axis=1)[:, : 2 * d]

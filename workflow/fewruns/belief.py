@@ -12,13 +12,7 @@ import numpy as np
 
 from fewruns.arrays import Array
 from fewruns.calibration import Calibration
-from fewruns.constants import (
-    AMPLITUDE,
-    MOST_TRUST,
-    NOISY_AMPLITUDE,
-    NOISY_LOG_ODDS,
-    RELEARN,
-)
+from fewruns.constants import AMPLITUDE, MOST_TRUST, NOISY_AMPLITUDE, NOISY_LOG_ODDS, RELEARN
 from fewruns.gaussian_process import EventSurrogate
 from fewruns.graded import GradedSurrogate, end_of_events, graded
 from fewruns.kernel import principal_axes

@@ -8,13 +8,7 @@ from scipy.optimize import minimize_scalar
 from scipy.special import expit, log_ndtr, ndtr, ndtri
 
 from fewruns.arrays import Array, Flags
-from fewruns.constants import (
-    LEAST_TRUST,
-    LOG_SLOPE_BOUNDS,
-    MOST_TRUST,
-    SLOPE_SPREAD,
-    SUREST,
-)
+from fewruns.constants import LEAST_TRUST, LOG_SLOPE_BOUNDS, MOST_TRUST, SLOPE_SPREAD, SUREST
 
 
 @dataclass(frozen=True)

@@ -25,8 +25,10 @@ from fewruns.constants import (
     FARTHEST,
     MODES,
     ROUNDNESS,
+    ROUNDNESS_OF_FLAGS,
 )
 from fewruns.errors import InputError
+from fewruns.selection import choose_covering
 from fewruns.two_phase import reach_of
 
 
@@ -55,9 +57,9 @@ class Cover:
             raise InputError("cover", seen=f"{self}", expected=expected, change="Correct the values.")
 
     @classmethod
-    def by_default(cls, dimension: int) -> "Cover":
+    def by_default(cls, dimension: int, *, with_scores: bool = True) -> "Cover":
         """Return the default cover for a number of inputs; modes are flatter if there are many."""
-        return cls(COVER_SHARE, ROUNDNESS / dimension**2.5)
+        return cls(COVER_SHARE, (ROUNDNESS if with_scores else ROUNDNESS_OF_FLAGS) / dimension**2.5)
 
     def unseen(self, z: Array) -> float:
         """Return the probability of the farthest modes up to which all but `COVER_MISSED` contain a run."""
@@ -83,11 +85,7 @@ class Cover:
         radius = np.minimum(np.sqrt(b[mode] ** 2 + 2 * b[mode] / self.curvature), longest)
         points = u[mode] + step
         points *= (radius / np.linalg.norm(points, axis=1))[:, None]
-        inside, need, chosen = self._contain(points, u, b), np.ones(len(u)), []
-        for _ in range(n):
-            chosen.append(int((inside @ need).argmax()))
-            need[inside[chosen[-1]]] *= COVERED_AGAIN
-        return points[chosen]
+        return points[choose_covering(self._contain(points, u, b), n, COVERED_AGAIN)]
 
     def _met(self, z: Array, u: Array, b: Array) -> Flags:
         """Return whether each of t modes contains a run, shape (t,)."""

@@ -33,11 +33,7 @@ from fewruns.constants import (
     STARTS,
 )
 from fewruns.graded import graded
-from fewruns.kernel import (
-    covariance_of_runs,
-    negative_log_posterior,
-    thinned,
-)
+from fewruns.kernel import covariance_of_runs, negative_log_posterior, thinned
 from fewruns.subspace import outward
 
 # Prior mean and standard deviation of three logarithms: inverse length outward, amplitude and noise.

@@ -12,22 +12,9 @@ from dataclasses import dataclass
 import numpy as np
 
 from fewruns.arrays import Array
-from fewruns.constants import (
-    ALONG,
-    DEFENCE,
-    EVEN,
-    REACH,
-    WHOLE_SHARE,
-    WIDE_SHARE,
-)
+from fewruns.constants import ALONG, DEFENCE, EVEN, REACH, WHOLE_SHARE, WIDE_SHARE
 from fewruns.subspace import Space, Subspace
-from fewruns.wide_laws import (
-    KernelMixture,
-    WideLaw,
-    draw_wide,
-    log_normal_to_wide,
-    rarity,
-)
+from fewruns.wide_laws import KernelMixture, WideLaw, draw_wide, log_normal_to_wide, rarity
 
 
 @dataclass(frozen=True)

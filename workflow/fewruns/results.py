@@ -9,19 +9,15 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from fewruns.anytime import anytime_interval
-from fewruns.arrays import Array, Flags, Indices
+from fewruns.arrays import Array, Flags
 from fewruns.basins import open_basins, probe
 from fewruns.certificate import Certificate, Unseen, look_beyond
-from fewruns.combining import (
-    BatchEstimate,
-    Combined,
-    combine,
-    counted_batches,
-)
-from fewruns.constants import NOISY_USABLE, USABLE
+from fewruns.combining import BatchEstimate, Combined, combine, counted_batches
+from fewruns.constants import FEW, NOISY_USABLE, USABLE
 from fewruns.cover import Cover
 from fewruns.estimates import Estimate, Stopping
 from fewruns.lapses import LapseBounds
+from fewruns.parts import draw_in_balls_together, open_balls
 from fewruns.progress import Progress
 from fewruns.two_phase import reach_of
 from fewruns.weights import effective_number, largest_pareto_k, pareto_k
@@ -102,15 +98,16 @@ def is_narrow(progress: Progress, stopping: Stopping) -> bool:
 def is_certified(progress: Progress, certificate: Certificate | Cover) -> bool:
     """Return whether the bound on an unobserved mode is at most ``certificate.share`` times the estimate.
 
-    If this is to be shown by a cover, all basins must be closed as well. One more batch is then sampled,
-    because the surrogate has learnt from these runs.
+    If this is to be shown by a cover, no known part may be larger than estimated, and all basins must be
+    closed. One more batch is then sampled, because the surrogate has learnt from these runs.
     """
     probability = _mean(progress)
     if _unseen(progress, probability, certificate).mode > certificate.share * probability:
         return False
     if isinstance(certificate, Certificate):
         return True
-    return bool(progress.estimates[-1].runs) and not len(_basins(progress, probability))
+    generator = np.random.Generator(np.random.PCG64(0))  # it does not matter whether runs are needed
+    return bool(progress.estimates[-1].runs) and not len(runs_of_cover(progress, certificate, 1, generator))
 
 
 def where_to_search(progress: Progress, certificate: Certificate | Cover) -> float:
@@ -126,22 +123,22 @@ def where_to_search(progress: Progress, certificate: Certificate | Cover) -> flo
     return look_beyond(*known, share)
 
 
-def runs_of_cover(progress: Progress, cover: Cover, batch_size: int, generator: np.random.Generator) -> Array:
-    """Return the next batch, shape (n, d), if its runs are to exclude modes or to close basins; else none."""
-    probability = _mean(progress)
-    if cover.unseen(progress.z) > cover.share * probability:
-        return cover.next_runs(batch_size, progress.z, cover.share * probability, generator)
-    if len(basins := _basins(progress, probability)):
-        known = progress.z, progress.happened, progress.score, reach_of(probability)
-        return probe(batch_size, basins, *known, generator)
-    return np.empty((0, progress.z.shape[1]))
+def runs_of_cover(progress: Progress, cover: Cover, n: int, generator: np.random.Generator) -> Array:
+    """Return n runs, shape (n, d), that exclude other parts of the event; none if none are needed.
 
-
-def _basins(progress: Progress, probability: float) -> Indices:
-    """Return the open basins; there are none to be seen if outcomes may be random."""
-    if progress.chance:
-        return np.empty(0, np.intp)
-    return open_basins(progress.z, progress.happened, progress.score, reach_of(probability))
+    Known parts come first, because the estimate begins again if they are larger than it knows. With many
+    inputs no run is near another one, and if outcomes may be random, neither parts nor basins can be seen.
+    """
+    z, happened, probability = progress.z, progress.happened, _mean(progress)
+    reach, can_see = reach_of(probability), not progress.chance and z.shape[1] <= FEW
+    centres = z[:0] if progress.centres is None else progress.centres
+    if can_see and len(balls := open_balls(z, happened, centres, probability, cover.share)):
+        return draw_in_balls_together(n, balls, generator)
+    if cover.unseen(z) > cover.share * probability:
+        return cover.next_runs(n, z, cover.share * probability, generator)
+    if can_see and len(basins := open_basins(z, happened, progress.score, reach)):
+        return probe(n, basins, z, happened, progress.score, reach, generator)
+    return z[:0]
 
 
 def _mean(progress: Progress) -> float:

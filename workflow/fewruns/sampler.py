@@ -78,8 +78,8 @@ class Sampler:
     fingerprint
         Text that identifies the problem, so that a saved state is not resumed for another one.
     certificate
-        Bound on unobserved parts of the event that is required for convergence; by default
-        `Cover.by_default`, or `certificate.BY_DEFAULT` for an ``upper_set``.
+        Bound on unobserved parts of the event that is required for convergence. None, the default, stands for
+        `Cover.by_default`, and for an ``upper_set`` it is replaced by `certificate.BY_DEFAULT`.
     upper_set
         Whether it is known that the event is an upper set in one of the inputs, so that it also happens if
         this input is larger, and that it has no separate parts. Fewer runs are then needed.
@@ -140,9 +140,8 @@ class Sampler:
             expected, change = f"1 to {POOL // 4}", "Choose another size."
             raise InputError("batch_size", seen=str(batch_size), expected=expected, change=change)
         self.dimension, self.batch_size, self.fingerprint = dimension, batch_size, fingerprint
-        if certificate is None:
-            certificate = BY_DEFAULT if upper_set else Cover.by_default(dimension)
-        self.certificate, self.frequent, self.predecessor = certificate, frequent, predecessor
+        self.certificate = BY_DEFAULT if certificate is None and upper_set else certificate
+        self.frequent, self.predecessor = frequent, predecessor
         self.deterministic = deterministic
         self.enough_repeats, self.enough_draws = enough_repeats, enough_draws
         self.progress = Progress.start(dimension)
@@ -287,9 +286,17 @@ class Sampler:
             return 0
         return max(self.enough_draws - len(self.progress.law_draws), 0)
 
+    @property
+    def required(self) -> Certificate | Cover:
+        """The required certificate; by default a cover, which is stricter for flags without scores."""
+        if self.certificate is not None:
+            return self.certificate
+        score = self.progress.score
+        return Cover.by_default(self.dimension, with_scores=bool((score != score[:1]).any()))
+
     def _has_excluded_all_else(self) -> bool:
         """Return whether the certificate is met and all checks are made; only lapses may then remain."""
-        certified = results.is_certified(self.progress, self.certificate)
+        certified = results.is_certified(self.progress, self.required)
         return certified and not self.repeats_wanted(certify=True) and not self._draws_wanted()
 
     def estimate(self, stopping: Stopping) -> Estimate:
@@ -298,7 +305,7 @@ class Sampler:
         The diagnostics ``unseen_mode`` and ``unseen_any`` bound the probability of unobserved parts
         (`Certificate`).
         """
-        found = results.estimate(self.progress, self.batch_size, stopping, self.certificate)
+        found = results.estimate(self.progress, self.batch_size, stopping, self.required)
         found = replace(found, converged=self.has_converged(stopping))
         return results.with_lapses(found, self.progress, stopping) if self.may_lapse else found
 
@@ -307,8 +314,8 @@ class Sampler:
     def _pending_batch(self, *, certify: bool = False) -> Batch:
         if self.progress.pending is None:
             with BLAS.limit(limits=1):
-                beyond = results.where_to_search(self.progress, self.certificate)
-                by_draws = certify and isinstance(self.certificate, Certificate)
+                beyond = results.where_to_search(self.progress, self.required)
+                by_draws = certify and isinstance(self.required, Certificate)
                 defence = Defence(DEFENCE_ALONE if by_draws else DEFENCE, beyond)
                 checks = self._repeats(certify=certify) or self._draws(certify=certify)
                 self.progress.pending = checks or self._design(defence, certify=certify)
@@ -319,7 +326,7 @@ class Sampler:
         progress = self.progress
         if not (count := min(self.repeats_wanted(certify=certify), self.batch_size)):
             return None
-        if self._is_searching() or (certify and not results.is_certified(progress, self.certificate)):
+        if self._is_searching() or (certify and not results.is_certified(progress, self.required)):
             return None
         known = progress.z, progress.happened, progress.score, progress.repeats
         return choose_repeats(*known, count, self.generator)
@@ -327,7 +334,7 @@ class Sampler:
     def _draws(self, *, certify: bool) -> PlainBatch | None:
         """Draw from the law itself, as the last check before convergence; None while it is not due."""
         count = min(self._draws_wanted(), self.batch_size)
-        if not (count and certify and results.is_certified(self.progress, self.certificate)):
+        if not (count and certify and results.is_certified(self.progress, self.required)):
             return None
         return PlainBatch(self.generator.standard_normal((count, self.dimension)), LAW)
 
@@ -349,8 +356,8 @@ class Sampler:
                 return PlainBatch(space.draw(z, generator), SEARCH)
         self.belief.fit(progress)
         cover = np.empty((0, self.dimension))
-        if certify and isinstance(self.certificate, Cover):
-            cover = results.runs_of_cover(progress, self.certificate, self.batch_size, generator)
+        if certify and isinstance(required := self.required, Cover):
+            cover = results.runs_of_cover(progress, required, self.batch_size, generator)
         sampled, known = self.batch_size - len(cover), self.belief
         if len(cover) and len(since := progress.cover_runs):
             # The estimate does not know a part that only the last runs of the cover have shown.

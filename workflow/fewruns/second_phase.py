@@ -19,13 +19,7 @@ from fewruns.constants import (
 )
 from fewruns.pools import Defence, Pool, draw_pool
 from fewruns.progress import Progress
-from fewruns.two_phase import (
-    Prediction,
-    TwoPhaseBatch,
-    draw_batch,
-    expect,
-    predict,
-)
+from fewruns.two_phase import Prediction, TwoPhaseBatch, draw_batch, expect, predict
 from fewruns.wide_laws import truncated
 
 

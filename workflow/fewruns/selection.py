@@ -1,9 +1,8 @@
 """Selection of points of a weighted pool: inclusion probabilities, and systematic sampling with them."""
 
 import numpy as np
-from numpy.typing import NDArray
 
-from fewruns.arrays import Array
+from fewruns.arrays import Array, Flags, Indices
 
 
 def inclusion_probabilities(size: Array, guard: Array, n: float, defence: float) -> Array:
@@ -34,7 +33,7 @@ def draws_of_the_wide_law(wide: Array, inclusion: Array) -> float:
 
 def draw_systematically(
     z: Array, importance: Array, inclusion: Array, generator: np.random.Generator
-) -> NDArray[np.intp]:
+) -> Indices:
     """Draw points of a pool by systematic sampling with given inclusion probabilities; return their indices.
 
     Along the principal axis of the important points, a point is selected wherever the cumulated probability
@@ -47,17 +46,31 @@ def draw_systematically(
     return order[np.searchsorted(scaled, generator.random() + np.arange(n))]
 
 
-def along_principal_axis(z: Array, importance: Array) -> NDArray[np.intp]:
+def along_principal_axis(z: Array, importance: Array) -> Indices:
     """Return the indices that sort weighted points, shape (m, d), along their first principal axis."""
     share = importance / importance.sum() if importance.any() else np.full(len(z), 1 / len(z))
     centred = z - share @ z
     return np.argsort(centred @ np.linalg.eigh((centred.T * share) @ centred)[1][:, -1])
 
 
-def spread_by_mass(z: Array, mass: Array, count: int) -> NDArray[np.intp]:
+def spread_by_mass(z: Array, mass: Array, count: int) -> Indices:
     """Return the indices of ``count`` points that represent equal parts of a mass; none if it is 0."""
     if not mass.any():
         return np.empty(0, dtype=np.intp)
     order = along_principal_axis(z, mass)
     marks = np.cumsum(mass[order])
     return order[np.searchsorted(marks / marks[-1] * count, np.arange(count) + 0.5)]
+
+
+def choose_covering(inside: Flags, n: int, again: float = 0.0) -> Indices:
+    """Return n of m random points of which most of t sets contain one, given what they contain, (m, t).
+
+    The need to cover a set once more is ``again``. If no set needs a point, the first other one is chosen.
+    """
+    need, chosen = np.ones(inside.shape[1]), []
+    for _ in range(n):
+        gain = inside @ need
+        gain[chosen] = -1.0
+        chosen.append(gain.argmax())
+        need[inside[chosen[-1]]] *= again
+    return np.array(chosen)

@@ -41,7 +41,7 @@ class State:
     dimension: int
     batch_size: int
     fingerprint: str
-    certificate: Certificate | Cover
+    certificate: Certificate | Cover | None
     predecessor: Predecessor | None
     deterministic: bool | None
     enough_repeats: int

@@ -18,16 +18,7 @@ from typing import TYPE_CHECKING, Annotated
 import numpy as np
 
 from fewruns.arrays import Array, Flags
-from fewruns.constants import (
-    BEYOND,
-    CONTROLLED,
-    CORE,
-    FLOOR,
-    FRINGE,
-    KEPT,
-    REACH,
-    WORTHLESS,
-)
+from fewruns.constants import BEYOND, CONTROLLED, CORE, FLOOR, FRINGE, KEPT, REACH, WORTHLESS
 from fewruns.pools import Defence, Pool
 from fewruns.selection import (
     draw_systematically,
