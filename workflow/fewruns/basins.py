@@ -30,7 +30,8 @@ def open_basins(z: Array, happened: Flags, score: Array, reach: float) -> Indice
     nearest = np.argsort(distance, axis=1)[:, : 2 * d]
     is_lowest = (outcome[:, None] < outcome[nearest]).all(axis=1)
     is_last = ~np.triu(distance <= BASIN_CLOSED).any(axis=1)
-    return inside[is_lowest & is_last & ~happened]
+    is_known = (distance[:, happened] <= 2 * BASIN_CLOSED).any(axis=1)
+    return inside[is_lowest & is_last & ~is_known & ~happened]
 
 
 def probe(

@@ -26,7 +26,8 @@ def open_balls(z: Array, happened: Flags, centres: Array, probability: float, sh
     Parts with at least ``share`` of the estimate are not examined, because its batches show their size.
     """
     dimension, known = z.shape[1], shares_of_parts(z, happened, centres)
-    small = np.resize(np.flatnonzero(known < share), MODES if (known < share).any() else 0)
+    small = np.flatnonzero(known < share)
+    small = np.resize(small, MODES if len(small) else 0)
     generator = np.random.Generator(np.random.PCG64(dimension))
     event, radius = z[happened][small], generator.random(len(small))
     radius *= np.linalg.norm(event, axis=1)

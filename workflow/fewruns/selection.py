@@ -63,9 +63,9 @@ def spread_by_mass(z: Array, mass: Array, count: int) -> Indices:
 
 
 def choose_covering(inside: Flags, n: int, again: float = 0.0) -> Indices:
-    """Return n of m random points of which most of t sets contain one, given what they contain, (m, t).
+    """Return n of m points of which most of t sets contain one, given what they contain, shape (m, t).
 
-    The need to cover a set once more is ``again``. If no set needs a point, the first other one is chosen.
+    The need of a set that contains a chosen point is multiplied by ``again``.
     """
     need, chosen = np.ones(inside.shape[1]), []
     for _ in range(n):
