@@ -48,7 +48,10 @@ def test_the_unseen_mode_is_the_nearest_without_a_run(dimension, curvature):
 
 @pytest.mark.parametrize("dimension", [2, 4, 8])
 def test_next_runs_exclude_all_modes_with_few_runs(dimension):
-    """They also exclude modes that were not drawn for them; as many draws of the wide law do not."""
+    """They also exclude modes that were not drawn for them; as many draws of the wide law do not.
+
+    Modes near the origin are few among all modes, and none of them may be missed.
+    """
     generator, probability = np.random.default_rng(1), 1e-5
     cover, z = Cover.by_default(dimension), draw_wide(20, dimension, generator)
     added = 0
@@ -143,6 +146,14 @@ def test_a_basin_of_the_scores_is_open_until_there_are_runs_near_its_minimum():
     close = np.vstack([z, z[-2] + [0.0, 0.9 * BASIN_CLOSED]])
     assert len(z) - 2 not in open_basins(close, margin(close) <= 0, margin(close), reach)
     assert not len(open_basins(z, happened, np.zeros(len(z)), reach))  # flags alone have no minima
+
+
+def test_a_minimum_next_to_a_known_event_is_no_basin():
+    around = 0.7 * np.array([[1.0, 0.0], [-1.0, 0.0], [0.0, 1.0], [0.0, -1.0]])
+    score = np.array([2.0, 2.0, 2.0, 2.0, 1.0, -1.0])
+    for event, expected in ((0.65, []), (0.75, [4])):  # at distances of 0.92 and 1.06
+        z = np.vstack([around, [0.0, 0.0], [event, event]])
+        assert list(open_basins(z, score <= 0, score, 60.0)) == expected
 
 
 def followed(seed, dimension, radius):
