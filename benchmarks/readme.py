@@ -449,6 +449,28 @@ def _one_in(probability: float) -> str:
     return f"{float(f'{1 / probability:.2g}'):,.0f}"
 
 
+def hidden_table(hidden: pd.DataFrame) -> str:
+    """Return what this sampler finds of events of which a search may miss a part."""
+    table = counts(hidden, "failed")
+    claimed = table["claimed"].fillna(0) * table["failed"]
+    return formatted(
+        table.assign(problem=spaced(table["problem"]), mean=1 + table["bias"], claimed=claimed),
+        {
+            "problem": "{problem}",
+            "inputs": "{dimension:.0f}",
+            "probability": "{reference:.3g}",
+            "seeds": "{seeds:.0f}",
+            "simulations": "{calls_mean:,.0f}",
+            "95 % at most": "{calls_p95:,.0f}",
+            "mean / exact": "{mean:.2f}",
+            "error": "{error:.2f}",
+            "80 % covers": "{coverage80:.0%}",
+            "off by a factor of 2": "{failed:.0f}",
+            "of these, said to have converged": "{claimed:.0f}",
+        },
+    )
+
+
 def result(text: Path, name: str, make: Callable[[pd.DataFrame], str]) -> Block:
     """Return the table that a text has of one file of the results."""
     return Block(text, RESULTS / f"{name}.csv", make)
@@ -472,6 +494,7 @@ BLOCKS = {
     "samplers": result(SAMPLERS, "samplers", samplers_table),
     "learners": result(SAMPLERS, "samplers", learners_table),
     "public": result(SAMPLERS, "public", public_table),
+    "hidden": result(SAMPLERS, "hidden", hidden_table),
     "vehicles": result(SAMPLERS, "vehicles", vehicles_table),
     "worlds": result(WORLDS, "worlds", worlds_table),
     "beyond": result(WORLDS, "worlds_beyond", beyond_table),

@@ -48,10 +48,7 @@ def test_the_unseen_mode_is_the_nearest_without_a_run(dimension, curvature):
 
 @pytest.mark.parametrize("dimension", [2, 4, 8])
 def test_next_runs_exclude_all_modes_with_few_runs(dimension):
-    """They also exclude modes that were not drawn for them; as many draws of the wide law do not.
-
-    Modes near the origin are few among all modes, and none of them may be missed.
-    """
+    """They also exclude modes that were not drawn for them; as many draws of the wide law do not."""
     generator, probability = np.random.default_rng(1), 1e-5
     cover, z = Cover.by_default(dimension), draw_wide(20, dimension, generator)
     added = 0

@@ -19,8 +19,9 @@ from fewruns.wide_laws import rarity
 def open_basins(z: Array, happened: Flags, score: Array, reach: float) -> Indices:
     """Return the runs that are local minima of the scores, and have no later run near them.
 
-    A local minimum has a smaller score than its 2 d nearest runs, none of which is an event. Runs beyond the
-    rarity ``reach`` are left out, also as neighbours.
+    A local minimum has a smaller score than its 2 d nearest runs, none of which is an event. If an event is
+    within 2 `BASIN_CLOSED`, the scores lead to it. Runs beyond the rarity ``reach`` are left out, also as
+    neighbours.
     """
     inside = np.flatnonzero(rarity(z) <= reach)
     z, happened, score, (n, d) = z[inside], happened[inside], score[inside], z[inside].shape

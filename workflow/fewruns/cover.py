@@ -72,6 +72,7 @@ class Cover:
     def next_runs(self, n: int, z: Array, probability: float, generator: np.random.Generator) -> Array:
         """Return n points, shape (n, d), that exclude most modes at least as probable as ``probability``."""
         dimension, farthest = z.shape[1], -float(ndtri(probability))
+        # The near modes come first. They are a small share of all modes, but none of them may be missed.
         farthest = min(farthest, max(1.0, -2 * float(ndtri(self.unseen(z)))))
         # Other modes than those of `unseen`, which would otherwise be excluded better than all others.
         u, b = modes(dimension, farthest, generator)

@@ -289,10 +289,9 @@ class Sampler:
     @property
     def required(self) -> Certificate | Cover:
         """The required certificate; by default a cover, which is stricter for flags without scores."""
-        if self.certificate is not None:
-            return self.certificate
         score = self.progress.score
-        return Cover.by_default(self.dimension, with_scores=bool((score != score[:1]).any()))
+        with_scores = bool((score != score[:1]).any())
+        return self.certificate or Cover.by_default(self.dimension, with_scores=with_scores)
 
     def _has_excluded_all_else(self) -> bool:
         """Return whether the certificate is met and all checks are made; only lapses may then remain."""
