@@ -4,13 +4,12 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from accelerated_evaluation.answer import family_file
-from accelerated_evaluation.answer.family_file import fit_or_read, read_family, write_family
+from accelerated_evaluation.answer import smooth_family as family_file
 from accelerated_evaluation.answer.law_study import LawStudy
-from accelerated_evaluation.answer.smooth_family import SmoothFamily
+from accelerated_evaluation.answer.smooth_family import SmoothFamily, fit_or_read, read_family, write_family
 from accelerated_evaluation.base.errors import InputError
 from accelerated_evaluation.laws.smooth.family import MEMBERS, DistinctRecords
-from accelerated_evaluation.laws.smooth.support import SUPPORT
+from accelerated_evaluation.laws.smooth.splines import SUPPORT
 
 SIZE = 800  # above the highest thresholds there are too few of them
 

@@ -7,26 +7,23 @@ import numpy as np
 import pytest
 from accelerated_evaluation.answer.exposure import Rate
 from accelerated_evaluation.answer.injuries.curves import FRONTAL, LEVELS, MILES_PER_HOUR, REAR, Logistic
-from accelerated_evaluation.answer.injuries.impacts import (
-    SPEEDS,
-    MassRatio,
-    gentle,
-    mean_risks,
-    tabulated_risks,
-)
 from accelerated_evaluation.answer.injuries.sources import SOURCES, published_curves
 from accelerated_evaluation.answer.injuries.tables import (
+    SPEEDS,
     Injured,
+    MassRatio,
     balance_table,
     curves_table,
+    gentle,
     injuries_table,
     injury_budget,
     injury_tables,
+    mean_risks,
+    tabulated_risks,
 )
 from accelerated_evaluation.answer.posterior import Posterior
-from accelerated_evaluation.crash_map import impacts as module
-from accelerated_evaluation.crash_map.impacts import with_impacts
-from accelerated_evaluation.crash_map.lines import CrashLines
+from accelerated_evaluation.crash_map import lines as module
+from accelerated_evaluation.crash_map.lines import CrashLines, with_impacts
 from accelerated_evaluation.laws.smooth.conditional import Places
 from accelerated_evaluation.scenarios.cut_in import SPEED_LIMIT
 from accelerated_evaluation.vehicles.protocol import Outcomes

@@ -15,7 +15,7 @@ from accelerated_evaluation.laws.distributions import (
     PiecewiseMixture,
 )
 from accelerated_evaluation.laws.paper.independent import IndependentLaw
-from accelerated_evaluation.publishing.figures import concept as concept_figures
+from accelerated_evaluation.publishing.figures import data as concept_figures
 from accelerated_evaluation.publishing.figures import data as data_figures
 from accelerated_evaluation.publishing.figures import models as model_figures
 from accelerated_evaluation.publishing.tables.models import (

@@ -11,8 +11,8 @@ from accelerated_evaluation.methods.importance_sampling import estimate_from_wei
 from accelerated_evaluation.publishing.tables import paper as paper_tables
 from accelerated_evaluation.publishing.tables import searches as search_tables
 from accelerated_evaluation.publishing.tables import spreads
-from accelerated_evaluation.publishing.tables.formats import readable, save_table
-from accelerated_evaluation.publishing.tables.paper_numbers import PAPER_SIMULATIONS
+from accelerated_evaluation.publishing.tables.display import readable, save_table
+from accelerated_evaluation.publishing.tables.paper_claims import PAPER_SIMULATIONS
 
 Z = 1.2815515655446004  # 90 % quantile of the standard normal
 

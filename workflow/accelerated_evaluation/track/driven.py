@@ -1,12 +1,42 @@
-"""The reported outcomes of runs on a proving ground."""
+"""The reported outcomes of runs on a proving ground, and the files on which a campaign is based."""
 
+import os
 from collections.abc import Iterable
 from dataclasses import dataclass, field
+from pathlib import Path
 from typing import Any
 
 import numpy as np
 
+from accelerated_evaluation.base.files import file_digest
+from accelerated_evaluation.base.tables import require_file
+from accelerated_evaluation.laws import Law
+from accelerated_evaluation.methods.problem import read_law_of
+from accelerated_evaluation.records.segments import read_encounters
 from accelerated_evaluation.scenarios.protocol import Scenario
+
+
+@dataclass(frozen=True)
+class Source:
+    """An input file with the SHA-256 checksum of its contents."""
+
+    file: str
+    sha256: str
+
+
+def source_of(path: str | os.PathLike) -> Source:
+    """Return a file with its checksum; raise InputError if it does not exist."""
+    path = Path(path)
+    require_file(path, "Correct the path.")
+    return Source(str(path), file_digest(path))
+
+
+def law_in(scenario: Scenario, law: Source, encounters: Source | None) -> Law:
+    """Read a law: for cut-ins with the encounter table to which it was fitted, otherwise a joint law.
+
+    InputError is raised if a file cannot be used, or if the law belongs to another scenario.
+    """
+    return read_law_of(scenario, law.file, None if encounters is None else read_encounters(encounters.file))
 
 
 @dataclass(frozen=True)

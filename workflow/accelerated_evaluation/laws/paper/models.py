@@ -18,8 +18,9 @@ from accelerated_evaluation.laws.distributions import (
     PiecewiseMixture,
 )
 from accelerated_evaluation.laws.paper.independent import IndependentLaw, recorded_lead_speeds
-from accelerated_evaluation.laws.paper.pieces import EXPONENTIAL, PieceFamily
 from accelerated_evaluation.laws.paper.piecewise import (
+    EXPONENTIAL,
+    PieceFamily,
     fit_piecewise,
     knots_at_quantiles,
     knots_by_profile_likelihood,

@@ -20,10 +20,9 @@ from numpy.typing import NDArray
 from accelerated_evaluation.base.arrays import Array
 from accelerated_evaluation.laws.smooth.conditional import Places, SpeedLaw
 from accelerated_evaluation.laws.smooth.family import LawFamily, Member
-from accelerated_evaluation.laws.smooth.far_tail import FarTail
-from accelerated_evaluation.laws.smooth.shapes import Shape
+from accelerated_evaluation.laws.smooth.shapes import FarTail, Shape
 from accelerated_evaluation.laws.smooth.smooth_hazard import LOG_HAZARD_MAX, SmoothHazard
-from accelerated_evaluation.laws.smooth.support import Support
+from accelerated_evaluation.laws.smooth.splines import Support
 
 SHARED = 50  # largest number of bodies and of distributions of the range
 

@@ -1,4 +1,4 @@
-"""Beyond the paper: coverage of the intervals in the study (figure 18) and in synthetic worlds (24)."""
+"""Beyond the paper: coverage of the intervals (figures 18 and 24), and where predicted crashes lie (37)."""
 
 from collections.abc import Iterable
 
@@ -9,6 +9,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.ticker import MaxNLocator, PercentFormatter
 
+from accelerated_evaluation.answer.extrapolation import FAR, NEAR, RECORDED
 from accelerated_evaluation.methods.coverage import LEVELS
 from accelerated_evaluation.methods.intervals import binomial_interval
 from accelerated_evaluation.publishing.figures.dot_chart import (
@@ -157,3 +158,59 @@ def _coverage_rows(coverage: pd.DataFrame) -> pd.DataFrame:
     covered = (data["coverage"] * data["replicates"]).round().astype(int)
     bounds = [binomial_interval(k, n, 0.05) for k, n in zip(covered, data["replicates"], strict=True)]
     return data.assign(ci_low=[bound.low for bound in bounds], ci_high=[bound.high for bound in bounds])
+
+
+# Each part of the predicted crashes: what it means, and its colour and marker, which differ in grey as well.
+PARTS = {
+    RECORDED: ("as fast as a record at a similar range", "#08306b", "s"),
+    NEAR: ("faster than the records at a similar range", "#4292c6", "o"),
+    FAR: ("faster than all records", "#b2182b", "^"),
+}
+DRAWN_CRASHES = 1000  # largest number of crashes that is drawn
+CLOSE = 0.15  # [1/s], least TTC^-1 of the records that are drawn
+
+
+@figure
+def fig37_extrapolation(
+    extrapolation: pd.DataFrame, crash_places: pd.DataFrame, encounters: pd.DataFrame, source: str
+) -> tuple[Figure, pd.DataFrame]:
+    """Draw the records with a short time to collision, and crashes drawn from the answer.
+
+    Parameters
+    ----------
+    extrapolation, crash_places
+        ``extrapolation.csv`` and ``crash_places.csv`` of a study.
+    encounters
+        Encounter table, with one row for each recorded cut-in.
+    source
+        Description of the data.
+
+    Returns
+    -------
+    figure, data
+        The figure, with the share of each part of the predicted crashes in its legend; and these crashes.
+    """
+    shares, crashes = extrapolation.set_index("part")["share"], crash_places.head(DRAWN_CRASHES)
+    near = encounters[encounters["inverse_ttc"] > CLOSE]
+    with paper_style():
+        drawn, axes = plt.subplots(figsize=(1.4 * COLUMN_WIDTH, 3.2))
+        axes.plot(near["range"], near["closing_speed"], ".", color="#777777", markersize=1.5, label="records")
+        for part, (meaning, color, marker) in PARTS.items():
+            rows = crashes[crashes["part"] == part]
+            axes.plot(
+                rows["range"],
+                rows["closing_speed"],
+                marker,
+                color=color,
+                markersize=2.5,
+                markerfacecolor="none",
+                markeredgewidth=0.5,
+                label=f"crashes, {meaning}: {100 * shares[part]:.0f} %",
+            )
+        fastest = encounters["closing_speed"].max()
+        axes.axhline(fastest, color="black", linewidth=0.6, linestyle=":", label="fastest record")
+        ends = round(encounters["range"].max()), max(36, 1.6 * fastest)
+        axes.set(xlabel="range [m]", ylabel="closing speed [m/s]", xlim=(0, ends[0]), ylim=(0, ends[1]))
+        axes.legend(loc="lower center", bbox_to_anchor=(0.5, 1.0), fontsize=6)
+        note_source(drawn, source)
+    return drawn, crashes

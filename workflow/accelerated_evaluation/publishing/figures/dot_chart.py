@@ -13,7 +13,7 @@ from numpy.typing import ArrayLike
 
 from accelerated_evaluation.base.arrays import Array
 from accelerated_evaluation.publishing.figures.style import PIECES, note_source
-from accelerated_evaluation.publishing.tables.formats import readable
+from accelerated_evaluation.publishing.tables.display import readable
 
 INTERVAL = ("probability", "ci_low", "ci_high")
 TRUTH = {"color": "black", "linewidth": 0.8, "zorder": 1}

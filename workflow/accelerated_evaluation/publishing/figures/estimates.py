@@ -18,7 +18,7 @@ from accelerated_evaluation.publishing.figures.style import (
     style_of,
 )
 from accelerated_evaluation.publishing.published import figure
-from accelerated_evaluation.publishing.tables.paper_numbers import PAPER_PROBABILITY
+from accelerated_evaluation.publishing.tables.paper_claims import PAPER_PROBABILITY
 from accelerated_evaluation.publishing.tables.spreads import of_method
 
 NUMBERS = ("probability", "ci_low", "ci_high", "relative_half_width")

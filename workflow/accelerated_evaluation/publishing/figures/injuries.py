@@ -17,8 +17,8 @@ from accelerated_evaluation.publishing.figures.style import (
     paper_style,
     say_no_crash,
 )
-from accelerated_evaluation.publishing.names import in_words
 from accelerated_evaluation.publishing.published import figure
+from accelerated_evaluation.publishing.tables.display import in_words
 from accelerated_evaluation.publishing.tables.injuries import CUT_IN, best_known
 
 TITLES = {"MAIS2+": "at least moderate (MAIS2+)", "MAIS3+": "at least serious (MAIS3+)", "fatal": "fatal"}

@@ -17,8 +17,8 @@ from accelerated_evaluation.publishing.figures.dot_chart import (
     spaced,
 )
 from accelerated_evaluation.publishing.figures.style import COLUMN_WIDTH, note_source, paper_style
-from accelerated_evaluation.publishing.names import in_words
 from accelerated_evaluation.publishing.published import figure
+from accelerated_evaluation.publishing.tables.display import in_words
 
 DEFENDED, PAPER = "#08306b", "#b2182b"
 REGIONS = {

@@ -19,7 +19,7 @@ from matplotlib.figure import Figure
 
 from accelerated_evaluation.base.files import atomic_path, write_csv
 from accelerated_evaluation.methods import METHODS
-from accelerated_evaluation.publishing.tables.formats import reproducible
+from accelerated_evaluation.publishing.tables.display import reproducible
 
 COLUMN_WIDTH = 3.5  # [in], one column of an IEEE journal
 FORMATS = ("png", "pdf", "svg")

@@ -25,7 +25,7 @@ from accelerated_evaluation.publishing.figures.dot_chart import (
 )
 from accelerated_evaluation.publishing.figures.style import COLUMN_WIDTH, note_source, paper_style, style_of
 from accelerated_evaluation.publishing.published import figure
-from accelerated_evaluation.publishing.tables.surrogate import PHASES, side_by_side
+from accelerated_evaluation.publishing.tables.sampled import PHASES, side_by_side
 
 # Names of the shares of simulations in the figure.
 QUANTITIES = {"simulations": "all simulations", "of the estimate": "those of the estimate"}

@@ -9,7 +9,7 @@ from scipy.stats import binomtest
 
 from accelerated_evaluation.methods.importance_sampling import crude_simulations
 from accelerated_evaluation.publishing.published import result_table, table
-from accelerated_evaluation.publishing.tables.paper_numbers import PAPER_SIMULATIONS
+from accelerated_evaluation.publishing.tables.paper_claims import PAPER_SIMULATIONS
 
 DIGEST = ("event", "probability", "to_crash", "per_million_km")
 EVENTS = {

@@ -3,7 +3,7 @@
 import pandas as pd
 
 from accelerated_evaluation.publishing.published import result_table
-from accelerated_evaluation.publishing.tables.formats import readable
+from accelerated_evaluation.publishing.tables.display import readable
 from accelerated_evaluation.publishing.tables.laws import DIGITS, interval_column
 
 DISTANCE = "million kilometres"

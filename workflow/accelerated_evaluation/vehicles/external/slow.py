@@ -20,11 +20,11 @@ from accelerated_evaluation.scenarios.protocol import Scenario
 from accelerated_evaluation.vehicles.checks import outcome_error
 from accelerated_evaluation.vehicles.external.checked import (
     CheckedVehicle,
+    ForeignVehicle,
     after_repetition,
     error_in_words,
 )
 from accelerated_evaluation.vehicles.external.elsewhere import Elsewhere
-from accelerated_evaluation.vehicles.external.foreign import ForeignVehicle
 from accelerated_evaluation.vehicles.external.store import Encounter, Request, Store, store_of
 from accelerated_evaluation.vehicles.external.workers import Processes, Workers, simulate_batch, workers_of
 from accelerated_evaluation.vehicles.loading import load_vehicle, section_files, vehicles_of

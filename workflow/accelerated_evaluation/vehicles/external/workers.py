@@ -23,9 +23,8 @@ import numpy as np
 from accelerated_evaluation.base.arrays import Array
 from accelerated_evaluation.base.errors import InputError
 from accelerated_evaluation.scenarios import SCENARIOS
-from accelerated_evaluation.vehicles.external.checked import CheckedVehicle, error_in_words
+from accelerated_evaluation.vehicles.external.checked import CheckedVehicle, ForeignVehicle, error_in_words
 from accelerated_evaluation.vehicles.external.command import RUNNING, end_group
-from accelerated_evaluation.vehicles.external.foreign import ForeignVehicle
 from accelerated_evaluation.vehicles.loading import load_vehicle
 
 PROCESSES = "processes"
