@@ -254,7 +254,7 @@ def curves_table() -> pd.DataFrame:
         }
         for level in LEVELS
         for impact in (FRONTAL, REAR)
-        for source in (SOURCES[name]() for name in SOURCES)
+        for source in SOURCES.values()
         if (level, impact) in source.curves
     ]
     return pd.DataFrame(rows)
