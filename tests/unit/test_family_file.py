@@ -23,7 +23,7 @@ def records():
 
 @pytest.fixture(scope="module")
 def scored(records):
-    return SmoothFamily.of(records)
+    return SmoothFamily.of(records, calibrated=True)
 
 
 @pytest.fixture

@@ -10,4 +10,4 @@ if __name__ == "__main__":
     with job(snakemake.log[0]):
         encounters = read_encounters(snakemake.input.encounters)
         records = DistinctRecords.of(encounters, Support.of(snakemake.params.support))
-        write_family(snakemake.output.family, SmoothFamily.of(records))
+        write_family(snakemake.output.family, SmoothFamily.of(records, calibrated=True))

@@ -51,7 +51,8 @@ class SmoothFamily:
     fitter: Fitter  # the records, with the bases of the splines
     family: LawFamily
     scores: Array  # held-out log score of each member on each distinct record, shape (M, n)
-    expected: Array  # held-out number of records in each cell of `calibration.strips`, shape (M, cells)
+    # Held-out number of records in each cell of `calibration.strips`, (M, cells); None if not calibrated.
+    expected: Array | None
     encounters: pd.DataFrame | None = None  # encounter table, from which laws take their lead speeds
     closing_speed_max: float = math.inf  # cap on the closing speed of laws [m/s]
 
@@ -62,10 +63,12 @@ class SmoothFamily:
         members: tuple[Member, ...] = MEMBERS,
         blocks: int = BLOCKS,
         start: LawFamily | None = None,
+        calibrated: bool = False,
     ) -> Self:
         """Fit the members that have enough records, and score them on contiguous blocks of records.
 
-        The fit begins from ``start``, a fit to similar records.
+        The fit begins from ``start``, a fit to similar records. The numbers of records that the table of the
+        calibration compares, which take as long as the scores, are computed only if ``calibrated``.
         """
         fitter = Fitter(records, members)
         family, boundary = fitter.fit(start), region(records) * records.range_
@@ -74,7 +77,7 @@ class SmoothFamily:
             fitter = Fitter(records, fitted)
         held_out = HeldOut.of_family(fitter, family, blocks)
         scores = held_out.scores({"region": boundary})["region"]
-        return cls(fitter, family, scores, held_out_counts(held_out))
+        return cls(fitter, family, scores, held_out_counts(held_out) if calibrated else None)
 
     @property
     def records(self) -> DistinctRecords:
@@ -144,7 +147,7 @@ def fit_or_read(path: str | os.PathLike, records: DistinctRecords) -> SmoothFami
     try:
         return read_family(path, records)
     except InputError:
-        scored = SmoothFamily.of(records)
+        scored = SmoothFamily.of(records, calibrated=True)
         write_family(path, scored)
         return scored
 

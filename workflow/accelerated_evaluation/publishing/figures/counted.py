@@ -37,16 +37,8 @@ SOURCES = {
 def rows_to_draw(counted: pd.DataFrame) -> pd.DataFrame:
     """Return the rows of the chart, sorted by the group to which they belong.
 
-    Parameters
-    ----------
-    counted
-        ``counted_crashes.csv`` of a study: predicted, replayed and counted crash rates.
-
-    Returns
-    -------
-    pandas.DataFrame
-        The same rows with two more columns: ``group``, one of `GROUPS`, and ``label``, the name of the row in
-        the chart.
+    The same rows with two more columns: ``group``, one of `GROUPS`, and ``label``, the name of the row in the
+    chart.
     """
     severity = counted["what"].str.extract(r"^(crash|near-crash): ", expand=False).fillna("other")
     is_count = counted["kind"] == "counted"
@@ -68,17 +60,7 @@ def _in_words(who: pd.Series) -> pd.Series:
 def fig31_counted_crashes(counted_crashes: pd.DataFrame, source: str) -> tuple[Figure, pd.DataFrame]:
     """Draw predicted, replayed and counted crash rates per million miles with their 95 % limits.
 
-    Parameters
-    ----------
-    counted_crashes
-        ``counted_crashes.csv`` of a study.
-    source
-        Description of the data.
-
-    Returns
-    -------
-    figure, data
-        The figure, and its rows as from `rows_to_draw`.
+    The figure, and its rows as from `rows_to_draw`.
     """
     rows = rows_to_draw(counted_crashes)
     y = spaced(rows["group"], 1.6)
@@ -133,19 +115,7 @@ def fig30_preventable(
     The density of the records is drawn in the background, and dotted lines show the closing speeds that a
     law exceeds with given probabilities.
 
-    Parameters
-    ----------
-    preventable
-        ``preventable.csv`` of a study's folder ``happened``.
-    encounters
-        Encounter table, with one row for each recorded cut-in.
-    source
-        Description of the data.
-
-    Returns
-    -------
-    figure, data
-        The figure has a panel for each lead speed; the data are the table ``preventable``.
+    The figure has a panel for each lead speed; the data are the table ``preventable``.
     """
     speeds = preventable["lead_speed"].unique()
     with paper_style():

@@ -39,19 +39,8 @@ STOPPINGS = {
 def fig18_coverage(coverage: pd.DataFrame, source: str) -> tuple[Figure, pd.DataFrame]:
     """Draw how often the intervals contain the true probability, by method and stopping rule.
 
-    Parameters
-    ----------
-    coverage
-        ``coverage.csv`` of a study.
-    source
-        Description of the data.
-
-    Returns
-    -------
-    figure, data
-        The figure has a panel for each level of the intervals, with exact binomial 95 % intervals of the
-        coverage. The columns of the data are method, stopping, replicates, level, coverage, ci_low and
-        ci_high.
+    The figure has a panel for each level of the intervals, with exact binomial 95 % intervals of the
+    coverage. The columns of the data are method, stopping, replicates, level, coverage, ci_low and ci_high.
     """
     data = _coverage_rows(coverage)
     y = spaced(coverage["method"], 1.0)
@@ -83,17 +72,10 @@ def fig24_worlds(worlds: pd.DataFrame, beyond: pd.DataFrame) -> tuple[Figure, pd
     A world is a law of cut-ins whose true crash probability is known. Both procedures estimate it from data
     that are drawn from the law.
 
-    Parameters
-    ----------
-    worlds, beyond
-        Tables ``worlds.csv`` and ``worlds_beyond.csv`` of ``benchmarks/results``: a row for each kind of
-        world and procedure. The kinds that only the second one has break an assumption of this project.
-
-    Returns
-    -------
-    figure, data
-        The figure has panels for the coverage of the 80 % intervals, for their width, and for the ratio of
-        median estimate and truth. The data are the rows of both tables that it shows, with ``group``.
+    ``worlds``, ``beyond``: tables ``worlds.csv`` and ``worlds_beyond.csv`` of ``benchmarks/results``: a row
+    for each kind of world and procedure. The kinds that only the second one has break an assumption of this
+    project. The figure has panels for the coverage of the 80 % intervals, for their width, and for the ratio
+    of median estimate and truth. The data are the rows of both tables that it shows, with ``group``.
     """
     further = beyond[~beyond["kind"].isin(worlds["kind"]) & (beyond["procedure"] == "map")]
     parts = {"similar to the models": worlds, "break an assumption": further.assign(procedure=OURS)}
@@ -176,19 +158,7 @@ def fig37_extrapolation(
 ) -> tuple[Figure, pd.DataFrame]:
     """Draw the records with a short time to collision, and crashes drawn from the answer.
 
-    Parameters
-    ----------
-    extrapolation, crash_places
-        ``extrapolation.csv`` and ``crash_places.csv`` of a study.
-    encounters
-        Encounter table, with one row for each recorded cut-in.
-    source
-        Description of the data.
-
-    Returns
-    -------
-    figure, data
-        The figure, with the share of each part of the predicted crashes in its legend; and these crashes.
+    The figure, with the share of each part of the predicted crashes in its legend; and these crashes.
     """
     shares, crashes = extrapolation.set_index("part")["share"], crash_places.head(DRAWN_CRASHES)
     near = encounters[encounters["inverse_ttc"] > CLOSE]

@@ -43,23 +43,9 @@ def fig01_concept(
 ) -> tuple[Figure, pd.DataFrame]:
     """Draw the acceleration by a single parametric and by a piecewise mixture distribution (paper, figure 1).
 
-    Parameters
-    ----------
-    encounters, segment
-        Encounter table, and the segment of v_L whose TTC^-1 is shown.
-    single, piecewise
-        The laws f of the two methods.
-    proposals
-        The accelerated f*, by method and segment.
-    source
-        Description of the data.
-
-    Returns
-    -------
-    figure, data
-        The figure has a panel for each method, with the histogram of the records, f and f*. The data contain
-        everything that is drawn, with columns method, curve, inverse_ttc_per_s, bin_width_per_s, count,
-        density_s and is_knot.
+    The figure has a panel for each method, with the histogram of the records, f and f*. The data contain
+    everything that is drawn, with columns method, curve, inverse_ttc_per_s, bin_width_per_s, count, density_s
+    and is_knot.
     """
     x = encounters.loc[encounters["segment"] == segment, "inverse_ttc"].to_numpy()
     records = histogram(x, np.linspace(0.0, 1.05 * x.max(), BINS + 1), INVERSE_TTC)
@@ -105,21 +91,9 @@ def fig02_data(
 ) -> tuple[Figure, pd.DataFrame]:
     """Draw the number of lane changes by lead speed and range, and by lead speed and TTC^-1 (figure 2).
 
-    Parameters
-    ----------
-    encounters
-        Encounter table, with one row for each recorded cut-in.
-    lead_speed_edges
-        Edges of the segments [m/s].
-    source
-        Description of the data.
-
-    Returns
-    -------
-    figure, data
-        The figure has two maps of counts. The data contain the counts of all bins with at least one event:
-        panel, lower and upper edges of lead_speed [m/s] and of range [m] or inverse_ttc [1/s], and count. The
-        data contain no single records.
+    The figure has two maps of counts. The data contain the counts of all bins with at least one event: panel,
+    lower and upper edges of lead_speed [m/s] and of range [m] or inverse_ttc [1/s], and count. The data
+    contain no single records.
     """
     speeds = np.linspace(lead_speed_edges[0], lead_speed_edges[-1], BINS + 1)
     tables = []

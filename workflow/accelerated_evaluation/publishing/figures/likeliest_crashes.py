@@ -39,19 +39,8 @@ def fig28_ways_to_crash(
 ) -> tuple[Figure, pd.DataFrame]:
     """Draw speeds and range over time for the most probable kinds of crashes, with the probability of each.
 
-    Parameters
-    ----------
-    happened, traces
-        ``encounters.csv`` and ``traces.csv`` of a study's folder ``happened``: the encounters, and the states
-        of both cars over time.
-    source
-        Description of the data.
-
-    Returns
-    -------
-    figure, data
-        The figure has a pair of panels for each of the `CRASHES` kinds with the largest probability. The data
-        have a row for each encounter and time.
+    The figure has a pair of panels for each of the `CRASHES` kinds with the largest probability. The data
+    have a row for each encounter and time.
     """
     crashes = happened[happened["kind"] == "crash"]
     shown = crashes.nlargest(CRASHES, "probability")
@@ -71,19 +60,8 @@ def fig29_nearest_records(
 
     These records come nearest to a crash when the vehicle is simulated in them.
 
-    Parameters
-    ----------
-    happened, traces
-        ``encounters.csv`` and ``traces.csv`` of a study's folder ``happened``: the encounters, and the states
-        of both cars over time.
-    source
-        Description of the data.
-
-    Returns
-    -------
-    figure, data
-        The figure has a pair of panels for each of the first `RECORDS` records. The data have a row for each
-        record and time.
+    The figure has a pair of panels for each of the first `RECORDS` records. The data have a row for each
+    record and time.
     """
     shown = happened[happened["kind"] == "record"].head(RECORDS)
     titles = [
@@ -185,17 +163,7 @@ NORMAL_90 = 1.645  # half-width of the 90 % interval of the standard normal dist
 def fig34_lead_motion(lead_motion: pd.DataFrame, source: str) -> tuple[Figure, pd.DataFrame]:
     """Draw the crash probabilities with a lead vehicle that keeps its speed, and with one that changes it.
 
-    Parameters
-    ----------
-    lead_motion
-        ``lead_motion.csv`` of a study.
-    source
-        Description of the data.
-
-    Returns
-    -------
-    figure, data
-        The figure, and the rows of ``lead_motion`` in its order.
+    The figure, and the rows of ``lead_motion`` in its order.
     """
     rows = pd.concat([lead_motion[lead_motion["gap"] == gap] for gap in GROUPS], ignore_index=True)
     rows = rows.assign(group=rows["gap"].map(GROUPS))

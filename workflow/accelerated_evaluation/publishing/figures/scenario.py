@@ -46,24 +46,10 @@ def fig01_scenario_records(
 ) -> tuple[Figure, pd.DataFrame]:
     """Draw the records, and the events among the runs of the surrogate, for each pair of variables.
 
-    Parameters
-    ----------
-    encounters
-        The records, with a column for each variable.
-    scenario_runs
-        The runs of the surrogate, with the same columns and ``event``.
-    scenario
-        The scenario, with the names and units of the variables. If its variables include one that others are
-        divided by (``divided_by``), the axis of this variable is linear up to its smallest value and
-        logarithmic beyond.
-    source
-        Description of the data.
-
-    Returns
-    -------
-    figure, data
-        The figure has a panel for each pair of variables. The data contain all points, with ``kind``.
-        Variables whose sign does not matter have absolute values, as in the laws.
+    ``scenario``: the scenario, with the names and units of the variables. If its variables include one that
+    others are divided by (``divided_by``), the axis of this variable is linear up to its smallest value and
+    logarithmic beyond. The figure has a panel for each pair of variables. The data contain all points, with
+    ``kind``. Variables whose sign does not matter have absolute values, as in the laws.
     """
     names = list(scenario.names)
     parts = {RECORD: encounters, HAPPENED: scenario_runs[scenario_runs["event"]]}
@@ -102,17 +88,7 @@ def fig01_scenario_records(
 def fig02_scenario_answer(answer: pd.DataFrame, source: str) -> tuple[Figure, pd.DataFrame]:
     """Draw the probability of each event with its 50, 80 and 95 % intervals.
 
-    Parameters
-    ----------
-    answer
-        A row for each event and group of encounters.
-    source
-        Description of the data.
-
-    Returns
-    -------
-    figure, data
-        The figure has a row for each row of the table; the data are the table itself.
+    The figure has a row for each row of the table; the data are the table itself.
     """
     table = answer.reset_index(drop=True)
     y = np.arange(len(table))
@@ -137,21 +113,9 @@ def fig03_scenario_methods(
 ) -> tuple[Figure, pd.DataFrame]:
     """Draw the estimates of each method with their intervals, for the law with the largest weight.
 
-    Parameters
-    ----------
-    scenario_estimates
-        A row for each law, method and replicate.
-    alpha
-        The level of the intervals is 1 - alpha.
-    source
-        Description of the data.
-
-    Returns
-    -------
-    figure, data
-        The figure has a row for each replicate, with an open marker if it has not converged, and an arrow at
-        the upper limit if it has no event. The columns of
-        the data are law, event, method, replicate, probability, ci_low, ci_high, simulations and converged.
+    The figure has a row for each replicate, with an open marker if it has not converged, and an arrow at the
+    upper limit if it has no event. The columns of the data are law, event, method, replicate, probability,
+    ci_low, ci_high, simulations and converged.
     """
     together = scenario_estimates["learning"] + scenario_estimates["estimating"]
     columns = ["law", "event", "method", "replicate", *INTERVAL, "simulations", "converged"]
@@ -222,20 +186,7 @@ def fig35_sampled_answer(
     A last row shows the 80 % interval of the crash probability that results from the sampling error of the
     simulations alone.
 
-    Parameters
-    ----------
-    answer, sampled_estimate
-        ``laws/answer.csv`` and ``laws/estimate.csv`` of a study of a slow vehicle.
-    scenario
-        The scenario.
-    source
-        Description of the data.
-
-    Returns
-    -------
-    figure, data
-        The figure, and a table with a row for each row of the figure. Events without a known median are left
-        out.
+    The figure, and a table with a row for each row of the figure. Events without a known median are left out.
     """
     known = answer.dropna(subset="median")
     estimate = sampled_estimate.iloc[0]
@@ -263,20 +214,8 @@ def fig36_crashes_among_runs(
 
     The area of the marker of a crash grows with its share of the crash probability.
 
-    Parameters
-    ----------
-    sampled_runs, sampled_crashes
-        ``laws/runs.csv`` and ``laws/crashes.csv`` of a study of a slow vehicle.
-    encounters
-        Encounter table, with one row for each recorded cut-in.
-    source
-        Description of the data.
-
-    Returns
-    -------
-    figure, data
-        The figure, and a row for each simulation: outcome, lead_speed [m/s], range [m], closing_speed [m/s]
-        and share.
+    The figure, and a row for each simulation: outcome, lead_speed [m/s], range [m], closing_speed [m/s] and
+    share.
     """
     near = encounters[encounters["inverse_ttc"] > NEAR]
     safe = sampled_runs[~sampled_runs["event"]].assign(outcome="no crash", share=0.0)
