@@ -21,7 +21,7 @@ from accelerated_evaluation.track.campaign_file import (
     whole_in_words,
     write_campaign,
 )
-from accelerated_evaluation.track.driven import DrivenOutcome
+from accelerated_evaluation.track.limits import DrivenOutcome
 from accelerated_evaluation.vehicles.protocol import CRASH
 from mean_law import braking_probabilities, encounters_, law_, one_draw  # noqa: F401
 

@@ -24,7 +24,7 @@ from accelerated_evaluation.laws.distributions import (
     PiecewiseMixture,
 )
 from accelerated_evaluation.laws.distributions.pareto import interval_probability
-from accelerated_evaluation.laws.paper.independent import IndependentLaw
+from accelerated_evaluation.laws.paper.models import IndependentLaw
 from accelerated_evaluation.methods.importance_sampling import Sample
 from accelerated_evaluation.methods.problem import Problem
 from accelerated_evaluation.scenarios.cut_in import CUT_IN

@@ -83,7 +83,7 @@ def test_what_is_no_family_is_refused(path, records, damage):
 
 def test_a_family_is_fitted_again_only_if_the_file_is_of_no_use(path, records, scored, monkeypatch):
     fitted = []
-    monkeypatch.setattr(SmoothFamily, "of", lambda records: fitted.append(records) or scored)
+    monkeypatch.setattr(SmoothFamily, "of", lambda records, **_: fitted.append(records) or scored)
     before = path.read_bytes()
     fit_or_read(path, records)
     assert not fitted

@@ -5,7 +5,6 @@ from dataclasses import dataclass, replace
 import mpmath
 import numpy as np
 import pytest
-from accelerated_evaluation.answer.exposure import Rate
 from accelerated_evaluation.answer.injuries.curves import FRONTAL, LEVELS, MILES_PER_HOUR, REAR, Logistic
 from accelerated_evaluation.answer.injuries.sources import SOURCES, published_curves
 from accelerated_evaluation.answer.injuries.tables import (
@@ -21,7 +20,7 @@ from accelerated_evaluation.answer.injuries.tables import (
     mean_risks,
     tabulated_risks,
 )
-from accelerated_evaluation.answer.posterior import Posterior
+from accelerated_evaluation.answer.posterior import Posterior, Rate
 from accelerated_evaluation.crash_map import lines as module
 from accelerated_evaluation.crash_map.lines import CrashLines, with_impacts
 from accelerated_evaluation.laws.smooth.conditional import Places

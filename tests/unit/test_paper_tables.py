@@ -6,7 +6,7 @@ import numpy as np
 import pandas as pd
 import pytest
 from accelerated_evaluation.laws.distributions import BoundedExponential, Empirical, PiecewiseMixture
-from accelerated_evaluation.laws.paper.independent import IndependentLaw
+from accelerated_evaluation.laws.paper.models import IndependentLaw
 from accelerated_evaluation.methods.importance_sampling import estimate_from_weights, running
 from accelerated_evaluation.publishing.tables import paper as paper_tables
 from accelerated_evaluation.publishing.tables import searches as search_tables

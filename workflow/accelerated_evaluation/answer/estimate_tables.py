@@ -9,10 +9,9 @@ import pandas as pd
 from accelerated_evaluation.answer.answer import Answer
 from accelerated_evaluation.answer.by_few_runs import crashes_table
 from accelerated_evaluation.answer.comparison import draws_table
-from accelerated_evaluation.answer.exposure import exposure_table
 from accelerated_evaluation.answer.extrapolation import extrapolation
 from accelerated_evaluation.answer.fitted_records import FittedRecords
-from accelerated_evaluation.answer.posterior import LEVELS, Posterior
+from accelerated_evaluation.answer.posterior import LEVELS, Posterior, exposure_table
 
 RATE_DRAWS = 1000  # number of equally likely values of a probability from which rates are computed
 

@@ -18,7 +18,7 @@ from accelerated_evaluation.crash_map.exact import ALL, Exact, exact_probabiliti
 from accelerated_evaluation.crash_map.mapping import map_crashes
 from accelerated_evaluation.crash_map.maps import CrashMap
 from accelerated_evaluation.laws.distributions import PiecewiseMixture
-from accelerated_evaluation.laws.paper.independent import IndependentLaw, recorded_lead_speeds
+from accelerated_evaluation.laws.paper.models import IndependentLaw, recorded_lead_speeds
 from accelerated_evaluation.laws.paper.piecewise import (
     EXPONENTIAL,
     PieceFamily,

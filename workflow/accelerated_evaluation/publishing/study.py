@@ -10,7 +10,7 @@ import pandas as pd
 from accelerated_evaluation.base.errors import InputError
 from accelerated_evaluation.base.files import read_json
 from accelerated_evaluation.laws.files import read_law
-from accelerated_evaluation.laws.paper.independent import IndependentLaw
+from accelerated_evaluation.laws.paper.models import IndependentLaw
 from accelerated_evaluation.publishing.book.catalogue import Contents
 from accelerated_evaluation.publishing.tables.display import as_markdown, display_in_notebooks
 from accelerated_evaluation.records.segments import read_encounters

@@ -28,8 +28,7 @@ from accelerated_evaluation.laws.smooth.mean import MeanLaw
 from accelerated_evaluation.methods.surrogate import study_errors
 from accelerated_evaluation.scenarios import SCENARIOS
 from accelerated_evaluation.track.campaign import Campaign, Run
-from accelerated_evaluation.track.driven import Source, law_in, source_of
-from accelerated_evaluation.track.limits import Limits
+from accelerated_evaluation.track.limits import Limits, Source, law_in, source_of
 
 FORMAT, VERSION = "accelerated-evaluation campaign", 1
 RESTORE = "Restore a copy of the file; report outcomes from the track with `campaign tell`."

@@ -15,8 +15,13 @@ from accelerated_evaluation.laws.motion import LONGEST, MOTIONS, STATES, STEP, d
 from accelerated_evaluation.laws.motion.recorded import FASTEST_CHANGE, is_jump
 from accelerated_evaluation.scenarios.cut_in import CUT_IN, SPEED_LIMIT
 from accelerated_evaluation.scenarios.parameters import simulate_in_slices
-from accelerated_evaluation.vehicles.checks import checked_encounters
-from accelerated_evaluation.vehicles.protocol import MovingVehicle, Outcomes, RandomVehicle, Vehicle
+from accelerated_evaluation.vehicles.protocol import (
+    MovingVehicle,
+    Outcomes,
+    RandomVehicle,
+    Vehicle,
+    checked_encounters,
+)
 
 START = "the lead speed of the encounter"
 TOLERANCE = 1e-9  # [m/s], largest difference of the lead speed and the first of the lead speeds over time

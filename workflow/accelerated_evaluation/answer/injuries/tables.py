@@ -15,10 +15,17 @@ from numpy.typing import NDArray
 from scipy.special import expit, ndtri
 
 from accelerated_evaluation.answer.comparison import RATIO
-from accelerated_evaluation.answer.exposure import UNITS, Rate
 from accelerated_evaluation.answer.injuries.curves import FRONTAL, LEVELS, REAR, RiskCurve
 from accelerated_evaluation.answer.injuries.sources import SOURCES, published_curves
-from accelerated_evaluation.answer.posterior import SUMMARY, Posterior, log_variances, shares, summarise
+from accelerated_evaluation.answer.posterior import (
+    SUMMARY,
+    UNITS,
+    Posterior,
+    Rate,
+    log_variances,
+    shares,
+    summarise,
+)
 from accelerated_evaluation.base.arrays import Array
 
 # 5 and 95 % of the cars sold in the United States in 2017 are lighter than this [lb] (Stolle and others 2020,

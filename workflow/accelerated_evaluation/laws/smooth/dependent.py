@@ -13,7 +13,7 @@ from accelerated_evaluation.base.arrays import Array, numbers_in
 from accelerated_evaluation.laws import LAWS
 from accelerated_evaluation.laws.distributions import Empirical
 from accelerated_evaluation.laws.distributions.pareto import interval_probability
-from accelerated_evaluation.laws.paper.independent import recorded_lead_speeds
+from accelerated_evaluation.laws.paper.models import recorded_lead_speeds
 from accelerated_evaluation.laws.protocol import Box
 from accelerated_evaluation.laws.smooth.conditional import SpeedLaw, Threshold, range_grid, speed_grid
 from accelerated_evaluation.laws.smooth.excess import Excess

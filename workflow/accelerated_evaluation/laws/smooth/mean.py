@@ -25,12 +25,11 @@ from accelerated_evaluation.base.arrays import Array, numbers_in
 from accelerated_evaluation.laws import LAWS
 from accelerated_evaluation.laws.distributions import Empirical
 from accelerated_evaluation.laws.draws import Draws
-from accelerated_evaluation.laws.paper.independent import recorded_lead_speeds
+from accelerated_evaluation.laws.paper.models import recorded_lead_speeds
 from accelerated_evaluation.laws.protocol import Box
 from accelerated_evaluation.laws.smooth.conditional import Places, SpeedLaw, Threshold, range_grid, speed_grid
-from accelerated_evaluation.laws.smooth.draws import LawDraws, SpeedsAt
+from accelerated_evaluation.laws.smooth.draws import TOLERANCE, LawDraws, RangeMixture, SpeedsAt, mixed, solve
 from accelerated_evaluation.laws.smooth.excess import Excess
-from accelerated_evaluation.laws.smooth.mixture import TOLERANCE, RangeMixture, mixed, solve
 from accelerated_evaluation.laws.smooth.segments import (
     COORDINATES,
     SmoothLaw,

@@ -25,8 +25,8 @@ from accelerated_evaluation.answer.explored import (
     log_ratios,
     refinements,
 )
-from accelerated_evaluation.answer.exposure import Rate
 from accelerated_evaluation.answer.law_study import LawStudy
+from accelerated_evaluation.answer.posterior import Rate
 from accelerated_evaluation.base.arrays import Array
 from accelerated_evaluation.base.errors import StudyError
 from accelerated_evaluation.crash_map.maps import CrashMap

@@ -11,7 +11,7 @@ from matplotlib.figure import Figure
 
 from accelerated_evaluation.laws import Factors
 from accelerated_evaluation.laws.distributions import Distribution
-from accelerated_evaluation.laws.paper.independent import IndependentLaw
+from accelerated_evaluation.laws.paper.models import IndependentLaw
 from accelerated_evaluation.publishing.figures.curves import (
     INVERSE_TTC,
     RECORDS,

@@ -19,7 +19,7 @@ from accelerated_evaluation.publishing.figures.style import (
 )
 from accelerated_evaluation.publishing.published import figure
 from accelerated_evaluation.publishing.tables.display import in_words
-from accelerated_evaluation.publishing.tables.injuries import CUT_IN, best_known
+from accelerated_evaluation.publishing.tables.exact import CUT_IN, best_known
 
 TITLES = {"MAIS2+": "at least moderate (MAIS2+)", "MAIS3+": "at least serious (MAIS3+)", "fatal": "fatal"}
 IMPACTS = {FRONTAL: "struck in front", REAR: "struck from behind"}

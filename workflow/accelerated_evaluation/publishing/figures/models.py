@@ -9,7 +9,7 @@ from matplotlib.figure import Figure
 
 from accelerated_evaluation.base.arrays import Array
 from accelerated_evaluation.laws.distributions import Described, Empirical, unit_to_power
-from accelerated_evaluation.laws.paper.independent import IndependentLaw
+from accelerated_evaluation.laws.paper.models import IndependentLaw
 from accelerated_evaluation.publishing.figures.curves import (
     INVERSE_RANGE,
     INVERSE_TTC,

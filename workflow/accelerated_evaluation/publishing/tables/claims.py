@@ -9,7 +9,7 @@ from typing import Any
 
 import pandas as pd
 
-from accelerated_evaluation.laws.paper.independent import IndependentLaw
+from accelerated_evaluation.laws.paper.models import IndependentLaw
 from accelerated_evaluation.publishing.published import table
 from accelerated_evaluation.publishing.tables.paper_claims import (
     ABOVE,

@@ -6,7 +6,7 @@ from collections.abc import Iterator, Mapping, Sequence
 import pandas as pd
 
 from accelerated_evaluation.laws.distributions import Distribution, Empirical, Mixture, unit_to_power
-from accelerated_evaluation.laws.paper.independent import UNITS, IndependentLaw
+from accelerated_evaluation.laws.paper.models import UNITS, IndependentLaw
 from accelerated_evaluation.publishing.published import result_table, table
 from accelerated_evaluation.publishing.tables.display import reproducible_value
 

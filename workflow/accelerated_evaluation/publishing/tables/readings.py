@@ -8,7 +8,7 @@ import numpy as np
 import pandas as pd
 from scipy.special import ndtri
 
-from accelerated_evaluation.laws.paper.independent import IndependentLaw
+from accelerated_evaluation.laws.paper.models import IndependentLaw
 from accelerated_evaluation.publishing.published import table
 from accelerated_evaluation.publishing.tables.display import readable
 from accelerated_evaluation.publishing.tables.searches import search_totals

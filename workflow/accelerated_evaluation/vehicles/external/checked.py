@@ -17,9 +17,8 @@ from accelerated_evaluation.base.arrays import Array
 from accelerated_evaluation.base.errors import InputError, StudyError
 from accelerated_evaluation.scenarios.cut_in import CUT_IN
 from accelerated_evaluation.scenarios.protocol import Scenario
-from accelerated_evaluation.vehicles.checks import checked_outcomes, outcome_error
 from accelerated_evaluation.vehicles.moving import checked_lead_speeds, require_motion, takes_motion
-from accelerated_evaluation.vehicles.protocol import Vehicle, repeats_itself
+from accelerated_evaluation.vehicles.protocol import Vehicle, checked_outcomes, outcome_error, repeats_itself
 
 BATCH_TIME_LIMIT = 600.0  # [s], default of the longest time for a batch
 
