@@ -42,7 +42,7 @@ def folder(tmp_path_factory):
     """Return a folder with the generated motorway, its configuration and a car."""
     folder = tmp_path_factory.mktemp("motorway")
     (folder / "data").mkdir()
-    motorway_table().to_csv(folder / "data/motorway.csv", index=False)
+    motorway_table(4000).to_csv(folder / "data/motorway.csv", index=False)
     (folder / "car.py").write_text(CAR)
     (folder / "motorway.yaml").write_text(
         CONFIGURATION + "vehicle: {name: car.py:Car, deterministic: true}\n"

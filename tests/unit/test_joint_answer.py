@@ -158,15 +158,15 @@ def test_both_ways_find_the_probability_under_each_draw():
 def test_the_interval_is_that_of_the_clusters():
     """Repeating each record within its cluster adds no information, and must not narrow the interval."""
     generator = np.random.default_rng(11)
-    x = toy_law().draw(60, generator)
-    once = ClusteredRecords.of(x, np.arange(60), BOX)
-    repeated = ClusteredRecords.of(np.repeat(x, 8, axis=0), np.repeat(np.arange(60), 8), BOX)
-    ignored = ClusteredRecords.of(repeated.x, np.arange(480), BOX)
+    x = toy_law().draw(40, generator)
+    once = ClusteredRecords.of(x, np.arange(40), BOX)
+    repeated = ClusteredRecords.of(np.repeat(x, 8, axis=0), np.repeat(np.arange(40), 8), BOX)
+    ignored = ClusteredRecords.of(repeated.x, np.arange(320), BOX)
     widths = []
     for own in (once, repeated, ignored):
         family = JointFamily.of(own, respond, np.random.default_rng(12), CANDIDATES[:1])
         drawn = drawn_from(family, np.random.default_rng(13), 60)
-        found = answered(drawn, Simulations(20_000), np.random.default_rng(14))
+        found = answered(drawn, Simulations(5_000), np.random.default_rng(14))
         widths.append(np.log(found.posterior.probabilities).std())
     assert widths[1] == pytest.approx(widths[0], rel=0.35)
     assert widths[2] < 0.55 * widths[0]  # the clusters ignored: narrower by about the root of 8
@@ -178,7 +178,7 @@ def test_the_answer_has_intervals_and_a_budget(family):
     row = found.table().iloc[0]
     ends = ["low95", "low80", "low50", "median", "high50", "high80", "high95"]
     assert row[ends].is_monotonic_increasing
-    truth = np.mean(toy_law(correlation=0.8).draw(400_000, np.random.default_rng(17))[:, 0] > LIMIT)
+    truth = exact(toy_law())  # up to the limits of b, which cut off little of the correlated law
     assert row["low95"] < truth < row["high95"]
     assert found.budget().set_index("source")["variance_share"]["together"] == 1
     assert len(draws_table(found)) == 40
@@ -213,7 +213,7 @@ def test_records_of_one_cluster_are_refused():
         ClusteredRecords.of(np.full((5, 2), 5.0), np.zeros(5), BOX)
 
 
-@pytest.mark.parametrize(("deterministic", "rate"), [(False, 0.03), (None, 0.03), (None, 0.0)])
+@pytest.mark.parametrize(("deterministic", "rate"), [(False, 0.03), (None, 0.0)])
 def test_lapses_are_found_and_the_interval_contains_their_bound(deterministic, rate):
     drawn = drawn_laws(*(toy_law((mean, 5.0)) for mean in (3.0, 4.0, 5.0)))
     truth, chance = np.mean([exact(law) for law in drawn.laws]), np.random.default_rng(23)
@@ -241,7 +241,7 @@ def test_the_records_contradict_few_runs_that_miss_a_part():
         return happened, 9.9 - x[:, 0]
 
     drawn, few = drawn_laws(toy_law()), FewRuns(replace(GOAL, maximum_simulations=150))
-    truth = answered(drawn, Simulations(60_000), np.random.default_rng(22), misleading).posterior.probability
+    truth = answered(drawn, Simulations(20_000), np.random.default_rng(22), misleading).posterior.probability
     x = toy_law().draw(5_000, np.random.default_rng(26))
     replays = replay(
         lambda x: misleading(x.T)[0], x.T, 9.9 - x[:, 0], np.random.default_rng(27), is_slow=False
