@@ -103,7 +103,7 @@ def test_event_everywhere():
     assert result.low == pytest.approx(1 - bound_without_event(60, STOPPING.alpha))
 
 
-@pytest.mark.parametrize(("size", "dimension"), [(25, 2), (500, 6)])
+@pytest.mark.parametrize(("size", "dimension"), [(25, 2), pytest.param(500, 6, marks=pytest.mark.studies)])
 def test_large_batches_end_with_an_estimate(size, dimension):
     """Pools grow with the batch, or their own variance would outweigh what so many runs say."""
     event = standard_normal_event(lambda z: 4.0 - z.sum(1) / math.sqrt(dimension), dimension=dimension)

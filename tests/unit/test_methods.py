@@ -154,7 +154,7 @@ def check_shape(name, estimate):
 @pytest.mark.parametrize("name", METHODS)
 def test_one_stratum_is_estimated_alone(name):
     alone = PROBLEM.only("fast")
-    found = estimates(name, alone, runs=3)
+    found = estimates(name, alone, runs=2)
     assert all(abs(math.log(estimate.probability / exact(alone.law))) < 0.5 for estimate in found)
     assert sum(estimate.covers(exact(alone.law)) for estimate in found) >= 1
 

@@ -238,6 +238,7 @@ def test_no_input_outside_of_the_law_is_simulated(batch_size):
 # ---------------------------------------------------------------- the computer
 
 
+@pytest.mark.studies
 def test_nothing_needs_a_writable_home(tmp_path):
     """A home folder on a read-only disk, and a package in a folder that is not writable either."""
     program = """

@@ -196,6 +196,7 @@ def test_a_car_that_hangs_or_ends_its_process(here, trouble, limit):
             run(car, RANGES[:2])
 
 
+@pytest.mark.studies
 def test_a_killed_run_goes_on_where_it_stopped(here):
     code = (
         "import numpy as np, test_slow_vehicles as t\n"

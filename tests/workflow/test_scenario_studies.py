@@ -78,6 +78,7 @@ def run(tmp_path, environment, *commands):
     return done.stdout
 
 
+@pytest.mark.studies
 def test_three_files_add_a_scenario_that_is_simulated_and_estimated(tmp_path, with_toy):
     generator = np.random.default_rng(1)
     records = pd.DataFrame({"speed_mps": generator.normal(9, 2, 400), "gap_m": generator.normal(35, 8, 400)})
