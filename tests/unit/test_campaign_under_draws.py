@@ -4,13 +4,21 @@ import re
 
 import numpy as np
 import pytest
-from accelerated_evaluation import InputError, cli, write_law
+from accelerated_evaluation import cli
 from accelerated_evaluation.answer.by_few_runs import laws_of
+from accelerated_evaluation.base.errors import InputError
+from accelerated_evaluation.laws.files import write_law
 from accelerated_evaluation.records.encounter_table import write_encounters
 from accelerated_evaluation.track.campaign import Campaign
 from accelerated_evaluation.track.campaign_file import law_of, source_of, stopping, write_campaign
 from accelerated_evaluation.track.driven import DrivenOutcome
-from accelerated_evaluation.track.whole import ALONE, _reach, laws_under, read_draws, whole_in_words
+from accelerated_evaluation.track.whole import (
+    ALONE,
+    _reach,
+    laws_under,
+    read_draws,
+    whole_in_words,
+)
 from accelerated_evaluation.vehicles.events import CRASH
 from mean_law import braking_probabilities, encounters_, law_, one_draw  # noqa: F401
 

@@ -4,7 +4,8 @@ from functools import partial
 
 import numpy as np
 import pytest
-from accelerated_evaluation import CUT_IN, load_vehicle
+from accelerated_evaluation.scenarios.cut_in import CUT_IN
+from accelerated_evaluation.vehicles import load_vehicle
 from accelerated_evaluation.vehicles.events import CRASH
 from accelerated_evaluation.vehicles.external.elsewhere import Elsewhere, difference_elsewhere
 from accelerated_evaluation.vehicles.external.watched import WatchedVehicle

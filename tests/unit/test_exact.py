@@ -6,8 +6,14 @@ from pathlib import Path
 import numpy as np
 import pandas as pd
 import pytest
-from accelerated_evaluation import CUT_IN, InputError, Problem, map_crashes
-from accelerated_evaluation.crash_map.exact import ALL, capped_intervals, exact_probabilities, exact_table
+from accelerated_evaluation.base.errors import InputError
+from accelerated_evaluation.crash_map.exact import (
+    ALL,
+    capped_intervals,
+    exact_probabilities,
+    exact_table,
+)
+from accelerated_evaluation.crash_map.mapping import map_crashes
 from accelerated_evaluation.crash_map.maps import Intervals
 from accelerated_evaluation.laws import Factors
 from accelerated_evaluation.laws.distributions import (
@@ -20,6 +26,8 @@ from accelerated_evaluation.laws.distributions import (
 from accelerated_evaluation.laws.distributions.tails import interval_probability
 from accelerated_evaluation.laws.paper.independent import IndependentLaw
 from accelerated_evaluation.methods.cross_entropy.sample import Sample
+from accelerated_evaluation.methods.problem import Problem
+from accelerated_evaluation.scenarios.cut_in import CUT_IN
 from accelerated_evaluation.vehicles import AccAeb, Outcomes
 from accelerated_evaluation.vehicles.events import CRASH, events_from
 from wall_car import GRID, RANGE_LAWS, TTC_LAWS, WallCar, integral, law_of
