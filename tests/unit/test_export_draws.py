@@ -10,7 +10,7 @@ from accelerated_evaluation.track.weighted_set import draw_weighted_set
 from mean_law import braking_probabilities, encounters_, law_  # noqa: F401
 
 CRASH = 4.0  # [m/s^2], constant deceleration from which a cut-in ends in a crash
-SETS = 5
+SETS = 8
 
 
 @pytest.fixture(scope="module")
@@ -31,7 +31,7 @@ def test_the_weights_of_each_draw_give_its_probability(few, sets):
     found = np.array([drawn.draws.loc[crashes(drawn)].drop(columns="scenario").sum() for drawn in sets])
     error = found.std(axis=0) / np.sqrt(SETS)
     known = braking_probabilities(few, CRASH)
-    assert np.all(np.abs(found.mean(axis=0) - known) < 6 * error)  # five sets
+    assert np.all(np.abs(found.mean(axis=0) - known) < 6 * error)  # eight sets
     under_the_mean = np.array([drawn.table.loc[crashes(drawn), "weight"].sum() for drawn in sets]).mean()
     assert np.abs((under_the_mean - known) / error).max() > 12  # the wrong weights
 

@@ -7,8 +7,14 @@ import pytest
 from accelerated_evaluation.base.errors import InputError
 from accelerated_evaluation.methods import METHODS
 from accelerated_evaluation.methods.problem import Problem
-from accelerated_evaluation.methods.surrogate import Surrogate, rules_for, sampler_of
-from accelerated_evaluation.methods.surrogate_words import chance_in_words, unseen_in_words, weights_in_words
+from accelerated_evaluation.methods.surrogate import (
+    Surrogate,
+    chance_in_words,
+    rules_for,
+    sampler_of,
+    unseen_in_words,
+    weights_in_words,
+)
 from accelerated_evaluation.scenarios.cut_in import CUT_IN
 from accelerated_evaluation.scenarios.left_turn import LEFT_TURN
 from accelerated_evaluation.vehicles import load_vehicle
