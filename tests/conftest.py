@@ -16,8 +16,7 @@ os.environ["OPENBLAS_NUM_THREADS"] = "1"
 import numpy as np
 import pandas as pd
 import pytest
-from accelerated_evaluation.scenarios import SCENARIOS
-from accelerated_evaluation.vehicles import load_vehicle
+from accelerated_evaluation import SCENARIOS, load_vehicle
 
 # A user's Python keeps what it prints in buffers. Machines that test often switch that off, and hide errors.
 os.environ.pop("PYTHONUNBUFFERED", None)

@@ -4,14 +4,8 @@ import math
 
 import numpy as np
 import pytest
-from fewruns import InputError, Sampler
-from fewruns.certificate import (
-    BY_DEFAULT,
-    Certificate,
-    Unseen,
-    _cap,
-    look_beyond,
-)
+from fewruns import Certificate, InputError, Sampler
+from fewruns.certificate import BY_DEFAULT, Unseen, _cap, look_beyond
 from fewruns.constants import FREQUENT_REACH, FREQUENT_START, REACH, START, UNSEEN_ALPHA
 from fewruns.two_phase import reach_of
 from fewruns.wide_laws import draw_at, draw_wide, rarity

@@ -267,8 +267,7 @@ def test_any_damage_to_the_bytes_of_a_state_is_refused(file):
 
 
 @pytest.mark.parametrize(
-    "text",
-    ["", "[1, 2]", "no JSON", "{}", '{"format": "something else"}', b"\xff\xfe", "half", "[" * 100000],
+    "text", ["", "[1, 2]", "no JSON", "{}", '{"format": "something else"}', b"\xff\xfe", "half", "[" * 100000]
 )
 def test_files_that_are_no_state_are_refused(file, text):
     if text == "half":

@@ -5,18 +5,14 @@ from pathlib import Path
 import numpy as np
 import pandas as pd
 import pytest
-from accelerated_evaluation import cli
-from accelerated_evaluation.base.randomness import child_generator
-from accelerated_evaluation.laws.files import read_law
-from accelerated_evaluation.methods import METHODS, Stopping
-from accelerated_evaluation.methods.problem import Problem
+from accelerated_evaluation import CUT_IN, Problem, Stopping, child_generator, cli, load_vehicle, read_law
+from accelerated_evaluation.methods import METHODS
 from accelerated_evaluation.records.segments import read_encounters
-from accelerated_evaluation.scenarios.cut_in import CUT_IN
 from accelerated_evaluation.track.campaign import Campaign
 from accelerated_evaluation.track.campaign_file import read_campaign
 from accelerated_evaluation.track.limits import UNLIMITED, Limits
 from accelerated_evaluation.track.results import status_of
-from accelerated_evaluation.vehicles import Outcomes, load_vehicle
+from accelerated_evaluation.vehicles import Outcomes
 from dependent_law import dependent_law
 from law_folder import LAW, SPEEDS, begin_campaign
 

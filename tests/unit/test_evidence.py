@@ -7,9 +7,8 @@ from types import SimpleNamespace
 import numpy as np
 import pandas as pd
 import pytest
+from accelerated_evaluation import CUT_IN, Answer, FewRuns, Posterior, Problem, as_draws, load_vehicle
 from accelerated_evaluation.answer import evidence as evidence_module
-from accelerated_evaluation.answer.answer import Answer
-from accelerated_evaluation.answer.by_few_runs import FewRuns
 from accelerated_evaluation.answer.evidence import (
     Evidence,
     checked_answers,
@@ -17,13 +16,10 @@ from accelerated_evaluation.answer.evidence import (
     known_runs,
     replays_of,
 )
-from accelerated_evaluation.answer.posterior import Posterior
 from accelerated_evaluation.answer.replays import FOLLOWED, LEVEL, SIZES, replay
-from accelerated_evaluation.laws.draws import as_draws
-from accelerated_evaluation.methods.problem import Problem, normal_scores
-from accelerated_evaluation.scenarios.cut_in import CUT_IN
+from accelerated_evaluation.methods.problem import normal_scores
 from accelerated_evaluation.scenarios.left_turn import LEFT_TURN
-from accelerated_evaluation.vehicles import Outcomes, load_vehicle
+from accelerated_evaluation.vehicles import Outcomes
 from accelerated_evaluation.vehicles.external.watched import WatchedVehicle
 from accelerated_evaluation.vehicles.protocol import CRASH
 from fewruns.predecessor import Predecessor

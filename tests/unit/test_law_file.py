@@ -8,8 +8,7 @@ from functools import cache
 import numpy as np
 import pandas as pd
 import pytest
-from accelerated_evaluation.base.errors import InputError
-from accelerated_evaluation.laws import LAWS, Box
+from accelerated_evaluation import LAWS, Box, DrawnLaws, InputError, read_law, write_law
 from accelerated_evaluation.laws.distributions import (
     BoundedExponential,
     BoundedNormal,
@@ -18,8 +17,7 @@ from accelerated_evaluation.laws.distributions import (
     Pareto,
     PiecewiseMixture,
 )
-from accelerated_evaluation.laws.draws import DrawnLaws, MixedDraws
-from accelerated_evaluation.laws.files import read_law, write_law
+from accelerated_evaluation.laws.draws import MixedDraws
 from accelerated_evaluation.laws.lead_speeds import WithLeadSpeeds
 from accelerated_evaluation.laws.paper.models import IndependentLaw
 from accelerated_evaluation.records.segments import complete

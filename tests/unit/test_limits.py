@@ -6,9 +6,8 @@ from pathlib import Path
 import numpy as np
 import pandas as pd
 import pytest
-from accelerated_evaluation import cli
+from accelerated_evaluation import SOURCES, InputError, cli, load, resolved
 from accelerated_evaluation.answer import estimation as alone
-from accelerated_evaluation.base.errors import InputError
 from accelerated_evaluation.laws.smooth.family import DistinctRecords, Fitter, members_at
 from accelerated_evaluation.laws.smooth.splines import Support
 from accelerated_evaluation.records.limits import (
@@ -21,8 +20,7 @@ from accelerated_evaluation.records.limits import (
     with_limits,
     with_values,
 )
-from accelerated_evaluation.records.sources import SOURCES
-from accelerated_evaluation.study.configuration import ConfigurationError, completed, load, resolved, validate
+from accelerated_evaluation.study.configuration import ConfigurationError, completed, validate
 from motorway import CONFIGURATION, motorway_table
 
 ROOT = Path(__file__).resolve().parents[2]

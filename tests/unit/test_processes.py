@@ -9,10 +9,8 @@ from pathlib import Path
 
 import pandas as pd
 import pytest
-from accelerated_evaluation import cli
-from accelerated_evaluation.base.errors import InputError
+from accelerated_evaluation import InputError, cli, load_vehicle
 from accelerated_evaluation.track.campaign_file import read_campaign
-from accelerated_evaluation.vehicles import load_vehicle
 from accelerated_evaluation.vehicles.external.checked import FOLDER
 from law_folder import begin_campaign
 

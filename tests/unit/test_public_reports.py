@@ -10,11 +10,10 @@ from pathlib import Path
 import numpy as np
 import pandas as pd
 import pytest
-from accelerated_evaluation.base.errors import InputError
+from accelerated_evaluation import VEHICLES, InputError, Stopping, load_vehicle
 from accelerated_evaluation.laws.distributions import BoundedExponential, BoundedNormal
 from accelerated_evaluation.laws.paper.candidates import compare, fit_candidates
-from accelerated_evaluation.methods import METHODS, Stopping
-from accelerated_evaluation.vehicles import VEHICLES, load_vehicle
+from accelerated_evaluation.methods import METHODS
 from drone_checks import extract
 from scipy import stats
 from test_extreme_vehicles import From, before

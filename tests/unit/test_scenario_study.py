@@ -5,14 +5,11 @@ from pathlib import Path
 import numpy as np
 import pandas as pd
 import pytest
-from accelerated_evaluation import cli
+from accelerated_evaluation import InputError, cli, load_vehicle, write_law
 from accelerated_evaluation.answer.by_simulations import agreement, read_verdicts
 from accelerated_evaluation.answer.map_tables import Restricted
-from accelerated_evaluation.base.errors import InputError
-from accelerated_evaluation.laws.files import write_law
 from accelerated_evaluation.scenarios.left_turn import LEFT_TURN
 from accelerated_evaluation.scenarios.record_table import read_scenario_records, records_account
-from accelerated_evaluation.vehicles.loading import load_vehicle
 from normal_law import left_turn_law
 from scipy.stats import truncnorm
 
