@@ -143,7 +143,7 @@ def test_records_to_which_no_law_can_be_fitted_are_named(tmp_path, monkeypatch, 
 def test_runs_that_do_not_end_are_counted_by_an_estimate(tmp_path, monkeypatch, capsys):
     monkeypatch.chdir(tmp_path)
     pd.read_parquet(ROOT / LEFT_TURN.records)[::4].to_parquet("few.parquet")
-    study = "study: own\nscenario: {name: left_turn, records: few.parquet}\nsurrogate: {maximum_calls: 50}\n"
+    study = "study: own\nscenario: {name: left_turn, records: few.parquet}\nsurrogate: {maximum_calls: 100}\n"
     Path("own.yaml").write_text(study + "vehicle: {parameters: {longest_run: 3}}\n")
     options = ["--config", "own.yaml", "--law", "gaussian_copula"]
     assert cli.main(["estimate", *options]) == 0
