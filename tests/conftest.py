@@ -42,7 +42,7 @@ WITH_TOYS = ("config/smoke.yaml", "config/toys.yaml")
 
 LEFT_OUT = """\
 The tests marked browser, slurm and crate: pytest -m "browser or slurm or crate"
-Whole studies, the benchmarks' own tests and the installed wheel: make test-studies"""
+Whole studies and other long tests, the benchmarks' own and the installed wheel: make test-studies"""
 
 
 def pytest_terminal_summary(terminalreporter, config):
