@@ -116,12 +116,12 @@ def test_nothing_is_simulated_twice(whole, tmp_path):
 def test_a_tighter_target_goes_on_from_the_state(tmp_path):
     path = tmp_path / "state.json"
     rough, fine = (
-        estimate(half_plane(), 2, replace(STOPPING, beta=beta), state_file=path) for beta in (0.4, 0.2)
+        estimate(half_plane(), 2, replace(STOPPING, beta=beta), state_file=path) for beta in (0.4, 0.1)
     )
     assert rough.simulations < fine.simulations
     earlier = fine.tables["runs"].iloc[: rough.simulations]
     assert earlier[["z_1", "z_2"]].equals(rough.tables["runs"][["z_1", "z_2"]])
-    assert (fine.high - fine.low) / 2 <= 0.2 * fine.probability * (1 + 1e-12)
+    assert (fine.high - fine.low) / 2 <= 0.1 * fine.probability * (1 + 1e-12)
 
 
 @pytest.fixture(scope="module")
