@@ -21,19 +21,9 @@ from accelerated_evaluation.records.limits import (
     with_values,
 )
 from accelerated_evaluation.study.configuration import ConfigurationError, completed, validate
-from motorway import CONFIGURATION, motorway_table
+from motorway import motorway_, motorway_table  # noqa: F401
 
 ROOT = Path(__file__).resolve().parents[2]
-
-
-@pytest.fixture
-def motorway(tmp_path, monkeypatch):
-    """Return the stated configuration of the generated motorway, whose table lies in the working folder."""
-    monkeypatch.chdir(tmp_path)
-    (tmp_path / "data").mkdir()
-    motorway_table().to_csv("data/motorway.csv", index=False)
-    Path("motorway.yaml").write_text(CONFIGURATION)
-    return load(["motorway.yaml"])
 
 
 def test_the_paper_keeps_its_limits():
