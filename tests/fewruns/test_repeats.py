@@ -3,10 +3,10 @@
 from dataclasses import replace
 
 import numpy as np
-from fewruns import Sampler, SystemProblem
+from fewruns import SystemProblem
 from fewruns.constants import FIRST_REPEATS
 from fewruns.repeats import Repeats, choose_repeats, end_differently
-from sampler_checks import STOPPING, estimate, resumed, saved
+from sampler_checks import STOPPING, estimate, new_sampler, resumed, saved
 
 LEVEL = 3.5
 
@@ -22,16 +22,9 @@ def system(rate, generator, *, deterministic=None):
     return SystemProblem(respond, 2, fingerprint="lapses", deterministic=deterministic)
 
 
-def sampler_of(event, enough, seed=0):
-    return Sampler(
-        2,
-        np.random.default_rng(seed),
-        5,
-        fingerprint=event.fingerprint,
-        deterministic=event.deterministic,
-        enough_repeats=enough,
-        upper_set=True,
-    )
+def sampler_of(event, enough):
+    settings = {"deterministic": event.deterministic, "enough_repeats": enough, "upper_set": True}
+    return new_sampler(batch_size=5, **settings)
 
 
 def drive(sampler, event, most=400):
