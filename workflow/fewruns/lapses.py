@@ -1,22 +1,21 @@
-"""Bounds on the probability that lapses add, for a system that behaves differently in a few of its runs.
+"""A bound on the probability that lapses add, if these are not less likely at harder points.
 
 If n runs in a set of points of probability Q had no event, lapses may still cause events there with a
 probability of up to 3 Q / n (95 % confidence). The points are ordered by their hardness, which is the
 probability of the event predicted by a surrogate of the flags, and divided into shells, each with a tenth of
-the probability of the next easier one. One of two assumptions is made. Equal hardness: all points of a shell
-have the same probability of a lapse that ends in the event. Monotone: in addition, it is not smaller in
-harder points, so that their runs also bound that in easier shells.
+the probability of the next easier one. The assumption is that the probability of a lapse that ends in the
+event is the same in a shell, and not smaller in harder ones, so that their runs also bound that in easier
+shells.
 """
 
 import math
-from dataclasses import dataclass
 
 import numpy as np
-from scipy.special import betaincinv
 
 from fewruns.arrays import Array, Flags
 from fewruns.constants import NOISY_AMPLITUDE, POOL, UNSEEN_ALPHA
 from fewruns.gaussian_process import EventSurrogate
+from fewruns.law_draws import upper_limit
 from fewruns.wide_laws import draw_wide, log_normal_to_wide
 
 # The hardest points, in which the event is covered by the estimate, have KNOWN times the probability of the
@@ -26,41 +25,23 @@ KNOWN, HARDEST = 10.0, 1e-6
 SEED = np.random.SeedSequence(0, spawn_key=(2259220878,))  # of the draws from which masses follow
 
 
-@dataclass(frozen=True)
-class LapseBounds:
-    """Bounds, with confidence 1 - `UNSEEN_ALPHA`, on what lapses add, or on P(event) without an estimate."""
-
-    like_hardness: float  # under the assumption of equal hardness
-    monotone: float  # under the second assumption
-    # Number of draws from the law itself, none of them an event, that would reduce the bound to a given share
-    # of the estimate (without an estimate: of ``like_hardness``) without any assumption.
-    runs: float
-
-    @classmethod
-    def after(cls, z: Array, happened: Flags, probability: float, share: float) -> "LapseBounds":
-        """Return the bounds from the flags of n runs, and the estimate, which may be NaN or 0."""
-        if not len(z):
-            return cls(1.0, 1.0, math.inf)
-        is_known = probability > 0
-        surrogate = EventSurrogate(z.shape[1], amplitude=NOISY_AMPLITUDE)
-        surrogate.fit(z, happened, learn=False)
-        # These draws need no simulation. They are the same in every call, so that the bound has no noise.
-        points = draw_wide(POOL, z.shape[1], np.random.Generator(np.random.PCG64(SEED)))
-        harder = _mass_of_harder(surrogate, points, z)
-        edges = _edges(KNOWN * probability if is_known else HARDEST)
-        shells = np.digitize(harder, edges) - 1  # -1 for the hardest points, which the estimate covers
-        count = np.array([np.count_nonzero(shells == k) for k in range(len(edges) - 1)])
-        events = np.array([np.count_nonzero(happened & (shells == k)) for k in range(len(edges) - 1)])
-        mass, each = np.diff(edges), UNSEEN_ALPHA / max(len(edges) - 1, 1)
-        own, pooled = upper_limit(events, count, each), upper_limit(events.cumsum(), count.cumsum(), each)
-        rest = 0.0 if is_known else HARDEST
-        alike, monotone = float(mass @ own) + rest, float(mass @ np.minimum(own, pooled)) + rest
-        return cls(alike, monotone, -math.log(UNSEEN_ALPHA) / (share * (probability if is_known else alike)))
-
-
-def upper_limit(events: Array, count: Array, alpha: float) -> Array:
-    """Return one-sided upper limits (Clopper and Pearson) of k probabilities, from events and trials."""
-    return np.where(events < count, betaincinv(events + 1, np.maximum(count - events, 1), 1 - alpha), 1.0)
+def monotone_bound(z: Array, happened: Flags, probability: float) -> float:
+    """Return the bound from the flags of runs at z, shape (n, d), and the estimate, which may be NaN or 0."""
+    if not len(z):
+        return 1.0
+    is_known = probability > 0
+    surrogate = EventSurrogate(z.shape[1], amplitude=NOISY_AMPLITUDE)
+    surrogate.fit(z, happened, learn=False)
+    # These draws need no simulation. They are the same in every call, so that the bound has no noise.
+    points = draw_wide(POOL, z.shape[1], np.random.Generator(np.random.PCG64(SEED)))
+    harder = _mass_of_harder(surrogate, points, z)
+    edges = _edges(KNOWN * probability if is_known else HARDEST)
+    shells = np.digitize(harder, edges) - 1  # -1 for the hardest points, which the estimate covers
+    count = np.array([np.count_nonzero(shells == k) for k in range(len(edges) - 1)])
+    events = np.array([np.count_nonzero(happened & (shells == k)) for k in range(len(edges) - 1)])
+    mass, each = np.diff(edges), UNSEEN_ALPHA / max(len(edges) - 1, 1)
+    own, pooled = upper_limit(events, count, each), upper_limit(events.cumsum(), count.cumsum(), each)
+    return float(mass @ np.minimum(own, pooled)) + (0.0 if is_known else HARDEST)
 
 
 def _edges(least: float) -> Array:

@@ -4,7 +4,7 @@ from dataclasses import dataclass
 from typing import Annotated
 
 import numpy as np
-from scipy.special import bdtrc
+from scipy.special import bdtrc, betaincinv
 
 from fewruns.arrays import Array, Flags
 from fewruns.constants import AGREEMENT, CONTRADICTION
@@ -31,11 +31,27 @@ class LawDraws:
         """Number of draws that ended in the event."""
         return int(np.count_nonzero(self.happened))
 
+    @property
+    def share(self) -> float:
+        """Share of the draws that ended in the event."""
+        return self.events / len(self)
+
     def extended(self, z: Array, happened: Flags) -> "LawDraws":
         """Return these draws, followed by further ones, shape (n, d), and their flags, shape (n,)."""
         return LawDraws(np.vstack([self.z, z]), np.append(self.happened, happened))
+
+    def interval(self, alpha: float) -> tuple[float, float]:
+        """Return the ends of the interval of Clopper and Pearson for P(event), of level 100 (1 - alpha) %."""
+        counts = np.array([self.events, len(self) - self.events])
+        missed, high = upper_limit(counts[::-1], len(self), alpha / 2)
+        return 1 - float(missed), float(high)
 
     def contradict(self, probability: float) -> bool:
         """Return whether the events are improbable even if the estimate is too low by `AGREEMENT`."""
         events, allowed = self.events, min(AGREEMENT * probability, 1.0)
         return events > 0 and bool(bdtrc(events - 1, len(self), allowed) < CONTRADICTION)
+
+
+def upper_limit(events: Array, count: Array | int, alpha: float) -> Array:
+    """Return one-sided upper limits (Clopper and Pearson) of k probabilities, from events and trials."""
+    return np.where(events < count, betaincinv(events + 1, np.maximum(count - events, 1), 1 - alpha), 1.0)

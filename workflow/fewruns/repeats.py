@@ -4,9 +4,10 @@ from dataclasses import dataclass
 from typing import Annotated
 
 import numpy as np
+from scipy.special import bdtr
 
 from fewruns.arrays import Array, Flags, Indices
-from fewruns.constants import LARGEST_SCORE, OFTEN, SAME_SCORE
+from fewruns.constants import DRIFT, DRIFT_PAIRS, LARGEST_SCORE, OFTEN, SAME_SCORE
 
 
 @dataclass(frozen=True)
@@ -25,23 +26,49 @@ class Repeats:
     happened: Annotated[Flags, "repeats"]  # whether the event happened in the repetition
     # Whether the outcome differed from that of the run, in the flag or in the score.
     differed: Annotated[Flags, "repeats"]
+    score: Annotated[Array, "repeats"]
 
     @classmethod
     def none(cls) -> "Repeats":
         """Return an empty record, for a sampler that has not repeated any run."""
-        return cls(np.empty(0, np.int64), np.empty(0, bool), np.empty(0, bool))
+        return cls(np.empty(0, np.int64), np.empty(0, bool), np.empty(0, bool), np.empty(0))
 
     def __len__(self) -> int:
         """Return the number of repeats."""
         return len(self.repeated)
 
-    def extended(self, batch: RepeatBatch, happened: Flags, differed: Flags) -> "Repeats":
+    def extended(self, batch: RepeatBatch, happened: Flags, differed: Flags, score: Array) -> "Repeats":
         """Return the record with the repetitions of a batch added."""
         return Repeats(
             np.append(self.repeated, batch.repeated),
             np.append(self.happened, happened),
             np.append(self.differed, differed),
+            np.append(self.score, score),
         )
+
+    @property
+    def pairs(self) -> tuple[Indices, Indices]:
+        """The first and the last repetition of each run that was repeated, which may be the same one.
+
+        Runs are chosen to be repeated by their outcomes, so that a run and its repetition are no pair.
+        """
+        first = np.unique(self.repeated, return_index=True)[1]
+        return first, len(self) - 1 - np.unique(self.repeated[::-1], return_index=True)[1]
+
+    @property
+    def pairs_wanted(self) -> int:
+        """Number of runs that still have to be repeated a second time, to see whether the system drifts."""
+        first, last = self.pairs
+        return max(min(DRIFT_PAIRS, len(first)) - np.count_nonzero(last > first), 0)
+
+    @property
+    def drift(self) -> bool:
+        """Whether late repetitions differ from early ones in one direction more often than by chance."""
+        first, last = self.pairs
+        by_flag = self.happened[first].astype(float) - self.happened[last]
+        change = np.where(by_flag, by_flag, self.score[last] - self.score[first])
+        up, down = np.count_nonzero(change > 0), np.count_nonzero(change < 0)
+        return bool(2 * bdtr(min(up, down), up + down, 0.5) < DRIFT)
 
     @property
     def vary_often(self) -> bool:
@@ -60,20 +87,22 @@ def choose_repeats(
     score: Array,
     known: Repeats,
     count: int,
-    generator: np.random.Generator,
+    *,
+    in_pairs: bool = False,
 ) -> RepeatBatch:
-    """Return ``count`` runs to repeat next: half of them with the event, half without it, in random order.
+    """Return ``count`` runs to repeat next, those that were repeated least often, and of these events first.
 
-    The runs that were repeated least often are chosen first, and among these those nearest to the boundary of
-    the event, judged by their scores. Runs with an infinite score are repeated only if all runs without the
-    event are of this kind.
+    An event that a lapse has caused hardly ever happens again, so that the repetition of each event finds the
+    lapses among all runs. Then come the runs that were nearest to the event by their scores. Runs with an
+    infinite score are repeated only if all runs without the event are of this kind. With ``in_pairs``, runs
+    that were repeated once are chosen, the earliest first.
     """
     times = np.bincount(known.repeated, minlength=len(z))
-    safe = ~happened & (score < LARGEST_SCORE)
-    kinds = [np.flatnonzero(happened), np.flatnonzero(safe if safe.any() else ~happened)]
+    if in_pairs:
+        once = known.repeated[times[known.repeated] == 1][:count]
+        return RepeatBatch(z[once], once)
+    kind = np.flatnonzero(happened | (score < LARGEST_SCORE))
+    kind = np.arange(len(z)) if happened[kind].all() else kind
     nearness = np.where(happened, -score, score)  # smallest for the runs nearest to the boundary
-    ordered = [kind[np.lexsort((nearness[kind], times[kind]))] for kind in kinds]
-    events = min(count // 2, len(ordered[0])) if len(ordered[1]) else count
-    chosen = np.concatenate([np.resize(ordered[0], events), np.resize(ordered[1], count - events)])
-    chosen = generator.permutation(chosen).astype(np.int64)
-    return RepeatBatch(z[chosen], chosen)
+    chosen = np.resize(kind[np.lexsort((nearness[kind], ~happened[kind], times[kind]))], count)
+    return RepeatBatch(z[chosen], chosen.astype(np.int64))

@@ -36,7 +36,12 @@ from accelerated_evaluation.laws.files import read_verdict, write_law
 from accelerated_evaluation.laws.smooth.family import DistinctRecords
 from accelerated_evaluation.methods.problem import Problem
 from accelerated_evaluation.methods.surrogate import read_predecessor
-from accelerated_evaluation.methods.surrogate_words import chance_in_words, unseen_in_words, weights_in_words
+from accelerated_evaluation.methods.surrogate_words import (
+    assumption_in_words,
+    chance_in_words,
+    unseen_in_words,
+    weights_in_words,
+)
 from accelerated_evaluation.records.checks import Records
 from accelerated_evaluation.records.verdict import Verdict, verdict_on
 from accelerated_evaluation.scenarios import SCENARIOS, Scenario
@@ -149,6 +154,8 @@ class Estimated:
             yield weights_in_words(estimate.diagnostics)
             yield unseen_in_words(estimate.probability, estimate.diagnostics)
             yield chance_in_words(estimate.diagnostics)
+        else:
+            yield from assumption_in_words(estimate.diagnostics)
 
     def _probabilities(self, answer: Answer, *, verbose: bool) -> Iterator[str]:
         """Return the main event in words, and with ``verbose`` the other events."""
@@ -165,6 +172,8 @@ class Estimated:
             reason = "see the warning above"
         elif not math.isnan(bound := estimate.diagnostics.get("unseen_lapses", math.nan)):
             reason = f"lapses that no run has shown can add up to {bound:.1g}, which the upper ends contain"
+        elif estimate.diagnostics["drift"]:
+            reason = "the vehicle changes from run to run, so that there is no single probability"
         else:
             reason = (
                 "more simulations may change it, or may find further parts of the event; increase "
