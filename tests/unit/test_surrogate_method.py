@@ -8,7 +8,12 @@ from accelerated_evaluation.base.errors import InputError
 from accelerated_evaluation.methods import METHODS
 from accelerated_evaluation.methods.problem import Problem
 from accelerated_evaluation.methods.surrogate import Surrogate, rules_for, sampler_of
-from accelerated_evaluation.methods.surrogate_words import chance_in_words, unseen_in_words, weights_in_words
+from accelerated_evaluation.methods.surrogate_words import (
+    assumption_in_words,
+    chance_in_words,
+    unseen_in_words,
+    weights_in_words,
+)
 from accelerated_evaluation.scenarios.cut_in import CUT_IN
 from accelerated_evaluation.scenarios.left_turn import LEFT_TURN
 from accelerated_evaluation.vehicles import load_vehicle
@@ -83,15 +88,17 @@ def test_sentences_name_what_the_runs_cannot_exclude():
     assert "at most 0.002 if a half-space, 0.9 if of any shape" in words
     assert "these are 2 and 9e+02 times the estimate" in words
     assert "times" not in unseen_in_words(math.nan, bounds)
-    known = {"repeats": 0, "differed": 0, "law_draws": 0, "law_events": 0}
+    known = {"repeats": 0, "differed": 0, "law_draws": 0, "law_events": 0, "counted": 0, "drift": 0}
     assert "stated to be deterministic" in chance_in_words(known)
-    known |= {"repeats": 350, "law_draws": 300, "law_events": 4}
-    assert "contradict" not in chance_in_words(known)
-    known |= {"unseen_lapses": 0.03, "unseen_lapses_monotone": 0.01, "settling_runs": 12_345.0}
+    assert assumption_in_words(known) == []
+    known |= {"repeats": 150, "law_draws": 300, "law_events": 4}
+    assert "more than 2.0% of the runs near the event" in chance_in_words(known)
+    assert "counted by plain simulation" in chance_in_words(known | {"counted": 1})
+    assert "drift: " in chance_in_words(known | {"drift": 1})
+    known |= {"differed": 3, "unseen_lapses": 0.03, "unseen_lapses_monotone": 0.01}
     words = chance_in_words(known)
     assert "draws of the law itself: 300, of which 4 ended in the event" in words
-    assert "contradict" in words
-    assert "rare lapses can add up to 0.03" in words
-    assert "at least 12,345 runs" in words
-    assert "contradict" not in chance_in_words(known | {"differed": 3})
-    assert "runs without an event" not in chance_in_words(known | {"settling_runs": math.inf})
+    assert "rare lapses can add up to 0.03 without any assumption" in words
+    for absent in ("exclude", "counted", "drift"):
+        assert absent not in words
+    assert "at least 12,345 draws" in chance_in_words(known | {"settling_runs": 12_345.0})

@@ -28,6 +28,7 @@ from fewruns.constants import (
     CORE,
     DEFENCE,
     DEFENCE_ALONE,
+    DRIFT_LAG,
     DRIFT_PAIRS,
     ENOUGH_REPEATS,
     ENOUGH_UNEXPECTED,
@@ -256,10 +257,10 @@ class Sampler:
         return self._has_excluded_all_else() and not self.may_lapse and not self.progress.repeats.drift
 
     def has_ended(self, *, is_narrow: bool) -> bool:
-        """Return whether the estimate has converged, or would have if the system did not drift."""
+        """Return whether the estimate has converged, or never will because the system drifts."""
         if self.may_lapse:
             return is_narrow and self.is_counted
-        return is_narrow and self._has_excluded_all_else()
+        return self.progress.repeats.drift or (is_narrow and self._has_excluded_all_else())
 
     @property
     def may_lapse(self) -> bool:
@@ -283,7 +284,9 @@ class Sampler:
         if self.deterministic is True:
             return 0
         if repeats.vary_often:
-            return repeats.pairs_wanted if certify else max(DRIFT_PAIRS - len(repeats), 0)
+            is_later = certify or len(self.progress.z) > DRIFT_LAG * (repeats.repeated.max() + 1)
+            first = max(DRIFT_PAIRS - len(repeats), 0)
+            return first or (repeats.pairs_wanted if is_later else 0)
         if self.progress.chance and self.deterministic is None and len(repeats):
             return 0
         wanted = self.enough_repeats if certify and not self.progress.chance else FIRST_REPEATS
@@ -344,7 +347,8 @@ class Sampler:
         if self._is_searching() or (certify and not results.is_certified(progress, self.certificate)):
             return None
         known = progress.z, progress.happened, progress.score, progress.repeats
-        return choose_repeats(*known, count, in_pairs=certify and progress.repeats.vary_often)
+        in_pairs = progress.repeats.vary_often and len(progress.repeats) >= DRIFT_PAIRS
+        return choose_repeats(*known, count, in_pairs=in_pairs)
 
     def _draws(self, *, certify: bool) -> PlainBatch | None:
         """Draw from the law itself, as the last check or because of lapses; None while this is not due."""
