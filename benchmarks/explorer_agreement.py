@@ -17,21 +17,20 @@ from pathlib import Path
 import numpy as np
 import pandas as pd
 from accelerated_evaluation.answer.explored import DrawnLaws
-from accelerated_evaluation.answer.family_file import read_family
 from accelerated_evaluation.answer.law_study import LawStudy
+from accelerated_evaluation.answer.smooth_family import read_family
 from accelerated_evaluation.base.randomness import child_generator
 from accelerated_evaluation.crash_map.checked import require_right_map
 from accelerated_evaluation.crash_map.lines import CrashLines
 from accelerated_evaluation.crash_map.mapping import map_crashes
 from accelerated_evaluation.crash_map.maps import Grid
 from accelerated_evaluation.laws.smooth.family import DistinctRecords
-from accelerated_evaluation.laws.smooth.support import Support
+from accelerated_evaluation.laws.smooth.splines import Support
 from accelerated_evaluation.publishing.explorer.vehicles import SLIDERS
-from accelerated_evaluation.records.encounter_table import read_encounters
+from accelerated_evaluation.records.segments import read_encounters
 from accelerated_evaluation.scenarios.cut_in import CUT_IN
 from accelerated_evaluation.scenarios.parameters import parameter_names
-from accelerated_evaluation.vehicles.events import CRASH
-from accelerated_evaluation.vehicles.protocol import VEHICLES
+from accelerated_evaluation.vehicles.protocol import CRASH, VEHICLES
 from playwright.sync_api import sync_playwright
 from tqdm import tqdm
 

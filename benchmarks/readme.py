@@ -11,8 +11,8 @@ from pathlib import Path
 import numpy as np
 import pandas as pd
 from accelerated_evaluation.methods import METHODS
-from accelerated_evaluation.publishing.tables.extrapolation import rests_in_words
-from accelerated_evaluation.publishing.tables.paper_numbers import PAPER_PROBABILITY
+from accelerated_evaluation.publishing.tables.paper_claims import PAPER_PROBABILITY
+from accelerated_evaluation.publishing.tables.spreads import rests_in_words
 
 sys.path += [str(Path(__file__).parent), str(Path(__file__).parent / "motorway")]
 

@@ -9,8 +9,7 @@ import numpy as np
 from accelerated_evaluation.base.arrays import Array
 from accelerated_evaluation.vehicles.builtin.acc_aeb import V60_SPEEDS, V60_TTC, AccAeb
 from accelerated_evaluation.vehicles.builtin.kernel import STEP, STEPS
-from accelerated_evaluation.vehicles.checks import checked_encounters
-from accelerated_evaluation.vehicles.protocol import Outcomes
+from accelerated_evaluation.vehicles.protocol import Outcomes, checked_encounters
 from numpy.typing import ArrayLike, NDArray
 
 

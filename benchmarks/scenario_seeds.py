@@ -15,14 +15,13 @@ import numpy as np
 import pandas as pd
 from accelerated_evaluation.base.files import write_csv
 from accelerated_evaluation.base.randomness import child_generator
-from accelerated_evaluation.methods import Stopping
-from accelerated_evaluation.methods.estimate import Estimate
+from accelerated_evaluation.methods import Estimate, Stopping
 from accelerated_evaluation.methods.problem import Problem, read_law_of
 from accelerated_evaluation.methods.surrogate import Surrogate
 from accelerated_evaluation.scenarios import SCENARIOS
 from accelerated_evaluation.scenarios.protocol import Scenario
 from accelerated_evaluation.vehicles import load_vehicle
-from accelerated_evaluation.vehicles.events import event_named
+from accelerated_evaluation.vehicles.protocol import event_named
 
 RESULTS = Path(__file__).resolve().parent / "results" / "scenarios.csv"
 SEEDS, FEW, MOST = 40, 150, 1000

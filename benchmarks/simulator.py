@@ -12,7 +12,7 @@ from collections.abc import Callable
 
 import numpy as np
 from accelerated_evaluation.vehicles import AccAeb, Outcomes
-from accelerated_evaluation.vehicles.checks import OUTCOMES
+from accelerated_evaluation.vehicles.protocol import OUTCOMES
 from reference_car import simulate as simulate_by_numpy
 
 SIZES = {"compiled, 1 core": 400_000, "compiled, 2 cores": 800_000, "NumPy": 20_000, "plain Python": 400}

@@ -19,7 +19,7 @@ import pandas as pd
 from accelerated_evaluation.answer.calibration import mid_p
 from accelerated_evaluation.base.arrays import Array
 from accelerated_evaluation.base.files import write_csv
-from accelerated_evaluation.methods.estimate import Stopping
+from accelerated_evaluation.methods import Stopping
 from accelerated_evaluation.methods.intervals import Sums, gamma_interval
 from accelerated_evaluation.scenarios import SCENARIOS
 from numpy.typing import NDArray

@@ -7,7 +7,7 @@ import numpy as np
 import pandas as pd
 from accelerated_evaluation.laws.files import read_law
 from accelerated_evaluation.methods.importance_sampling import crude_simulations
-from accelerated_evaluation.records.encounter_table import read_encounters
+from accelerated_evaluation.records.segments import read_encounters
 from comparing import Between, Claim, Exactly, Mean
 from sources import Files
 

@@ -13,18 +13,18 @@ from functools import cache, partial
 from pathlib import Path
 
 import pandas as pd
-from accelerated_evaluation.answer.family_file import read_family
 from accelerated_evaluation.answer.law_study import LawStudy
 from accelerated_evaluation.answer.law_table import KNOT, PAPER, law_table, papers_law, score_laws
 from accelerated_evaluation.answer.scores import FittedLaw
+from accelerated_evaluation.answer.smooth_family import read_family
 from accelerated_evaluation.base.files import write_csv
 from accelerated_evaluation.base.randomness import child_generator
 from accelerated_evaluation.laws.smooth.family import DistinctRecords, Fitter, LawFamily
 from accelerated_evaluation.laws.smooth.independent import IndependentTail
 from accelerated_evaluation.laws.smooth.shapes import Exponential, Generalised
 from accelerated_evaluation.laws.smooth.smooth_hazard import fit_hazard
-from accelerated_evaluation.laws.smooth.support import Support
-from accelerated_evaluation.records.encounter_table import read_encounters
+from accelerated_evaluation.laws.smooth.splines import Support
+from accelerated_evaluation.records.segments import read_encounters
 from accelerated_evaluation.vehicles import load_vehicle
 from extremes import ConditionalExtremes
 from regressions import REGRESSIONS, fit_regression

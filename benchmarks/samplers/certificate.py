@@ -18,7 +18,7 @@ from accelerated_evaluation.base.arrays import Array
 from accelerated_evaluation.base.files import write_csv
 from accelerated_evaluation.base.randomness import child_generator
 from accelerated_evaluation.methods.surrogate import Surrogate
-from accelerated_evaluation.publishing.tables.formats import reproducible
+from accelerated_evaluation.publishing.tables.display import reproducible
 from fewruns import Certificate, ScoreProblem, SystemProblem
 from fewruns.certificate import BY_DEFAULT
 from methods import Target

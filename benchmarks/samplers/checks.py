@@ -13,7 +13,7 @@ from dataclasses import replace
 import pandas as pd
 from accelerated_evaluation.base.files import write_csv
 from accelerated_evaluation.base.randomness import child_generator
-from accelerated_evaluation.methods.estimate import Estimate
+from accelerated_evaluation.methods import Estimate
 from chance import PROBLEMS as CHANCE
 from chance import Chance, reference
 from fewruns import Sampler

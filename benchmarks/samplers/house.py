@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 import yaml
 from accelerated_evaluation.methods import METHODS
-from accelerated_evaluation.methods.estimate import Estimate as Found
+from accelerated_evaluation.methods import Estimate as Found
 from fewruns.combining import interval
 from methods import Counter, Estimate, Outcome, Target, adapter, normal_95
 from problems import Problem

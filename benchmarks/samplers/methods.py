@@ -7,8 +7,7 @@ from functools import wraps
 
 import numpy as np
 from accelerated_evaluation.base.arrays import Array
-from accelerated_evaluation.methods import METHODS, Stopping
-from accelerated_evaluation.methods.estimate import normal_reach
+from accelerated_evaluation.methods import METHODS, Stopping, normal_reach
 from accelerated_evaluation.methods.problem import Problem as CutInProblem
 from accelerated_evaluation.vehicles import Outcomes, Vehicle
 from fewruns.problems import Response, ScoreProblem

@@ -23,7 +23,7 @@ from accelerated_evaluation.laws.distributions import (
     PiecewiseMixture,
     from_dict,
 )
-from accelerated_evaluation.laws.paper.independent import IndependentLaw
+from accelerated_evaluation.laws.paper.models import IndependentLaw
 from accelerated_evaluation.methods import problem as library
 from accelerated_evaluation.scenarios.cut_in import CUT_IN
 from accelerated_evaluation.scenarios.protocol import Event

@@ -14,7 +14,7 @@ from pathlib import Path
 import pandas as pd
 from accelerated_evaluation.base.files import read_json, write_csv, write_json
 from accelerated_evaluation.base.randomness import child_generator
-from accelerated_evaluation.publishing.tables.formats import reproducible
+from accelerated_evaluation.publishing.tables.display import reproducible
 from hidden_problems import hidden_problems
 from problems import Problem
 from public_problems import PublicProblem, probability_of, public_problems

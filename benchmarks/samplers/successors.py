@@ -14,7 +14,7 @@ import numpy as np
 import pandas as pd
 from accelerated_evaluation.base.files import write_csv
 from accelerated_evaluation.base.randomness import child_generator
-from accelerated_evaluation.publishing.tables.formats import reproducible
+from accelerated_evaluation.publishing.tables.display import reproducible
 from accelerated_evaluation.vehicles.builtin.acc_aeb import AccAeb
 from fewruns import Predecessor, Sampler, ScoreProblem
 from methods import Target

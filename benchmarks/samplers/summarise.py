@@ -9,7 +9,7 @@ import numpy as np
 import pandas as pd
 from accelerated_evaluation.base.files import write_csv
 from accelerated_evaluation.methods.importance_sampling import crude_simulations
-from accelerated_evaluation.publishing.tables.formats import reproducible
+from accelerated_evaluation.publishing.tables.display import reproducible
 from methods import PLUG_IN, Target, methods_of
 from problems import problems
 

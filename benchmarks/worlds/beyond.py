@@ -13,8 +13,7 @@ from accelerated_evaluation.base.arrays import Array
 from accelerated_evaluation.crash_map.lines import CrashLines
 from accelerated_evaluation.laws.smooth.conditional import SpeedLaw
 from accelerated_evaluation.laws.smooth.family import DistinctRecords, LawFamily, Member
-from accelerated_evaluation.laws.smooth.far_tail import FarTail
-from accelerated_evaluation.laws.smooth.shapes import Exponential
+from accelerated_evaluation.laws.smooth.shapes import Exponential, FarTail
 from kinds import LEVEL, Smooth, TwoKindsOfDrivers, World, draw_smooth
 
 HOST_MAX, LEAST_CLOSING, NO_LIMIT = 31.0, 3.0, 1e3  # [m/s]

@@ -14,7 +14,7 @@ from accelerated_evaluation.answer.variants import summary_under, threshold_tabl
 from accelerated_evaluation.base.files import write_csv
 from accelerated_evaluation.base.randomness import child_generator
 from accelerated_evaluation.laws.smooth.family import Member
-from accelerated_evaluation.publishing.tables.formats import reproducible
+from accelerated_evaluation.publishing.tables.display import reproducible
 from kinds import LEVEL, World, worlds
 from setting import ROOT, WorldSettings, distinct_records, read_setting, simulate_records
 from tqdm import tqdm

@@ -23,7 +23,7 @@ from accelerated_evaluation.answer.smooth_family import SmoothFamily, region
 from accelerated_evaluation.crash_map.sensitivity import fit_for_crashes
 from accelerated_evaluation.laws.smooth.conditional import Places
 from accelerated_evaluation.laws.smooth.family import Fitter
-from accelerated_evaluation.methods.estimate import Stopping
+from accelerated_evaluation.methods import Stopping
 from accelerated_evaluation.methods.problem import Problem
 from accelerated_evaluation.records.segments import assign_segments
 from accelerated_evaluation.scenarios.cut_in import CUT_IN

@@ -6,7 +6,7 @@ import numpy as np
 import pandas as pd
 from accelerated_evaluation.answer.calibration import CLOSING, strips
 from accelerated_evaluation.base.files import write_csv
-from accelerated_evaluation.publishing.tables.formats import reproducible
+from accelerated_evaluation.publishing.tables.display import reproducible
 from summarise_worlds import coverages
 
 LEVEL = 0.05  # of the test whether any cell has too few or too many records

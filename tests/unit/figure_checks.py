@@ -20,8 +20,8 @@ import matplotlib as mpl
 import numpy as np
 import pandas as pd
 from accelerated_evaluation.publishing import figures
-from accelerated_evaluation.publishing.archive.provenance import described
 from accelerated_evaluation.publishing.figures.style import COLUMN_WIDTH, FORMATS, paper_style, save_figure
+from accelerated_evaluation.publishing.provenance import described
 from accelerated_evaluation.publishing.study import Study
 from accelerated_evaluation.scenarios.cut_in import CUT_IN
 from matplotlib import pyplot as plt

@@ -7,8 +7,8 @@ import pandas as pd
 from accelerated_evaluation import cli
 from accelerated_evaluation.laws.distributions import BoundedExponential, Empirical
 from accelerated_evaluation.laws.files import write_law
-from accelerated_evaluation.laws.paper.independent import IndependentLaw
-from accelerated_evaluation.records.encounter_table import complete, write_encounters
+from accelerated_evaluation.laws.paper.models import IndependentLaw
+from accelerated_evaluation.records.segments import complete, write_encounters
 from scipy.stats import norm
 
 SPEEDS = np.linspace(5, 15, 1000)

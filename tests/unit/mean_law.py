@@ -9,8 +9,8 @@ from accelerated_evaluation.answer.law_study import LawStudy
 from accelerated_evaluation.answer.smooth_family import SmoothFamily
 from accelerated_evaluation.laws.smooth.dependent import DependentLaw
 from accelerated_evaluation.laws.smooth.family import DistinctRecords, Member
-from accelerated_evaluation.laws.smooth.support import Support
-from accelerated_evaluation.records.encounter_table import complete
+from accelerated_evaluation.laws.smooth.splines import Support
+from accelerated_evaluation.records.segments import complete
 from accelerated_evaluation.track.weighted_set import _places
 
 SUPPORT = Support((5.0, 25.0), 60.0, 20.0, (15.0,))

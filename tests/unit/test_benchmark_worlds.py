@@ -11,7 +11,7 @@ from accelerated_evaluation.crash_map.lines import CrashLines
 from accelerated_evaluation.crash_map.mapping import map_crashes
 from accelerated_evaluation.crash_map.maps import Grid
 from accelerated_evaluation.laws.smooth.family import DistinctRecords, Fitter, members_at
-from accelerated_evaluation.laws.smooth.support import SUPPORT
+from accelerated_evaluation.laws.smooth.splines import SUPPORT
 from rate_car import RateCar
 
 pytestmark = pytest.mark.studies

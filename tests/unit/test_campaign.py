@@ -11,13 +11,11 @@ import pandas as pd
 import pytest
 from accelerated_evaluation import cli
 from accelerated_evaluation.base.randomness import child_generator
-from accelerated_evaluation.methods import METHODS, Stopping
-from accelerated_evaluation.methods.estimate import Estimate
+from accelerated_evaluation.methods import METHODS, Estimate, Stopping
 from accelerated_evaluation.methods.problem import Problem
 from accelerated_evaluation.scenarios.cut_in import CUT_IN
 from accelerated_evaluation.track.campaign_file import read_campaign, write_campaign
-from accelerated_evaluation.track.results import read_results
-from accelerated_evaluation.track.status import forecast, status_of
+from accelerated_evaluation.track.results import forecast, read_results, status_of
 from accelerated_evaluation.vehicles import load_vehicle
 from fewruns import state as sampler_state
 from fewruns.combining import interval

@@ -10,12 +10,12 @@ from accelerated_evaluation.base.randomness import child_generator
 from accelerated_evaluation.laws.files import read_law
 from accelerated_evaluation.methods import METHODS, Stopping
 from accelerated_evaluation.methods.problem import Problem
-from accelerated_evaluation.records.encounter_table import read_encounters
+from accelerated_evaluation.records.segments import read_encounters
 from accelerated_evaluation.scenarios.cut_in import CUT_IN
 from accelerated_evaluation.track.campaign import Campaign
 from accelerated_evaluation.track.campaign_file import read_campaign
 from accelerated_evaluation.track.limits import UNLIMITED, Limits
-from accelerated_evaluation.track.status import status_of
+from accelerated_evaluation.track.results import status_of
 from accelerated_evaluation.vehicles import Outcomes, load_vehicle
 from dependent_law import dependent_law
 from law_folder import LAW, SPEEDS, begin_campaign

@@ -8,18 +8,21 @@ from accelerated_evaluation import cli
 from accelerated_evaluation.answer.by_few_runs import laws_of
 from accelerated_evaluation.base.errors import InputError
 from accelerated_evaluation.laws.files import write_law
-from accelerated_evaluation.records.encounter_table import write_encounters
+from accelerated_evaluation.records.segments import write_encounters
 from accelerated_evaluation.track.campaign import Campaign
-from accelerated_evaluation.track.campaign_file import law_of, source_of, stopping, write_campaign
-from accelerated_evaluation.track.driven import DrivenOutcome
-from accelerated_evaluation.track.whole import (
+from accelerated_evaluation.track.campaign_file import (
     ALONE,
     _reach,
+    law_of,
     laws_under,
     read_draws,
+    source_of,
+    stopping,
     whole_in_words,
+    write_campaign,
 )
-from accelerated_evaluation.vehicles.events import CRASH
+from accelerated_evaluation.track.limits import DrivenOutcome
+from accelerated_evaluation.vehicles.protocol import CRASH
 from mean_law import braking_probabilities, encounters_, law_, one_draw  # noqa: F401
 
 LIMIT = 6.0  # [m/s^2], constant deceleration from which a cut-in ends in a crash

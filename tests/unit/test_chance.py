@@ -19,7 +19,7 @@ from accelerated_evaluation.methods.surrogate import Surrogate
 from accelerated_evaluation.scenarios.cut_in import CUT_IN
 from accelerated_evaluation.track.weighted_set import draw_weighted_set
 from accelerated_evaluation.vehicles import load_vehicle
-from accelerated_evaluation.vehicles.events import CRASH
+from accelerated_evaluation.vehicles.protocol import CRASH
 from fewruns import SystemProblem
 from law_folder import LAW as CUT_INS
 from scipy.special import ndtr

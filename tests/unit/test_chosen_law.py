@@ -16,7 +16,7 @@ from accelerated_evaluation.answer.estimation import Request, estimate
 from accelerated_evaluation.answer.fitted_records import FittedRecords, read_records
 from accelerated_evaluation.base.errors import InputError
 from accelerated_evaluation.laws.files import read_law, write_law
-from accelerated_evaluation.laws.smooth.support import Support
+from accelerated_evaluation.laws.smooth.splines import Support
 from accelerated_evaluation.scenarios.cut_in import CUT_IN
 from accelerated_evaluation.study.configuration import load, resolved
 from motorway import CONFIGURATION, motorway_table

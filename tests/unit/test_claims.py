@@ -8,9 +8,9 @@ from pathlib import Path
 import pandas as pd
 import pytest
 from accelerated_evaluation.laws.distributions import BoundedExponential, Empirical, PiecewiseMixture
-from accelerated_evaluation.laws.paper.independent import IndependentLaw
+from accelerated_evaluation.laws.paper.models import IndependentLaw
 from accelerated_evaluation.publishing.tables.claims import PREMISES, claims_table, verdict
-from accelerated_evaluation.publishing.tables.formats import save_table
+from accelerated_evaluation.publishing.tables.display import save_table
 from accelerated_evaluation.publishing.tables.paper_claims import (
     ABOVE,
     CLAIMS,

@@ -15,7 +15,7 @@ from accelerated_evaluation.answer import estimation
 from accelerated_evaluation.commands import COMMANDS
 from accelerated_evaluation.commands import simulate as simulate_command
 from accelerated_evaluation.vehicles import AccAeb
-from accelerated_evaluation.vehicles.checks import INPUTS, OUTCOMES
+from accelerated_evaluation.vehicles.protocol import INPUTS, OUTCOMES
 
 HEADER = "lead_speed,range,closing_speed\n"
 CAR = """

@@ -9,7 +9,7 @@ import pytest
 from accelerated_evaluation import cli
 from accelerated_evaluation.base.errors import InputError
 from accelerated_evaluation.vehicles import load_vehicle
-from accelerated_evaluation.vehicles.checks import OUTCOMES
+from accelerated_evaluation.vehicles.protocol import OUTCOMES
 
 # A host that keeps its speed for 8 s, in the standard library alone, so that it starts quickly.
 PROGRAM = """

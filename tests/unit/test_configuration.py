@@ -11,7 +11,7 @@ from accelerated_evaluation.base.errors import InputError
 from accelerated_evaluation.base.sections import default_of
 from accelerated_evaluation.study import configuration
 from accelerated_evaluation.study.configuration import ConfigurationError, load, parameter_table, validate
-from accelerated_evaluation.study.schema import own_sections, schema
+from accelerated_evaluation.study.consistency import own_sections, schema
 from jsonschema import Draft202012Validator
 
 REPOSITORY = Path(__file__).resolve().parents[2]

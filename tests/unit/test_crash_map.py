@@ -10,7 +10,7 @@ from accelerated_evaluation.crash_map.mapping import HALVINGS, map_crashes
 from accelerated_evaluation.crash_map.maps import Grid, read_crash_map, write_crash_map
 from accelerated_evaluation.scenarios.cut_in import CUT_IN
 from accelerated_evaluation.vehicles import AccAeb
-from accelerated_evaluation.vehicles.events import CRASH
+from accelerated_evaluation.vehicles.protocol import CRASH
 from wall_car import WallCar
 
 GRID = Grid(

@@ -11,7 +11,7 @@ from accelerated_evaluation.laws.distributions import (
     BoundedExponential,
     Empirical,
 )
-from accelerated_evaluation.laws.paper.independent import IndependentLaw
+from accelerated_evaluation.laws.paper.models import IndependentLaw
 from accelerated_evaluation.methods import METHODS
 from accelerated_evaluation.methods.cross_entropy.families import (
     LARGE,
@@ -23,8 +23,8 @@ from accelerated_evaluation.methods.cross_entropy.levels import (
     draw_level,
     event_score,
 )
-from accelerated_evaluation.methods.cross_entropy.sample import Sample
 from accelerated_evaluation.methods.cross_entropy.search import search
+from accelerated_evaluation.methods.importance_sampling import Sample
 from accelerated_evaluation.methods.problem import Problem
 from accelerated_evaluation.scenarios.cut_in import CUT_IN
 from accelerated_evaluation.vehicles import AccAeb, Outcomes

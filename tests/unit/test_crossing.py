@@ -15,7 +15,7 @@ from accelerated_evaluation.scenarios.crossing import kernel
 from accelerated_evaluation.scenarios.left_turn.vehicle import LeftTurnCar
 from accelerated_evaluation.scenarios.pedestrian import CREEPING
 from accelerated_evaluation.scenarios.pedestrian.vehicle import PedestrianCar
-from accelerated_evaluation.vehicles.checks import checked_outcomes
+from accelerated_evaluation.vehicles.protocol import checked_outcomes
 
 ROOT = Path(__file__).parents[2]
 CARS = {"left_turn": LeftTurnCar, "pedestrian": PedestrianCar}

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 from accelerated_evaluation.base.files import write_csv
 from accelerated_evaluation.laws.distributions import BoundedExponential, Empirical
-from accelerated_evaluation.laws.paper.independent import IndependentLaw
+from accelerated_evaluation.laws.paper.models import IndependentLaw
 from accelerated_evaluation.methods.crude import (
     Checkpoint,
     crude_course,

@@ -15,7 +15,7 @@ import pytest
 from accelerated_evaluation import cli
 from accelerated_evaluation.base.errors import InputError
 from accelerated_evaluation.laws.files import read_law
-from accelerated_evaluation.records.encounter_table import read_encounters
+from accelerated_evaluation.records.segments import read_encounters
 from fewruns.typed_json import checksum
 from hypothesis import HealthCheck, assume, given, settings
 from hypothesis import strategies as st

@@ -12,7 +12,7 @@ from accelerated_evaluation.laws import Factors
 from accelerated_evaluation.laws.distributions import BoundedExponential
 from accelerated_evaluation.methods import METHODS, Stopping
 from accelerated_evaluation.methods.cross_entropy.method import CrossEntropyMethod
-from accelerated_evaluation.methods.cross_entropy.sample import Sample
+from accelerated_evaluation.methods.importance_sampling import Sample
 from accelerated_evaluation.methods.problem import Problem
 from accelerated_evaluation.scenarios.cut_in import CUT_IN
 from accelerated_evaluation.study.configuration import load

@@ -22,11 +22,10 @@ from accelerated_evaluation.laws.distributions import (
     unit_to_power,
 )
 from accelerated_evaluation.laws.files import read_law, write_law
-from accelerated_evaluation.laws.paper.independent import IndependentLaw
-from accelerated_evaluation.laws.paper.pieces import EXPONENTIAL, PieceFamily, piece_kinds
-from accelerated_evaluation.laws.paper.piecewise import fit_piecewise
+from accelerated_evaluation.laws.paper.models import IndependentLaw
+from accelerated_evaluation.laws.paper.piecewise import EXPONENTIAL, PieceFamily, fit_piecewise, piece_kinds
 from accelerated_evaluation.publishing.tables.models import parameter_table
-from accelerated_evaluation.records.encounter_table import complete
+from accelerated_evaluation.records.segments import complete
 
 KINDS = {
     "bounded exponential": BoundedExponential,

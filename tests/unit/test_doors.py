@@ -6,7 +6,7 @@ import math
 import numpy as np
 import pytest
 from accelerated_evaluation import cli
-from accelerated_evaluation.records.encounter_table import NUMBERS, read_encounters, write_encounters
+from accelerated_evaluation.records.segments import NUMBERS, read_encounters, write_encounters
 from law_folder import write_law_folder
 
 DOORS = {"campaign new": ["campaign", "new", "c.json"], "export": ["export", "set"]}

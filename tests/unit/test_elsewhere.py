@@ -6,10 +6,9 @@ import numpy as np
 import pytest
 from accelerated_evaluation.scenarios.cut_in import CUT_IN
 from accelerated_evaluation.vehicles import load_vehicle
-from accelerated_evaluation.vehicles.events import CRASH
-from accelerated_evaluation.vehicles.external.elsewhere import Elsewhere, difference_elsewhere
 from accelerated_evaluation.vehicles.external.watched import WatchedVehicle
-from accelerated_evaluation.vehicles.external.workers import Processes
+from accelerated_evaluation.vehicles.external.workers import Elsewhere, Processes, difference_elsewhere
+from accelerated_evaluation.vehicles.protocol import CRASH
 
 CLASSES = '''
 import os

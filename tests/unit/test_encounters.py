@@ -8,21 +8,19 @@ import pytest
 from accelerated_evaluation.base.errors import InputError
 from accelerated_evaluation.base.sections import default_of, number
 from accelerated_evaluation.base.tables import read_csv
-from accelerated_evaluation.records.encounter_table import (
-    COLUMNS,
-    NUMBERS,
-    complete,
-    read_encounters,
-    write_encounters,
-)
 from accelerated_evaluation.records.ingest import Account, ingest, opening_cut_ins
 from accelerated_evaluation.records.segments import (
+    COLUMNS,
+    NUMBERS,
     assign_segments,
+    complete,
     dependence,
+    read_encounters,
     segment_counts,
     segment_names,
     similarity,
     tau_interval,
+    write_encounters,
 )
 from accelerated_evaluation.records.sources import SOURCES, describe, read_source, source, spmd, table
 from accelerated_evaluation.study.configuration import load

@@ -24,8 +24,8 @@ from accelerated_evaluation.methods.problem import Problem, normal_scores
 from accelerated_evaluation.scenarios.cut_in import CUT_IN
 from accelerated_evaluation.scenarios.left_turn import LEFT_TURN
 from accelerated_evaluation.vehicles import Outcomes, load_vehicle
-from accelerated_evaluation.vehicles.events import CRASH
 from accelerated_evaluation.vehicles.external.watched import WatchedVehicle
+from accelerated_evaluation.vehicles.protocol import CRASH
 from fewruns.predecessor import Predecessor
 from law_folder import LAW
 from normal_law import left_turn_law

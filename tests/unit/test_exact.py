@@ -23,13 +23,13 @@ from accelerated_evaluation.laws.distributions import (
     Mixture,
     PiecewiseMixture,
 )
-from accelerated_evaluation.laws.distributions.tails import interval_probability
-from accelerated_evaluation.laws.paper.independent import IndependentLaw
-from accelerated_evaluation.methods.cross_entropy.sample import Sample
+from accelerated_evaluation.laws.distributions.pareto import interval_probability
+from accelerated_evaluation.laws.paper.models import IndependentLaw
+from accelerated_evaluation.methods.importance_sampling import Sample
 from accelerated_evaluation.methods.problem import Problem
 from accelerated_evaluation.scenarios.cut_in import CUT_IN
 from accelerated_evaluation.vehicles import AccAeb, Outcomes
-from accelerated_evaluation.vehicles.events import CRASH, events_from
+from accelerated_evaluation.vehicles.protocol import CRASH, events_from
 from wall_car import GRID, RANGE_LAWS, TTC_LAWS, WallCar, integral, law_of
 
 RECORDS = Path(__file__).resolve().parents[2] / "data" / "spmd" / "cut_ins.parquet"

@@ -10,9 +10,9 @@ import numpy as np
 import pandas as pd
 import pytest
 from accelerated_evaluation.base.errors import InputError
-from accelerated_evaluation.records.encounter_table import complete
 from accelerated_evaluation.records.ingest import Account, apply_filters
 from accelerated_evaluation.records.recordings.drone import read_recordings
+from accelerated_evaluation.records.segments import complete
 from accelerated_evaluation.records.sources import exid
 from drone_checks import FRAMES, LENGTH, MOMENT, RATE, adds_up, is_driving_of, settings, stays, write_shuffled
 from drone_checks import agree as agree_within

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from accelerated_evaluation.base.errors import StudyError
 from accelerated_evaluation.publishing.explorer import vehicles
-from accelerated_evaluation.publishing.explorer.payload import Payload, exposure_of
+from accelerated_evaluation.publishing.explorer.page import Payload, exposure_of
 
 
 def test_the_page_puts_every_slider_at_the_vehicle_of_the_study():

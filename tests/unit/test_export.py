@@ -16,7 +16,7 @@ from accelerated_evaluation.crash_map.mapping import map_crashes
 from accelerated_evaluation.crash_map.maps import Grid
 from accelerated_evaluation.laws.files import read_law
 from accelerated_evaluation.laws.motion import SPEED_COLUMNS
-from accelerated_evaluation.records.encounter_table import read_encounters
+from accelerated_evaluation.records.segments import read_encounters
 from accelerated_evaluation.track.export import page, table_of
 from accelerated_evaluation.track.weighted_set import SHELLS, draw_weighted_set
 from accelerated_evaluation.vehicles import load_vehicle

@@ -13,13 +13,13 @@ from accelerated_evaluation.crash_map.sensitivity import Levels, study_sensitivi
 from accelerated_evaluation.crash_map.uncertainty import bootstrap_probabilities, uncertainty_budget
 from accelerated_evaluation.laws import Factors
 from accelerated_evaluation.laws.distributions import BoundedExponential
-from accelerated_evaluation.laws.paper.pieces import EXPONENTIAL
+from accelerated_evaluation.laws.paper.piecewise import EXPONENTIAL
 from accelerated_evaluation.methods import METHODS, Stopping
 from accelerated_evaluation.methods.coverage import coverage_replicates, coverage_table
-from accelerated_evaluation.methods.cross_entropy.proposals import Proposals
+from accelerated_evaluation.methods.cross_entropy.search import Proposals
 from accelerated_evaluation.methods.importance_sampling import bound_without_event
 from accelerated_evaluation.vehicles import Outcomes
-from accelerated_evaluation.vehicles.events import events_from
+from accelerated_evaluation.vehicles.protocol import events_from
 from toy_segment import CONFIG, PAPERS, SETTINGS, F, before
 
 RULE = Stopping(minimum_events=100, maximum_simulations=3000)

@@ -4,13 +4,12 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from accelerated_evaluation.answer import family_file
-from accelerated_evaluation.answer.family_file import fit_or_read, read_family, write_family
+from accelerated_evaluation.answer import smooth_family as family_file
 from accelerated_evaluation.answer.law_study import LawStudy
-from accelerated_evaluation.answer.smooth_family import SmoothFamily
+from accelerated_evaluation.answer.smooth_family import SmoothFamily, fit_or_read, read_family, write_family
 from accelerated_evaluation.base.errors import InputError
 from accelerated_evaluation.laws.smooth.family import MEMBERS, DistinctRecords
-from accelerated_evaluation.laws.smooth.support import SUPPORT
+from accelerated_evaluation.laws.smooth.splines import SUPPORT
 
 SIZE = 800  # above the highest thresholds there are too few of them
 
@@ -24,7 +23,7 @@ def records():
 
 @pytest.fixture(scope="module")
 def scored(records):
-    return SmoothFamily.of(records)
+    return SmoothFamily.of(records, calibrated=True)
 
 
 @pytest.fixture
@@ -84,7 +83,7 @@ def test_what_is_no_family_is_refused(path, records, damage):
 
 def test_a_family_is_fitted_again_only_if_the_file_is_of_no_use(path, records, scored, monkeypatch):
     fitted = []
-    monkeypatch.setattr(SmoothFamily, "of", lambda records: fitted.append(records) or scored)
+    monkeypatch.setattr(SmoothFamily, "of", lambda records, **_: fitted.append(records) or scored)
     before = path.read_bytes()
     fit_or_read(path, records)
     assert not fitted

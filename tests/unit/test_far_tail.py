@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 from accelerated_evaluation.laws.smooth.conditional import Places, SpeedLaw, speed_grid
 from accelerated_evaluation.laws.smooth.family import FarRecords
-from accelerated_evaluation.laws.smooth.far_tail import PRIOR, RECORDS, FarTail
+from accelerated_evaluation.laws.smooth.shapes import PRIOR, RECORDS, FarTail
 from accelerated_evaluation.laws.smooth.smooth_hazard import SmoothHazard
 from scipy.stats import gamma
 

@@ -3,7 +3,7 @@
 import numpy as np
 import pandas as pd
 import pytest
-from accelerated_evaluation.publishing.figures.sampled import fig35_sampled_answer, fig36_crashes_among_runs
+from accelerated_evaluation.publishing.figures.scenario import fig35_sampled_answer, fig36_crashes_among_runs
 from accelerated_evaluation.publishing.figures.style import paper_style
 from accelerated_evaluation.scenarios.cut_in import CUT_IN
 from figure_checks import defects

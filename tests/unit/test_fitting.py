@@ -22,11 +22,14 @@ from accelerated_evaluation.laws.paper.models import (
     fit_paper_laws,
     refit,
 )
-from accelerated_evaluation.laws.paper.pieces import EXPONENTIAL, PieceFamily, mixture_kinds, piece_kinds
 from accelerated_evaluation.laws.paper.piecewise import (
+    EXPONENTIAL,
+    PieceFamily,
     fit_piecewise,
     knots_at_quantiles,
     knots_by_profile_likelihood,
+    mixture_kinds,
+    piece_kinds,
 )
 from accelerated_evaluation.study.configuration import load
 from scipy.optimize import minimize

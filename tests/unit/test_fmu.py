@@ -11,8 +11,8 @@ import pytest
 from accelerated_evaluation.base.errors import InputError
 from accelerated_evaluation.laws.motion import MOTIONS, draw_lead_speeds
 from accelerated_evaluation.vehicles import load_vehicle
-from accelerated_evaluation.vehicles.checks import OUTCOMES
 from accelerated_evaluation.vehicles.external.workers import Processes, simulate_batch
+from accelerated_evaluation.vehicles.protocol import OUTCOMES
 
 fmpy = pytest.importorskip("fmpy", reason="FMPy, the extra 'fmu', is not installed")
 COMPILER = shutil.which("cc") or shutil.which("gcc")

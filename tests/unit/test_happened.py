@@ -18,26 +18,26 @@ from accelerated_evaluation.answer.likeliest_crashes import (
     traces_of,
     ways_to_crash,
 )
-from accelerated_evaluation.answer.preventable import CLOSING_SPEEDS, FORESEEN, preventable
+from accelerated_evaluation.answer.replays import CLOSING_SPEEDS, FORESEEN, preventable
 from accelerated_evaluation.answer.smooth_family import SmoothFamily
 from accelerated_evaluation.crash_map.checked import sample_crashes
 from accelerated_evaluation.crash_map.lines import CrashLines
 from accelerated_evaluation.crash_map.mapping import map_crashes
 from accelerated_evaluation.crash_map.maps import Grid
-from accelerated_evaluation.laws.paper.independent import recorded_lead_speeds
+from accelerated_evaluation.laws.paper.models import recorded_lead_speeds
 from accelerated_evaluation.laws.smooth.conditional import Places
 from accelerated_evaluation.laws.smooth.dependent import DependentLaw
 from accelerated_evaluation.laws.smooth.family import DistinctRecords, Fitter, Member, members_at
-from accelerated_evaluation.laws.smooth.support import SUPPORT
+from accelerated_evaluation.laws.smooth.splines import SUPPORT
 from accelerated_evaluation.methods.problem import Problem
+from accelerated_evaluation.publishing.figures.counted import fig30_preventable
 from accelerated_evaluation.publishing.figures.likeliest_crashes import (
     CRASHES,
     RECORDS,
     fig28_ways_to_crash,
     fig29_nearest_records,
 )
-from accelerated_evaluation.publishing.figures.preventable import fig30_preventable
-from accelerated_evaluation.records.encounter_table import complete
+from accelerated_evaluation.records.segments import complete
 from accelerated_evaluation.scenarios.cut_in import CUT_IN
 from accelerated_evaluation.vehicles import AccAeb, Outcomes
 

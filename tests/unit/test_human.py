@@ -10,7 +10,7 @@ from accelerated_evaluation.crash_map.exact import exact_probabilities
 from accelerated_evaluation.crash_map.mapping import map_crashes
 from accelerated_evaluation.crash_map.maps import Grid, read_crash_map, write_crash_map
 from accelerated_evaluation.laws.distributions import BoundedExponential, Empirical
-from accelerated_evaluation.laws.paper.independent import IndependentLaw
+from accelerated_evaluation.laws.paper.models import IndependentLaw
 from accelerated_evaluation.vehicles.builtin.human import Human
 from accelerated_evaluation.vehicles.builtin.human_kernel import (
     BRAKING,

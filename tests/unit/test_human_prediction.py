@@ -5,8 +5,7 @@ import pytest
 from accelerated_evaluation.answer.human_prediction import SEVERE, VARIANTS, BrakingHuman, predictive_limits
 from accelerated_evaluation.scenarios.cut_in import CUT_IN
 from accelerated_evaluation.vehicles.builtin.human import Human
-from accelerated_evaluation.vehicles.events import CRASH
-from accelerated_evaluation.vehicles.protocol import RandomVehicle
+from accelerated_evaluation.vehicles.protocol import CRASH, RandomVehicle
 from scipy.stats import poisson
 
 

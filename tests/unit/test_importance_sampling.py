@@ -8,9 +8,9 @@ import pandas as pd
 import pytest
 from accelerated_evaluation.laws import Factors
 from accelerated_evaluation.laws.distributions import BoundedExponential, Empirical
-from accelerated_evaluation.laws.paper.independent import IndependentLaw
+from accelerated_evaluation.laws.paper.models import IndependentLaw
 from accelerated_evaluation.methods import METHODS, Stopping
-from accelerated_evaluation.methods.cross_entropy.proposals import Proposals
+from accelerated_evaluation.methods.cross_entropy.search import Proposals
 from accelerated_evaluation.methods.importance_sampling import (
     Running,
     course_table,

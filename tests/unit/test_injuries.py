@@ -5,28 +5,24 @@ from dataclasses import dataclass, replace
 import mpmath
 import numpy as np
 import pytest
-from accelerated_evaluation.answer.exposure import Rate
 from accelerated_evaluation.answer.injuries.curves import FRONTAL, LEVELS, MILES_PER_HOUR, REAR, Logistic
-from accelerated_evaluation.answer.injuries.impacts import (
-    SPEEDS,
-    MassRatio,
-    gentle,
-    mean_risks,
-    tabulated_risks,
-)
 from accelerated_evaluation.answer.injuries.sources import SOURCES, published_curves
 from accelerated_evaluation.answer.injuries.tables import (
+    SPEEDS,
     Injured,
+    MassRatio,
     balance_table,
     curves_table,
+    gentle,
     injuries_table,
     injury_budget,
     injury_tables,
+    mean_risks,
+    tabulated_risks,
 )
-from accelerated_evaluation.answer.posterior import Posterior
-from accelerated_evaluation.crash_map import impacts as module
-from accelerated_evaluation.crash_map.impacts import with_impacts
-from accelerated_evaluation.crash_map.lines import CrashLines
+from accelerated_evaluation.answer.posterior import Posterior, Rate
+from accelerated_evaluation.crash_map import lines as module
+from accelerated_evaluation.crash_map.lines import CrashLines, with_impacts
 from accelerated_evaluation.laws.smooth.conditional import Places
 from accelerated_evaluation.scenarios.cut_in import SPEED_LIMIT
 from accelerated_evaluation.vehicles.protocol import Outcomes
@@ -52,17 +48,17 @@ def test_graver_injuries_are_rarer():
     """Up to 15 m/s; beyond, the curves of Malliaris cross, as their table of sources says."""
     delta_v = np.linspace(0, 15, 50)
     for name in ("wang_2022", "malliaris_1997"):
-        curves = SOURCES[name]().curves
+        curves = SOURCES[name].curves
         for impact in (FRONTAL, REAR):
             risks = [curves[level, impact](delta_v) for level in LEVELS]
             assert (risks[0] > risks[1]).all()
             assert (risks[1] > risks[2]).all()
-    assert SOURCES["malliaris_1997"]().curves["MAIS3+", FRONTAL](18.0) > 0.5
+    assert SOURCES["malliaris_1997"].curves["MAIS3+", FRONTAL](18.0) > 0.5
 
 
 def test_the_curve_of_lubbe_meets_the_point_of_its_abstract():
     """10 % at a closing speed of 112 km/h, as far as coefficients with three decimals determine it."""
-    curve = SOURCES["lubbe_2022"]().curves["MAIS3+", FRONTAL]
+    curve = SOURCES["lubbe_2022"].curves["MAIS3+", FRONTAL]
     low, high = (closing / 3.6 / 2 for closing in (109, 116))
     assert curve(low) < 0.1 < curve(high)
     assert curve(2 * low) > 0.3  # the closing speed in place of the delta-v would not meet it
@@ -70,15 +66,15 @@ def test_the_curve_of_lubbe_meets_the_point_of_its_abstract():
 
 def test_other_published_points():
     # 31.74 m/s, where the rule of Joksch reaches 1, and 2 % at 27 mph.
-    joksch = SOURCES["joksch_1993"]().curves["fatal", FRONTAL]
+    joksch = SOURCES["joksch_1993"].curves["fatal", FRONTAL]
     assert joksch(31.74) == pytest.approx(1, rel=1e-3)
     assert joksch(27 * MILES_PER_HOUR) == pytest.approx((27 / 71) ** 4)
     # Delta-v in miles per hour: the intercept and slope of the report, worked out by hand.
-    wang = SOURCES["wang_2022"]().curves["MAIS3+", FRONTAL]
+    wang = SOURCES["wang_2022"].curves["MAIS3+", FRONTAL]
     assert wang(30 * MILES_PER_HOUR) == pytest.approx(1 / (1 + np.exp(6.9774 - 0.1620 * 30)))
     assert wang(30 / 3.6) < 0.6 * wang(30 * MILES_PER_HOUR)
     # Belted occupants are injured less often than the mean of both groups, whose intercept is -6.068.
-    kusano = SOURCES["kusano_2012"]().curves["MAIS2+", FRONTAL]
+    kusano = SOURCES["kusano_2012"].curves["MAIS2+", FRONTAL]
     assert kusano(60.68 / 3.6) == pytest.approx(1 / (1 + np.exp(0.6234)))
 
 

@@ -4,12 +4,11 @@ import numpy as np
 import pandas as pd
 import pytest
 from accelerated_evaluation.answer.injuries.curves import FRONTAL, LEVELS
-from accelerated_evaluation.answer.injuries.impacts import tabulated_risks
 from accelerated_evaluation.answer.injuries.sources import published_curves
-from accelerated_evaluation.answer.injuries.tables import injury_tables
+from accelerated_evaluation.answer.injuries.tables import injury_tables, tabulated_risks
 from accelerated_evaluation.answer.posterior import Posterior
 from accelerated_evaluation.publishing.figures.injuries import fig32_injuries, fig33_risk_curves
-from accelerated_evaluation.publishing.tables.injuries import (
+from accelerated_evaluation.publishing.tables.exact import (
     balance_digest,
     curves_digest,
     injuries_digest,

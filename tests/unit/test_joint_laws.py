@@ -11,10 +11,10 @@ import pytest
 from accelerated_evaluation.base.errors import InputError
 from accelerated_evaluation.laws import LAWS, Box
 from accelerated_evaluation.laws.files import read_law, write_law
+from accelerated_evaluation.laws.joint import JointLaw
 from accelerated_evaluation.laws.joint.copula import GaussianCopula, IndependentVariables
 from accelerated_evaluation.laws.joint.expectation_maximisation import _clustered, _maximised
 from accelerated_evaluation.laws.joint.kernel import KernelLaw
-from accelerated_evaluation.laws.joint.protocol import JointLaw
 from accelerated_evaluation.laws.joint.truncated import Normals
 from accelerated_evaluation.laws.joint.truncated_normals import TruncatedNormalMixture
 from scipy.stats import ks_2samp, multivariate_normal

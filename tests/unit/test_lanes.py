@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from accelerated_evaluation.base.errors import InputError
 from accelerated_evaluation.records.recordings.lanes import CentreLines, Piece, joined_lanes
-from accelerated_evaluation.records.recordings.opendrive import lanes_of_map
+from accelerated_evaluation.records.recordings.osi_lanes import lanes_of_map
 from scipy.special import fresnel
 
 

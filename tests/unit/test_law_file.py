@@ -20,8 +20,8 @@ from accelerated_evaluation.laws.distributions import (
 from accelerated_evaluation.laws.draws import DrawnLaws, MixedDraws
 from accelerated_evaluation.laws.files import read_law, write_law
 from accelerated_evaluation.laws.lead_speeds import WithLeadSpeeds
-from accelerated_evaluation.laws.paper.independent import IndependentLaw
-from accelerated_evaluation.records.encounter_table import complete
+from accelerated_evaluation.laws.paper.models import IndependentLaw
+from accelerated_evaluation.records.segments import complete
 
 BODY = Mixture((0.1, 0.9), (BoundedNormal(0.1 / 3, 0.0, 0.166), BoundedNormal(0.07, 0.0, 0.166, -1e-17)))
 PIECEWISE = PiecewiseMixture((0.95, 0.05), (BODY, BoundedExponential(21.084581450393657, 0.166)))

@@ -21,29 +21,31 @@ from accelerated_evaluation.answer.law_study import LawStudy
 from accelerated_evaluation.answer.posterior import Posterior, budget
 from accelerated_evaluation.answer.scores import (
     HeldOut,
+    bootstrapped_weights,
     censored_log_score,
     contiguous_blocks,
+    mixture_scores,
+    stacking_weights,
     threshold_weighted_crps,
     time_to_collision_boundary,
 )
 from accelerated_evaluation.answer.smooth_family import SmoothFamily
-from accelerated_evaluation.answer.weights import bootstrapped_weights, mixture_scores, stacking_weights
 from accelerated_evaluation.crash_map.exact import ALL, exact_probabilities
 from accelerated_evaluation.crash_map.lines import CrashLines, crash_places
 from accelerated_evaluation.crash_map.mapping import map_crashes
 from accelerated_evaluation.crash_map.maps import Grid
 from accelerated_evaluation.laws.files import read_law, write_law
-from accelerated_evaluation.laws.paper.independent import recorded_lead_speeds
+from accelerated_evaluation.laws.paper.models import recorded_lead_speeds
 from accelerated_evaluation.laws.smooth.conditional import Places
 from accelerated_evaluation.laws.smooth.dependent import DependentLaw
 from accelerated_evaluation.laws.smooth.family import DistinctRecords, Fitter, Member, members_at
 from accelerated_evaluation.laws.smooth.independent import IndependentTail
 from accelerated_evaluation.laws.smooth.shapes import Exponential
-from accelerated_evaluation.laws.smooth.support import SUPPORT
+from accelerated_evaluation.laws.smooth.splines import SUPPORT
 from accelerated_evaluation.laws.strata import VARIABLES
-from accelerated_evaluation.records.encounter_table import complete
+from accelerated_evaluation.records.segments import complete
 from accelerated_evaluation.vehicles import AccAeb
-from accelerated_evaluation.vehicles.events import CRASH
+from accelerated_evaluation.vehicles.protocol import CRASH
 from rate_car import RATE, RateCar
 from scipy.stats import poisson
 

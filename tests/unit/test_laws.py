@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from accelerated_evaluation.laws import Factors
 from accelerated_evaluation.laws.distributions import Empirical
-from accelerated_evaluation.laws.paper.independent import IndependentLaw
+from accelerated_evaluation.laws.paper.models import IndependentLaw
 from dependent_law import LOWER, POWER, closing_speed_tail, dependent_law, mean_over_cut_ins, rate, scale
 from fewruns.problems import normal_score_quantile
 from scipy.stats import binomtest, kstest, spearmanr

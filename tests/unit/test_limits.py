@@ -10,7 +10,7 @@ from accelerated_evaluation import cli
 from accelerated_evaluation.answer import estimation as alone
 from accelerated_evaluation.base.errors import InputError
 from accelerated_evaluation.laws.smooth.family import DistinctRecords, Fitter, members_at
-from accelerated_evaluation.laws.smooth.support import Support
+from accelerated_evaluation.laws.smooth.splines import Support
 from accelerated_evaluation.records.limits import (
     AUTO,
     AUTOMATIC,

@@ -10,7 +10,7 @@ from accelerated_evaluation.crash_map.maps import CrashMap, Grid, Intervals
 from accelerated_evaluation.publishing.tables.exact import contradictions
 from accelerated_evaluation.scenarios.cut_in import CUT_IN
 from accelerated_evaluation.vehicles import Outcomes, load_vehicle
-from accelerated_evaluation.vehicles.events import CRASH
+from accelerated_evaluation.vehicles.protocol import CRASH
 from law_folder import LAW
 
 GRID = Grid(5, 15.1, 75, 8, 12, 2, 23.49, 60)

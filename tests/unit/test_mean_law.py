@@ -13,11 +13,11 @@ from accelerated_evaluation.crash_map.maps import Grid
 from accelerated_evaluation.laws.files import read_law, write_law
 from accelerated_evaluation.laws.smooth.conditional import Places, range_grid, speed_grid
 from accelerated_evaluation.laws.smooth.family import DistinctRecords
-from accelerated_evaluation.methods.estimate import Stopping
+from accelerated_evaluation.methods import Stopping
 from accelerated_evaluation.methods.problem import Problem
 from accelerated_evaluation.scenarios.cut_in import CUT_IN
 from accelerated_evaluation.vehicles import Outcomes
-from accelerated_evaluation.vehicles.events import CRASH
+from accelerated_evaluation.vehicles.protocol import CRASH
 from fewruns import LawEstimates
 from mean_law import DRAWS, SUPPORT, encounters_, law_, one_draw  # noqa: F401
 from scipy.special import log_ndtr

@@ -8,10 +8,9 @@ import numpy as np
 import pandas as pd
 import pytest
 from accelerated_evaluation.laws.distributions import BoundedExponential, Empirical, PiecewiseMixture
-from accelerated_evaluation.laws.paper.independent import IndependentLaw
-from accelerated_evaluation.methods import METHODS, Estimate, Method, Stopping
+from accelerated_evaluation.laws.paper.models import IndependentLaw
+from accelerated_evaluation.methods import METHODS, Estimate, Method, Stopping, configured_stopping
 from accelerated_evaluation.methods.cross_entropy.method import CrossEntropyMethod
-from accelerated_evaluation.methods.estimate import configured_stopping
 from accelerated_evaluation.methods.importance_sampling import draw_weights, estimate_from_weights
 from accelerated_evaluation.methods.problem import Problem
 from accelerated_evaluation.scenarios.cut_in import CUT_IN

@@ -14,8 +14,8 @@ from accelerated_evaluation.laws.distributions import (
     Pareto,
     PiecewiseMixture,
 )
-from accelerated_evaluation.laws.paper.independent import IndependentLaw
-from accelerated_evaluation.publishing.figures import concept as concept_figures
+from accelerated_evaluation.laws.paper.models import IndependentLaw
+from accelerated_evaluation.publishing.figures import data as concept_figures
 from accelerated_evaluation.publishing.figures import data as data_figures
 from accelerated_evaluation.publishing.figures import models as model_figures
 from accelerated_evaluation.publishing.tables.models import (

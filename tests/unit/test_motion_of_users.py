@@ -9,10 +9,10 @@ import pytest
 from accelerated_evaluation import cli
 from accelerated_evaluation.base.errors import InputError
 from accelerated_evaluation.laws.motion import MOTIONS, SPEED_COLUMNS, STATES, STEP, draw_lead_speeds
-from accelerated_evaluation.vehicles.checks import OUTCOMES
 from accelerated_evaluation.vehicles.external.slow import loaded_for
 from accelerated_evaluation.vehicles.loading import load_vehicle
 from accelerated_evaluation.vehicles.moving import takes_motion
+from accelerated_evaluation.vehicles.protocol import OUTCOMES
 
 CLASS = """
 from accelerated_evaluation.vehicles import AccAeb

@@ -6,13 +6,13 @@ import numpy as np
 import pandas as pd
 import pytest
 from accelerated_evaluation.laws.distributions import BoundedExponential, Empirical, PiecewiseMixture
-from accelerated_evaluation.laws.paper.independent import IndependentLaw
+from accelerated_evaluation.laws.paper.models import IndependentLaw
 from accelerated_evaluation.methods.importance_sampling import estimate_from_weights, running
 from accelerated_evaluation.publishing.tables import paper as paper_tables
 from accelerated_evaluation.publishing.tables import searches as search_tables
 from accelerated_evaluation.publishing.tables import spreads
-from accelerated_evaluation.publishing.tables.formats import readable, save_table
-from accelerated_evaluation.publishing.tables.paper_numbers import PAPER_SIMULATIONS
+from accelerated_evaluation.publishing.tables.display import readable, save_table
+from accelerated_evaluation.publishing.tables.paper_claims import PAPER_SIMULATIONS
 
 Z = 1.2815515655446004  # 90 % quantile of the standard normal
 

@@ -14,7 +14,7 @@ from accelerated_evaluation.methods.study import with_encounters
 from accelerated_evaluation.methods.surrogate import read_predecessor
 from accelerated_evaluation.scenarios.cut_in import CUT_IN
 from accelerated_evaluation.track.campaign_file import read_campaign
-from accelerated_evaluation.track.status import status_of
+from accelerated_evaluation.track.results import status_of
 from accelerated_evaluation.vehicles import load_vehicle
 from law_folder import LAW, begin_campaign
 

@@ -15,8 +15,7 @@ import pandas as pd
 import pytest
 from accelerated_evaluation.base.errors import InputError
 from accelerated_evaluation.laws.distributions import BoundedExponential, BoundedNormal, Pareto
-from accelerated_evaluation.laws.paper.pieces import EXPONENTIAL, PieceFamily
-from accelerated_evaluation.laws.paper.piecewise import fit_piecewise, usable_knots
+from accelerated_evaluation.laws.paper.piecewise import EXPONENTIAL, PieceFamily, fit_piecewise, usable_knots
 from accelerated_evaluation.records.ingest import Account, ingest
 from accelerated_evaluation.records.segments import require_rows
 from accelerated_evaluation.records.sources import read_source

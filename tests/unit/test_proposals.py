@@ -5,7 +5,7 @@ import json
 
 import pytest
 from accelerated_evaluation.base.errors import InputError
-from accelerated_evaluation.methods.cross_entropy.proposals import Proposals, read_proposals, write_proposals
+from accelerated_evaluation.methods.cross_entropy.search import Proposals, read_proposals, write_proposals
 from toy_segment import PAPERS, F, found, toy
 
 

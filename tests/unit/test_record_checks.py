@@ -17,7 +17,7 @@ from accelerated_evaluation.records.checks import (
     Records,
     inspect_records,
 )
-from accelerated_evaluation.records.encounter_table import complete
+from accelerated_evaluation.records.segments import complete
 from accelerated_evaluation.records.sources import SOURCES
 from accelerated_evaluation.study.configuration import load
 from accelerated_evaluation.vehicles.loading import load_vehicle

@@ -10,7 +10,7 @@ import pytest
 from accelerated_evaluation.base.errors import InputError
 from accelerated_evaluation.vehicles import VEHICLES, load_vehicle
 from accelerated_evaluation.vehicles.builtin.driver_kernel import LANES
-from accelerated_evaluation.vehicles.checks import OUTCOMES, checked_outcomes
+from accelerated_evaluation.vehicles.protocol import OUTCOMES, checked_outcomes
 
 DRIVERS = ["cc_human", "fsm", "reg157", "rss"]
 

@@ -7,7 +7,7 @@ from pathlib import Path
 
 import nbformat
 import pytest
-from accelerated_evaluation.publishing.book.rendered import template_digest, write_rendered
+from accelerated_evaluation.publishing.book.execution import template_digest, write_rendered
 from nbformat.v4 import new_code_cell, new_markdown_cell, new_notebook, new_output
 from PIL import Image
 

@@ -7,8 +7,8 @@ from accelerated_evaluation import cli
 from accelerated_evaluation.scenarios import SCENARIOS
 from accelerated_evaluation.vehicles import load_vehicle
 from accelerated_evaluation.vehicles.builtin.traces import COLUMNS
-from accelerated_evaluation.vehicles.checks import OUTCOMES
-from accelerated_evaluation.vehicles.lead_motion import lead_speeds_of
+from accelerated_evaluation.vehicles.moving import lead_speeds_of
+from accelerated_evaluation.vehicles.protocol import OUTCOMES
 from accelerated_evaluation.vehicles.replay import trace_encounter
 
 WIDTH = 1.9

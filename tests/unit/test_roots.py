@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from accelerated_evaluation.laws.distributions.roots import find_roots
+from accelerated_evaluation.laws.distributions.mixture import find_roots
 from scipy.optimize import elementwise
 
 

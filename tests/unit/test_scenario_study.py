@@ -6,8 +6,8 @@ import numpy as np
 import pandas as pd
 import pytest
 from accelerated_evaluation import cli
-from accelerated_evaluation.answer.restricted import Restricted
-from accelerated_evaluation.answer.scenario_methods import agreement, read_verdicts
+from accelerated_evaluation.answer.by_simulations import agreement, read_verdicts
+from accelerated_evaluation.answer.map_tables import Restricted
 from accelerated_evaluation.base.errors import InputError
 from accelerated_evaluation.laws.files import write_law
 from accelerated_evaluation.scenarios.left_turn import LEFT_TURN

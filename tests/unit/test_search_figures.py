@@ -6,7 +6,7 @@ import numpy as np
 import pandas as pd
 import pytest
 from accelerated_evaluation.laws.distributions import BoundedExponential, Empirical, PiecewiseMixture
-from accelerated_evaluation.laws.paper.independent import IndependentLaw
+from accelerated_evaluation.laws.paper.models import IndependentLaw
 from accelerated_evaluation.publishing.figures import flow as flow_figures
 from accelerated_evaluation.publishing.figures import searches as search_figures
 from accelerated_evaluation.publishing.figures.flow import FLOW_ARROWS, Arrow, Box, flow_boxes

@@ -18,7 +18,7 @@ from accelerated_evaluation.crash_map.sensitivity import (
 )
 from accelerated_evaluation.laws.distributions import BoundedExponential, BoundedNormal
 from accelerated_evaluation.laws.paper.models import fit_paper_laws
-from accelerated_evaluation.laws.paper.pieces import PieceFamily
+from accelerated_evaluation.laws.paper.piecewise import PieceFamily
 from accelerated_evaluation.records.segments import assign_segments
 from accelerated_evaluation.vehicles import AccAeb
 

@@ -14,10 +14,10 @@ from accelerated_evaluation.crash_map.exact_variance import (
 from accelerated_evaluation.crash_map.mapping import map_crashes
 from accelerated_evaluation.laws import Factors
 from accelerated_evaluation.laws.distributions import BoundedExponential, BoundedNormal, PiecewiseMixture
-from accelerated_evaluation.methods.cross_entropy.sample import Sample
+from accelerated_evaluation.methods.importance_sampling import Sample
 from accelerated_evaluation.methods.problem import Problem
 from accelerated_evaluation.scenarios.cut_in import CUT_IN
-from accelerated_evaluation.vehicles.events import events_from
+from accelerated_evaluation.vehicles.protocol import events_from
 from wall_car import GRID, LOWER, RANGE_LAWS, TTC_LAWS, WallCar, integral, law_of
 
 

@@ -12,11 +12,11 @@ import numpy as np
 import pytest
 from accelerated_evaluation.base.errors import InputError
 from accelerated_evaluation.vehicles import load_vehicle
-from accelerated_evaluation.vehicles.checks import OUTCOMES
 from accelerated_evaluation.vehicles.external.checked import CheckedVehicle
 from accelerated_evaluation.vehicles.external.slow import SlowVehicle, loaded_for
 from accelerated_evaluation.vehicles.external.store import Store, store_of
 from accelerated_evaluation.vehicles.external.workers import Processes, Workers, workers_of
+from accelerated_evaluation.vehicles.protocol import OUTCOMES
 
 CAR = """
 import os

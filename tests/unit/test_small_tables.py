@@ -13,8 +13,7 @@ from accelerated_evaluation.base.errors import ConvergenceError, InputError
 from accelerated_evaluation.crash_map.sensitivity import Levels
 from accelerated_evaluation.laws.distributions import BoundedExponential
 from accelerated_evaluation.laws.paper.models import choose_knots, fit_paper_laws, refit, simpler_pieces
-from accelerated_evaluation.laws.paper.pieces import EXPONENTIAL, PieceFamily
-from accelerated_evaluation.laws.paper.piecewise import fit_piecewise, usable_knots
+from accelerated_evaluation.laws.paper.piecewise import EXPONENTIAL, PieceFamily, fit_piecewise, usable_knots
 from accelerated_evaluation.laws.smooth.family import FEWEST, LEVELS, DistinctRecords, Member
 from accelerated_evaluation.publishing.figures.records import fig26_sample_size
 from accelerated_evaluation.records.segments import MINIMUM_ROWS, assign_segments, require_rows

@@ -12,7 +12,7 @@ from accelerated_evaluation.answer import estimation
 from accelerated_evaluation.base.errors import InputError
 from accelerated_evaluation.laws.files import write_law
 from accelerated_evaluation.records.checks import CHECKS, Records, inspect_records
-from accelerated_evaluation.records.encounter_table import complete
+from accelerated_evaluation.records.segments import complete
 from accelerated_evaluation.records.verdict import Verdict, verdict_on, verdict_on_encounters
 from accelerated_evaluation.scenarios import SCENARIOS
 from accelerated_evaluation.scenarios.record_table import read_scenario_records, records_to_check

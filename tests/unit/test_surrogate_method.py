@@ -7,10 +7,12 @@ import pytest
 from accelerated_evaluation.base.errors import InputError
 from accelerated_evaluation.methods import METHODS
 from accelerated_evaluation.methods.problem import Problem
-from accelerated_evaluation.methods.surrogate import Surrogate, rules_for, sampler_of
-from accelerated_evaluation.methods.surrogate_words import (
+from accelerated_evaluation.methods.surrogate import (
+    Surrogate,
     assumption_in_words,
     chance_in_words,
+    rules_for,
+    sampler_of,
     unseen_in_words,
     weights_in_words,
 )

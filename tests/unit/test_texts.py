@@ -6,7 +6,7 @@ import matplotlib.pyplot as plt
 import pandas as pd
 import pytest
 from accelerated_evaluation.publishing.figures.style import note_source, paper_style, save_figure
-from accelerated_evaluation.publishing.tables.formats import as_markdown, save_table
+from accelerated_evaluation.publishing.tables.display import as_markdown, save_table
 
 NASTY = "costs $5 | \"a\" & 'b' <script>alert(1)</script> --> _x_ *y* `z` [l](javascript:1) \\ R&amp;D"
 

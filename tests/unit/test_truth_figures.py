@@ -9,12 +9,12 @@ from accelerated_evaluation.methods.coverage import INTERVALS
 from accelerated_evaluation.publishing.figures import coverage as coverage_figures
 from accelerated_evaluation.publishing.figures import exact as truth_figures
 from accelerated_evaluation.publishing.figures.style import style_of
-from accelerated_evaluation.publishing.tables.coverage import COVERAGE_COLUMNS, coverage_table
 from accelerated_evaluation.publishing.tables.exact import (
     needed_simulations,
     severity_digest,
     share_of_one_run,
 )
+from accelerated_evaluation.publishing.tables.searches import COVERAGE_COLUMNS, coverage_table
 from scipy.special import ndtri
 from scipy.stats import beta
 

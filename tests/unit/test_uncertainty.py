@@ -12,7 +12,7 @@ from accelerated_evaluation.crash_map.uncertainty import (
     resampled_rows,
     uncertainty_budget,
 )
-from accelerated_evaluation.laws.paper.pieces import PieceFamily
+from accelerated_evaluation.laws.paper.piecewise import PieceFamily
 from accelerated_evaluation.vehicles import AccAeb
 
 CAP = 23.49  # [m/s]

@@ -12,11 +12,10 @@ import pandas as pd
 import pytest
 from accelerated_evaluation import vehicles
 from accelerated_evaluation.base.errors import InputError
-from accelerated_evaluation.scenarios.compiled import available_threads
-from accelerated_evaluation.scenarios.parameters import required_names
+from accelerated_evaluation.scenarios.parameters import available_threads, required_names
 from accelerated_evaluation.vehicles import VEHICLES, AccAeb, Vehicle, load_vehicle
 from accelerated_evaluation.vehicles.builtin import kernel
-from accelerated_evaluation.vehicles.checks import INPUTS, OUTCOMES
+from accelerated_evaluation.vehicles.protocol import INPUTS, OUTCOMES
 
 sys.path.append(str(Path(__file__).resolve().parents[2] / "benchmarks"))
 

@@ -12,7 +12,7 @@ import pytest
 from accelerated_evaluation import cli
 from accelerated_evaluation.study.configuration import load, read_yaml
 from accelerated_evaluation.vehicles import load_vehicle
-from accelerated_evaluation.vehicles.checks import OUTCOMES
+from accelerated_evaluation.vehicles.protocol import OUTCOMES
 
 ROOT = Path(__file__).resolve().parents[2]
 GUIDE = (ROOT / "docs" / "your_vehicle.md").read_text()

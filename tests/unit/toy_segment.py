@@ -12,7 +12,7 @@ from accelerated_evaluation.laws.distributions import (
     Mixture,
     PiecewiseMixture,
 )
-from accelerated_evaluation.laws.paper.independent import IndependentLaw
+from accelerated_evaluation.laws.paper.models import IndependentLaw
 from accelerated_evaluation.methods import METHODS
 from accelerated_evaluation.methods.cross_entropy.families import (
     PiecewiseFamily,

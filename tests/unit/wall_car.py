@@ -13,7 +13,7 @@ from accelerated_evaluation.laws.distributions import (
     Pareto,
     PiecewiseMixture,
 )
-from accelerated_evaluation.laws.paper.independent import IndependentLaw
+from accelerated_evaluation.laws.paper.models import IndependentLaw
 from accelerated_evaluation.vehicles import Outcomes
 
 GRID = Grid(

@@ -103,7 +103,10 @@ def test_each_job_says_what_it_read_and_made_and_by_which_code(entities):
     assert {"@id": "results/smoke/models/single.json"} in fit["result"]
     tool = entities[fit["instrument"]["@id"]]
     parts = {part["@id"] for part in tool["hasPart"]}
-    assert {"workflow/scripts/fit_models.py", "workflow/accelerated_evaluation/laws/paper/pieces.py"} <= parts
+    assert {
+        "workflow/scripts/fit_models.py",
+        "workflow/accelerated_evaluation/laws/paper/piecewise.py",
+    } <= parts
     assert not any("publishing" in part for part in parts)
     assert len(tool["softwareVersion"]) == 64
     searches = [job for job in jobs if job["name"].startswith("search_proposals")]
@@ -113,7 +116,7 @@ def test_each_job_says_what_it_read_and_made_and_by_which_code(entities):
 
 def test_code_that_did_not_make_the_study_is_refused(finished, tmp_path):
     project = finished.copied(tmp_path)
-    module = project.folder / "workflow/accelerated_evaluation/laws/paper/pieces.py"
+    module = project.folder / "workflow/accelerated_evaluation/laws/paper/piecewise.py"
     module.write_text(module.read_text() + "\n# edited\n")
     run = pack(project, "smoke")
     assert run.returncode == 2

@@ -13,11 +13,11 @@ from accelerated_evaluation.base.randomness import child_generator
 from accelerated_evaluation.crash_map.lines import CrashLines
 from accelerated_evaluation.crash_map.mapping import map_crashes
 from accelerated_evaluation.crash_map.maps import Grid
-from accelerated_evaluation.laws.smooth.support import Support
-from accelerated_evaluation.records.encounter_table import read_encounters
+from accelerated_evaluation.laws.smooth.splines import Support
+from accelerated_evaluation.records.segments import read_encounters
 from accelerated_evaluation.scenarios.cut_in import CUT_IN
 from accelerated_evaluation.vehicles import load_vehicle
-from accelerated_evaluation.vehicles.events import CRASH
+from accelerated_evaluation.vehicles.protocol import CRASH
 from test_browser import TOO_WIDE, Watch, pytestmark, watch  # noqa: F401
 
 READY = "() => window.page && window.page.isSettled"

@@ -9,8 +9,8 @@ import time
 from pathlib import Path
 
 import pytest
-from accelerated_evaluation.publishing.archive.provenance import UNKNOWN
 from accelerated_evaluation.publishing.book.catalogue import read_contents
+from accelerated_evaluation.publishing.provenance import UNKNOWN
 
 DATA = "Safety Pilot Model Deployment (real events), a sample of 6,000"
 TABLES = (

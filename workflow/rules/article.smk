@@ -2,7 +2,7 @@
 #
 # In: the published tables and figures, the tables of the benchmarks. Out: article.pdf, and its numbers in article.json.
 
-from accelerated_evaluation.publishing.article.text import BENCHMARKS
+from accelerated_evaluation.publishing.article.tables import BENCHMARKS
 
 
 rule article:

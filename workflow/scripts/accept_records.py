@@ -1,8 +1,7 @@
 """End a study with an error if a check of its records has the verdict "stop" that is not accepted."""
 
 from accelerated_evaluation.base.files import write_text
-from accelerated_evaluation.records.report import read_report
-from accelerated_evaluation.records.verdict import Verdict
+from accelerated_evaluation.records.verdict import Verdict, read_report
 from accelerated_evaluation.study.jobs import job
 
 if __name__ == "__main__":

@@ -6,7 +6,7 @@ from accelerated_evaluation.crash_map.maps import read_crash_map
 from accelerated_evaluation.crash_map.uncertainty import study_uncertainty
 from accelerated_evaluation.laws.files import read_law
 from accelerated_evaluation.laws.paper.models import PIECEWISE
-from accelerated_evaluation.records.encounter_table import read_encounters
+from accelerated_evaluation.records.segments import read_encounters
 from accelerated_evaluation.study.jobs import job
 
 if __name__ == "__main__":

@@ -3,9 +3,8 @@
 from pathlib import Path
 
 from accelerated_evaluation.base.files import write_json
-from accelerated_evaluation.publishing.archive.provenance import provenance_of
-from accelerated_evaluation.publishing.book.pages import known_to_pages
-from accelerated_evaluation.publishing.book.site import Parts, build_book
+from accelerated_evaluation.publishing.book.site import Parts, build_book, known_to_pages
+from accelerated_evaluation.publishing.provenance import provenance_of
 from accelerated_evaluation.publishing.study import Study
 from accelerated_evaluation.study.jobs import job
 

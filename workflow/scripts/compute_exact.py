@@ -5,8 +5,8 @@ from accelerated_evaluation.crash_map.exact_variance import exact_tables
 from accelerated_evaluation.crash_map.maps import read_crash_map
 from accelerated_evaluation.laws.files import read_law
 from accelerated_evaluation.laws.paper.models import PAPER_LAWS
-from accelerated_evaluation.methods.cross_entropy.proposals import read_proposals
-from accelerated_evaluation.records.encounter_table import read_encounters
+from accelerated_evaluation.methods.cross_entropy.search import read_proposals
+from accelerated_evaluation.records.segments import read_encounters
 from accelerated_evaluation.study.jobs import job
 
 if __name__ == "__main__":

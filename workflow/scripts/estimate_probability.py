@@ -3,7 +3,7 @@
 from accelerated_evaluation.base.files import write_csv
 from accelerated_evaluation.base.randomness import child_generator
 from accelerated_evaluation.methods import METHODS, Stopping
-from accelerated_evaluation.methods.cross_entropy.proposals import read_proposals
+from accelerated_evaluation.methods.cross_entropy.search import read_proposals
 from accelerated_evaluation.methods.problem import loaded_problem
 from accelerated_evaluation.methods.study import in_scope, study_method
 from accelerated_evaluation.study.jobs import job

@@ -3,7 +3,7 @@
 from accelerated_evaluation.base.files import write_csv
 from accelerated_evaluation.laws.files import read_law
 from accelerated_evaluation.laws.paper.candidates import compare_with_candidates
-from accelerated_evaluation.records.encounter_table import read_encounters
+from accelerated_evaluation.records.segments import read_encounters
 from accelerated_evaluation.study.jobs import job
 
 if __name__ == "__main__":

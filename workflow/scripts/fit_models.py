@@ -2,7 +2,7 @@
 
 from accelerated_evaluation.laws.files import write_law
 from accelerated_evaluation.laws.paper.models import fit_paper_laws
-from accelerated_evaluation.records.encounter_table import read_encounters
+from accelerated_evaluation.records.segments import read_encounters
 from accelerated_evaluation.study.jobs import job
 
 if __name__ == "__main__":

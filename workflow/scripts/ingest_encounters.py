@@ -4,9 +4,8 @@ from accelerated_evaluation.base.errors import InputError
 from accelerated_evaluation.base.files import write_csv, write_json
 from accelerated_evaluation.base.randomness import child_generator
 from accelerated_evaluation.base.tables import write_parquet
-from accelerated_evaluation.records.encounter_table import write_encounters
 from accelerated_evaluation.records.ingest import Account, ingest
-from accelerated_evaluation.records.segments import require_rows
+from accelerated_evaluation.records.segments import require_rows, write_encounters
 from accelerated_evaluation.records.sources import describe, read_source
 from accelerated_evaluation.scenarios import SCENARIOS
 from accelerated_evaluation.scenarios.record_table import read_scenario_records, records_account

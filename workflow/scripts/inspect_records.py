@@ -4,8 +4,7 @@ import sys
 
 from accelerated_evaluation.base.files import write_csv
 from accelerated_evaluation.records.checks import inspect_records
-from accelerated_evaluation.records.report import report_in_words
-from accelerated_evaluation.records.verdict import Verdict
+from accelerated_evaluation.records.verdict import Verdict, report_in_words
 from accelerated_evaluation.scenarios import SCENARIOS
 from accelerated_evaluation.scenarios.record_table import configured_records
 from accelerated_evaluation.study.jobs import job

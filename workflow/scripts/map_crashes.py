@@ -9,9 +9,8 @@ from accelerated_evaluation.crash_map.checked import require_right_map
 from accelerated_evaluation.crash_map.mapping import map_crashes
 from accelerated_evaluation.crash_map.maps import Grid, write_crash_map
 from accelerated_evaluation.study.jobs import job
-from accelerated_evaluation.vehicles.events import events_from
 from accelerated_evaluation.vehicles.external.slow import loaded_for
-from accelerated_evaluation.vehicles.protocol import Vehicle
+from accelerated_evaluation.vehicles.protocol import Vehicle, events_from
 
 FACTORS = {"full": 1.0, "half": 0.5, "quarter": 0.25}  # the full map is checked first
 

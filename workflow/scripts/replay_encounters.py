@@ -2,14 +2,14 @@
 
 import pandas as pd
 from accelerated_evaluation.answer.likeliest_crashes import nearest_records, traces_of, ways_to_crash
-from accelerated_evaluation.answer.preventable import preventable
+from accelerated_evaluation.answer.replays import preventable
 from accelerated_evaluation.base.files import write_csv
 from accelerated_evaluation.base.randomness import child_generator
 from accelerated_evaluation.crash_map.lines import CrashLines
 from accelerated_evaluation.crash_map.maps import read_crash_map
 from accelerated_evaluation.laws.files import read_law
 from accelerated_evaluation.laws.smooth.family import DistinctRecords
-from accelerated_evaluation.records.encounter_table import read_encounters
+from accelerated_evaluation.records.segments import read_encounters
 from accelerated_evaluation.study.jobs import job
 from accelerated_evaluation.vehicles.external.slow import all_loaded
 

@@ -10,12 +10,11 @@ from accelerated_evaluation.base.files import read_json, write_csv
 from accelerated_evaluation.base.randomness import child_generator
 from accelerated_evaluation.laws.files import write_law
 from accelerated_evaluation.methods.problem import Problem
-from accelerated_evaluation.records.report import read_report
-from accelerated_evaluation.records.verdict import Verdict
+from accelerated_evaluation.records.verdict import Verdict, read_report
 from accelerated_evaluation.scenarios import SCENARIOS
 from accelerated_evaluation.study.jobs import job
-from accelerated_evaluation.vehicles.events import events_of
 from accelerated_evaluation.vehicles.external.slow import loaded_for
+from accelerated_evaluation.vehicles.protocol import events_of
 
 if __name__ == "__main__":
     with job(snakemake.log[0]):

@@ -5,9 +5,9 @@ from functools import partial
 import pandas as pd
 from accelerated_evaluation.base.files import write_csv
 from accelerated_evaluation.base.randomness import child_generator
+from accelerated_evaluation.methods import Stopping
 from accelerated_evaluation.methods.coverage import coverage_replicates, coverage_table
-from accelerated_evaluation.methods.cross_entropy.proposals import read_proposals
-from accelerated_evaluation.methods.estimate import Stopping
+from accelerated_evaluation.methods.cross_entropy.search import read_proposals
 from accelerated_evaluation.methods.problem import loaded_problem
 from accelerated_evaluation.study.jobs import job
 

@@ -7,7 +7,7 @@ from accelerated_evaluation.crash_map.maps import read_crash_map
 from accelerated_evaluation.crash_map.sensitivity import study_cap, study_sensitivity
 from accelerated_evaluation.laws.files import read_law
 from accelerated_evaluation.laws.paper.models import PAPER_LAWS
-from accelerated_evaluation.records.encounter_table import read_encounters
+from accelerated_evaluation.records.segments import read_encounters
 from accelerated_evaluation.study.jobs import job
 from accelerated_evaluation.vehicles.external.slow import loaded_for
 

@@ -10,8 +10,7 @@ from accelerated_evaluation.answer.extrapolation import speed_limits
 from accelerated_evaluation.answer.posterior import Posterior
 from accelerated_evaluation.base.arrays import Array
 from accelerated_evaluation.crash_map.checked import sample_crashes
-from accelerated_evaluation.crash_map.impacts import with_impacts
-from accelerated_evaluation.crash_map.lines import CrashLines, divided
+from accelerated_evaluation.crash_map.lines import CrashLines, divided, with_impacts
 from accelerated_evaluation.crash_map.maps import CrashMap
 from accelerated_evaluation.laws.draws import Draws, MixedDraws, single_laws
 from accelerated_evaluation.laws.smooth.conditional import SpeedLaw
@@ -19,8 +18,7 @@ from accelerated_evaluation.laws.smooth.family import DistinctRecords
 from accelerated_evaluation.laws.smooth.mean import MeanLaw
 from accelerated_evaluation.methods.problem import Problem
 from accelerated_evaluation.scenarios.protocol import Event
-from accelerated_evaluation.vehicles.events import CRASH
-from accelerated_evaluation.vehicles.protocol import RandomVehicle, Vehicle
+from accelerated_evaluation.vehicles.protocol import CRASH, RandomVehicle, Vehicle
 
 LINES = 2500  # number of lines of a map that are kept for the integrals
 GUIDES = 10  # number of draws of the law that determine which lines are kept

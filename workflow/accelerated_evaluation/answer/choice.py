@@ -17,9 +17,8 @@ from accelerated_evaluation.base.errors import InputError
 from accelerated_evaluation.base.randomness import child_generator
 from accelerated_evaluation.laws import FITS, LAWS
 from accelerated_evaluation.laws.draws import Draws, OneLaw, as_draws
-from accelerated_evaluation.laws.joint.protocol import JointLaw
-from accelerated_evaluation.laws.paper.independent import IndependentLaw
-from accelerated_evaluation.laws.paper.models import PAPER_LAWS, fit_paper_laws
+from accelerated_evaluation.laws.joint import JointLaw
+from accelerated_evaluation.laws.paper.models import PAPER_LAWS, IndependentLaw, fit_paper_laws
 from accelerated_evaluation.laws.smooth.family import DistinctRecords, Fitter, Member
 from accelerated_evaluation.methods.problem import read_law_of
 from accelerated_evaluation.records.sources import describe

@@ -20,12 +20,16 @@ from accelerated_evaluation.answer.by_map import Map
 from accelerated_evaluation.answer.by_simulations import Simulations
 from accelerated_evaluation.answer.choice import ANSWER, FILE, choose_draws
 from accelerated_evaluation.answer.comparison import compare_estimates, compared_table, require_estimate
-from accelerated_evaluation.answer.estimate_tables import estimate_tables
+from accelerated_evaluation.answer.estimate_tables import (
+    answer_in_words,
+    budget_in_words,
+    estimate_tables,
+    ratio_in_words,
+)
 from accelerated_evaluation.answer.evidence import Evidence, checked_answers
 from accelerated_evaluation.answer.extrapolation import in_words
 from accelerated_evaluation.answer.fitted_records import FittedRecords, read_records, records_named
 from accelerated_evaluation.answer.posterior import LEVEL
-from accelerated_evaluation.answer.words import answer_in_words, budget_in_words, ratio_in_words
 from accelerated_evaluation.base.errors import InputError
 from accelerated_evaluation.base.files import write_csv
 from accelerated_evaluation.base.randomness import child_generator
@@ -35,19 +39,19 @@ from accelerated_evaluation.laws.draws import Draws
 from accelerated_evaluation.laws.files import read_verdict, write_law
 from accelerated_evaluation.laws.smooth.family import DistinctRecords
 from accelerated_evaluation.methods.problem import Problem
-from accelerated_evaluation.methods.surrogate import read_predecessor
-from accelerated_evaluation.methods.surrogate_words import (
+from accelerated_evaluation.methods.surrogate import (
     assumption_in_words,
     chance_in_words,
+    read_predecessor,
     unseen_in_words,
     weights_in_words,
 )
 from accelerated_evaluation.records.checks import Records
 from accelerated_evaluation.records.verdict import Verdict, verdict_on
 from accelerated_evaluation.scenarios import SCENARIOS, Scenario
-from accelerated_evaluation.vehicles.events import event_named, events_of
 from accelerated_evaluation.vehicles.external.slow import SlowVehicle, is_slow, loaded_for
 from accelerated_evaluation.vehicles.loading import load_vehicle, vehicles_of
+from accelerated_evaluation.vehicles.protocol import event_named, events_of
 
 LIMITS = ("lead_speed_min", "lead_speed_max", "range_max")  # limits of a crash map
 

@@ -17,9 +17,9 @@ from accelerated_evaluation.base.arrays import Array
 from accelerated_evaluation.laws.draws import Draws
 from accelerated_evaluation.methods.problem import Problem, normal_scores
 from accelerated_evaluation.scenarios.protocol import Event
-from accelerated_evaluation.vehicles.external.elsewhere import difference_elsewhere
 from accelerated_evaluation.vehicles.external.slow import SlowVehicle
 from accelerated_evaluation.vehicles.external.watched import WatchedVehicle
+from accelerated_evaluation.vehicles.external.workers import difference_elsewhere
 from accelerated_evaluation.vehicles.loading import load_vehicle
 
 SHOWN = 3  # number of records with the event that a message names

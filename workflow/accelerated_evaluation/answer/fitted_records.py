@@ -15,11 +15,10 @@ from accelerated_evaluation.base.randomness import child_generator
 from accelerated_evaluation.base.tables import read_parquet, write_parquet
 from accelerated_evaluation.laws import Box
 from accelerated_evaluation.laws.smooth.family import DistinctRecords
-from accelerated_evaluation.laws.smooth.support import Support
+from accelerated_evaluation.laws.smooth.splines import Support
 from accelerated_evaluation.records.checks import Records
-from accelerated_evaluation.records.encounter_table import read_encounters, write_encounters
 from accelerated_evaluation.records.ingest import Account, ingest
-from accelerated_evaluation.records.segments import require_rows
+from accelerated_evaluation.records.segments import read_encounters, require_rows, write_encounters
 from accelerated_evaluation.records.sources import read_source
 from accelerated_evaluation.scenarios import SCENARIOS
 from accelerated_evaluation.scenarios.protocol import CLUSTER, FITTED, Scenario

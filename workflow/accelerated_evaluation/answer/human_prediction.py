@@ -32,8 +32,7 @@ from accelerated_evaluation.crash_map.maps import Grid
 from accelerated_evaluation.laws.draws import Draws
 from accelerated_evaluation.scenarios import cut_in
 from accelerated_evaluation.vehicles.builtin.human import Human
-from accelerated_evaluation.vehicles.events import CRASH
-from accelerated_evaluation.vehicles.protocol import Outcomes
+from accelerated_evaluation.vehicles.protocol import CRASH, Outcomes
 
 G = 9.81  # [m/s^2]
 # Thresholds [g] of the largest deceleration: an encounter without a crash is a near-crash if it exceeds the

@@ -19,7 +19,7 @@ from accelerated_evaluation.base.arrays import Array
 from accelerated_evaluation.base.errors import InputError
 from accelerated_evaluation.laws import LAWS, Box
 from accelerated_evaluation.laws.draws import DrawnLaws
-from accelerated_evaluation.laws.joint.protocol import JointLaw
+from accelerated_evaluation.laws.joint import JointLaw
 
 NEAR = 0.1  # share of the records that are near the event: those with the smallest scores
 POOL = 20_000  # number of points with which the probability of the region near the event is estimated

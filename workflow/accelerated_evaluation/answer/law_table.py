@@ -12,10 +12,11 @@ from accelerated_evaluation.answer.law_study import LawStudy
 from accelerated_evaluation.answer.scores import (
     FittedLaw,
     HeldOut,
+    mixture_scores,
+    stacking_weights,
     threshold_weighted_crps,
     time_to_collision_boundary,
 )
-from accelerated_evaluation.answer.weights import mixture_scores, stacking_weights
 from accelerated_evaluation.base.arrays import Array
 from accelerated_evaluation.base.errors import ConvergenceError
 from accelerated_evaluation.crash_map.lines import CrashLines

@@ -30,13 +30,12 @@ from accelerated_evaluation.base.arrays import Array
 from accelerated_evaluation.crash_map.lines import CrashLines
 from accelerated_evaluation.crash_map.maps import CrashMap, Intervals
 from accelerated_evaluation.laws.motion import LARGEST_WEIGHT, LeadMotion, draw_wide
-from accelerated_evaluation.laws.motion.ngsim import Ngsim
+from accelerated_evaluation.laws.motion.recorded import Ngsim
 from accelerated_evaluation.laws.smooth.conditional import SpeedLaw
 from accelerated_evaluation.laws.smooth.family import DistinctRecords
 from accelerated_evaluation.laws.smooth.smooth_hazard import SmoothHazard
-from accelerated_evaluation.vehicles.events import CRASH
 from accelerated_evaluation.vehicles.moving import MovingVehicle, simulate_motion, takes_motion
-from accelerated_evaluation.vehicles.protocol import RandomVehicle, Vehicle, simulate_inner
+from accelerated_evaluation.vehicles.protocol import CRASH, RandomVehicle, Vehicle, simulate_inner
 
 # [m/s], amounts by which a lead motion may lower the smallest closing speed with a crash; places are drawn
 # preferentially for each of them.

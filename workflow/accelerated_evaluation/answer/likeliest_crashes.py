@@ -10,8 +10,7 @@ from accelerated_evaluation.crash_map.lines import CrashLines, crash_places
 from accelerated_evaluation.laws.smooth.dependent import DependentLaw, DependentStratum
 from accelerated_evaluation.laws.smooth.family import DistinctRecords
 from accelerated_evaluation.vehicles.builtin.traces import COLUMNS
-from accelerated_evaluation.vehicles.events import CRASH
-from accelerated_evaluation.vehicles.protocol import Outcomes, Vehicle
+from accelerated_evaluation.vehicles.protocol import CRASH, Outcomes, Vehicle
 
 WAYS = 12  # number of groups of crashes, and of records
 DRAWN = 4000  # number of drawn crashes that are divided into groups

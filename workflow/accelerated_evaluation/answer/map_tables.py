@@ -1,8 +1,9 @@
-"""Tables that a crash map of the vehicle under test allows: calibration, thresholds and places of crashes."""
+"""Tables that a crash map allows: calibration, thresholds, and shares of the crashes by size."""
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
 from functools import cached_property
+from typing import Self
 
 import numpy as np
 import pandas as pd
@@ -23,11 +24,11 @@ from accelerated_evaluation.answer.variants import threshold_table
 from accelerated_evaluation.base.arrays import Array
 from accelerated_evaluation.crash_map.lines import CrashLines
 from accelerated_evaluation.crash_map.maps import CrashMap
-from accelerated_evaluation.laws.draws import Draws
+from accelerated_evaluation.laws import Box, Law
+from accelerated_evaluation.laws.draws import DrawnLaws, Draws
 from accelerated_evaluation.laws.smooth.family import DistinctRecords, Member
 from accelerated_evaluation.scenarios.protocol import Event, Scenario
-from accelerated_evaluation.vehicles.events import CRASH
-from accelerated_evaluation.vehicles.protocol import Outcomes, Vehicle
+from accelerated_evaluation.vehicles.protocol import CRASH, Outcomes, Vehicle
 
 SHOWN = (Member(), *(Member(KNOT, shape) for shape in ("exponential", "generalised", "two kinds")))
 
@@ -181,3 +182,98 @@ class MapTables:
         replayed = {name: event.happens(self.replayed) for name, event in named.items()}
         own = {name: posteriors[event] for name, event in named.items()}
         return near_miss_table(own, replayed, self.study.smooth.resampled, generator)
+
+
+COLUMNS = (
+    "variable",
+    "at_least",
+    "below",
+    "encounters",
+    "crashes",
+    "crash_probability",
+    "impact_speed",
+    "probability_above",
+    "standard_error",
+)
+
+
+def crash_shares(
+    scenario: Scenario,
+    law: Law,
+    vehicle: Vehicle,
+    generator: np.random.Generator,
+    *,
+    simulations: int = 200_000,
+) -> pd.DataFrame:
+    """Return the crash probability in intervals of the absolute value of one variable, by crude Monte Carlo.
+
+    The scenario specifies the variable and the edges of the intervals (`Scenario.divided_by`). The outcomes
+    must contain an impact speed. A row has the ends of the interval, the last of which is infinite; the
+    shares of all ``encounters`` and of all ``crashes`` in the interval; the ``crash_probability`` of an
+    encounter in it; the median ``impact_speed`` [m/s] of its crashes; and ``probability_above``, the crash
+    probability of an encounter with a value of at least ``at_least``, with its ``standard_error``. There are
+    no rows if the scenario specifies no variable.
+    """
+    if scenario.divided_by is None:
+        return pd.DataFrame(columns=list(COLUMNS))
+    variable, edges = scenario.divided_by
+    x = law.draw(simulations, generator)
+    outcomes = vehicle.simulate(*scenario.to_inputs(x).T)
+    crash = outcomes.crash
+    size = np.abs(x[:, scenario.names.index(variable)])
+    limits = np.array([0.0, *edges, np.inf])
+    groups = np.digitize(size, limits[1:-1])
+    drawn = np.bincount(groups, minlength=len(limits) - 1)
+    crashed = np.bincount(groups, crash, minlength=len(limits) - 1)
+    drawn_above, crashed_above = (np.cumsum(counts[::-1])[::-1] for counts in (drawn, crashed))
+    impact = pd.Series(outcomes.impact_speed[crash]).groupby(groups[crash]).median()
+    with np.errstate(divide="ignore", invalid="ignore"):  # if an interval has no encounters or no crashes
+        above = crashed_above / drawn_above
+        error = np.sqrt(above * (1 - above) / drawn_above)
+        shares = (drawn / drawn.sum(), crashed / crashed.sum(), crashed / drawn)
+    speeds = impact.reindex(range(len(drawn))).to_numpy(float)
+    columns = (variable, limits[:-1], limits[1:], *shares, speeds, above, error)
+    return pd.DataFrame(dict(zip(COLUMNS, columns, strict=True)))
+
+
+POINTS = 20_000  # number of points with which the probability of a part of the encounters is estimated
+
+Holds = Callable[[Array], NDArray[np.bool_]]
+"""Returns whether each of n encounters, shape (n, d), belongs to the part, shape (n,)."""
+
+
+@dataclass(frozen=True)
+class Restricted:
+    """A law given that a condition holds, for crude Monte Carlo; it has no map from normal scores."""
+
+    law: Law
+    holds: Holds
+    share: float  # estimated probability of the condition
+
+    @classmethod
+    def of(cls, law: Law, holds: Holds, generator: np.random.Generator) -> Self:
+        """Return the restricted law, with an estimate of the probability of the condition."""
+        return cls(law, holds, float(holds(law.draw(POINTS, generator)).mean()))
+
+    @property
+    def box(self) -> Box:
+        """The limits of the law."""
+        return self.law.box
+
+    def log_density(self, x: Array) -> Array:
+        """Return the log density at points x, shape (n, d); it is -inf where the condition does not hold."""
+        return np.where(self.holds(x), self.law.log_density(x) - np.log(self.share), -np.inf)
+
+    def draw(self, n: int, generator: np.random.Generator) -> Array:
+        """Draw n points by rejection, shape (n, d)."""
+        kept = np.empty((0, self.law.dimension))
+        while len(kept) < n:
+            x = self.law.draw(n, generator)
+            kept = np.concatenate([kept, x[self.holds(x)]])
+        return kept[:n]
+
+
+def restricted(draws: DrawnLaws, holds: Holds, generator: np.random.Generator) -> DrawnLaws:
+    """Return draws of joint laws given that a condition holds."""
+    laws = [Restricted.of(law, holds, generator) for law in draws.laws]
+    return DrawnLaws(laws, draws.names, draws.proposal, draws.description)

@@ -19,18 +19,15 @@ from accelerated_evaluation.answer.comparison import (
     vehicle_row,
     vehicle_table,
 )
-from accelerated_evaluation.answer.crash_shares import crash_shares
 from accelerated_evaluation.answer.estimate_tables import estimate_tables, exposure_of
 from accelerated_evaluation.answer.evidence import checked_answers
 from accelerated_evaluation.answer.extrapolation import drawn_crashes, extrapolation
 from accelerated_evaluation.answer.fitted_records import FittedRecords
-from accelerated_evaluation.answer.injuries.impacts import Key, mean_risks, tabulated_risks
-from accelerated_evaluation.answer.injuries.tables import injury_tables
+from accelerated_evaluation.answer.injuries.tables import Key, injury_tables, mean_risks, tabulated_risks
 from accelerated_evaluation.answer.joint_family import JointFamily
 from accelerated_evaluation.answer.law_study import LawStudy
-from accelerated_evaluation.answer.map_tables import MapTables, calibration_table
+from accelerated_evaluation.answer.map_tables import MapTables, calibration_table, crash_shares, restricted
 from accelerated_evaluation.answer.posterior import budget
-from accelerated_evaluation.answer.restricted import restricted
 from accelerated_evaluation.crash_map.maps import read_crash_map
 from accelerated_evaluation.laws.draws import Draws
 from accelerated_evaluation.methods.problem import Problem

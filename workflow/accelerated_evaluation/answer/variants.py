@@ -1,7 +1,8 @@
-"""The answer for other choices: of the thresholds of the laws, and of the treatment of the records."""
+"""The answer for other choices of the statistician, and for other treatments of the records."""
 
 from collections.abc import Mapping
 from copy import deepcopy
+from dataclasses import replace
 
 import numpy as np
 import pandas as pd
@@ -13,8 +14,10 @@ from accelerated_evaluation.answer.posterior import SUMMARY, Posterior, summaris
 from accelerated_evaluation.answer.smooth_family import NAMED, SmoothFamily
 from accelerated_evaluation.base.arrays import Array
 from accelerated_evaluation.crash_map.lines import CrashLines
+from accelerated_evaluation.laws.smooth.conditional import Places
 from accelerated_evaluation.laws.smooth.family import DistinctRecords
-from accelerated_evaluation.laws.smooth.support import SUPPORT, Support
+from accelerated_evaluation.laws.smooth.shapes import PRIOR
+from accelerated_evaluation.laws.smooth.splines import SUPPORT, Support
 from accelerated_evaluation.records.segments import MINIMUM_ROWS
 
 RANGE_LIMIT_WIDTH = 0.5  # [m], width below the largest range in which records may be affected by rounding
@@ -92,3 +95,47 @@ def summary_under(study: LawStudy, lines: CrashLines, generator: np.random.Gener
     """Return the summary of the crash probability under draws of a study of laws."""
     draws = study.draws(generator)
     return summarise(Posterior(masses_under(lines, draws).sum(axis=1), draws.member))
+
+
+PRIORS = {"far tail: prior half as wide": 4 * PRIOR, "far tail: prior twice as wide": PRIOR / 4}
+SPLINES = {"fewer splines": (4, 3), "more splines": (9, 8)}
+
+
+def choice_table(
+    study: LawStudy, lines: CrashLines, draws: int, generator: np.random.Generator
+) -> pd.DataFrame:
+    """Tabulate the crash probability for other choices of laws, weights, priors and splines.
+
+    There is a row for each choice, with the columns of `posterior.summarise`. All choices have the same
+    random numbers. The lines of the crash map are thinned to the probable ones.
+    """
+
+    def row(choice: str, own: LawStudy, on: CrashLines = lines) -> dict[str, str | float]:
+        return {"choice": choice} | summary_under(own, on, deepcopy(generator))
+
+    def of_shape(*shapes: str) -> LawStudy:
+        return study.only([name for name in study.names if name in NAMED and NAMED[name].shape in shapes])
+
+    study = replace(study, weights=study.weights[:draws])
+    smooth, records = study.smooth, study.smooth.records
+    rows = [
+        row("as in the answer", study),
+        row("without two kinds of drivers", study.only([n for n in study.names if "two kinds" not in n])),
+        row("exponential tails alone", of_shape("exponential")),
+        row("generalised tails alone", of_shape("generalised")),
+        row("two kinds of drivers alone", of_shape("two kinds")),
+        row("equal weights", replace(study, weights=np.full(study.weights.shape, 1 / len(study.names)))),
+    ]
+    of_smooth = study.only(smooth.names)
+    for choice, prior in PRIORS.items():
+        family = replace(smooth, family=replace(smooth.family, prior=prior))
+        rows.append(row(choice, replace(of_smooth, family=family)))
+    straight = replace(smooth, family=replace(smooth.family, far={}, far_records=None))
+    rows.append(row("far tail: no factors", replace(of_smooth, family=straight)))
+    for choice, splines in SPLINES.items():
+        support = replace(records.support, splines=splines)
+        family = SmoothFamily.of(replace(records, support=support), smooth.members)
+        again = LawStudy.of_family(family, draws, deepcopy(generator))
+        places = Places.of(lines.places.lead_speed, lines.places.range_, support)
+        rows.append(row(choice, again, on=replace(lines, places=places)))
+    return pd.DataFrame(rows)

@@ -17,7 +17,7 @@ if TYPE_CHECKING:  # these imports take seconds, and --help does not need them
     from accelerated_evaluation.laws import Law
     from accelerated_evaluation.records.verdict import Verdict
     from accelerated_evaluation.scenarios import Scenario
-    from accelerated_evaluation.track.sources import Source
+    from accelerated_evaluation.track.limits import Source
 
 
 class Command(Protocol):
@@ -73,7 +73,7 @@ class GivenLaw:
 
     def read(self) -> "Law":
         """Return the law."""
-        from accelerated_evaluation.track.sources import law_in
+        from accelerated_evaluation.track.limits import law_in
 
         return law_in(self.scenario, self.sources["law"], self.sources.get("encounters"))
 
@@ -85,11 +85,11 @@ def given_law(arguments: argparse.Namespace) -> GivenLaw:
     for another law; or if a check of the records has the verdict ``stop``, which the user does not accept.
     """
     from accelerated_evaluation.laws.files import read_law, read_verdict
-    from accelerated_evaluation.records.encounter_table import read_encounters
+    from accelerated_evaluation.records.segments import read_encounters
     from accelerated_evaluation.records.verdict import verdict_on_encounters
     from accelerated_evaluation.scenarios import SCENARIOS
     from accelerated_evaluation.scenarios.cut_in import CUT_IN
-    from accelerated_evaluation.track.sources import source_of
+    from accelerated_evaluation.track.limits import source_of
 
     scenario = SCENARIOS[arguments.scenario]
     if scenario is not CUT_IN:

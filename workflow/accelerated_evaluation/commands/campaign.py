@@ -208,7 +208,7 @@ def _new(arguments: argparse.Namespace) -> None:
     from accelerated_evaluation.track.campaign import Campaign
     from accelerated_evaluation.track.campaign_file import read_campaign, stopping, write_campaign
     from accelerated_evaluation.track.limits import Limits
-    from accelerated_evaluation.vehicles.events import event_named
+    from accelerated_evaluation.vehicles.protocol import event_named
 
     if arguments.campaign.exists():
         change = "Name another file, or remove this one if its campaign is over."
@@ -287,9 +287,8 @@ def _tell(arguments: argparse.Namespace) -> None:
 
 
 def _status(arguments: argparse.Namespace) -> None:
-    from accelerated_evaluation.track.campaign_file import law_of, read_campaign
-    from accelerated_evaluation.track.status import in_words, status_of
-    from accelerated_evaluation.track.whole import read_draws, whole_in_words
+    from accelerated_evaluation.track.campaign_file import law_of, read_campaign, read_draws, whole_in_words
+    from accelerated_evaluation.track.results import in_words, status_of
 
     campaign = read_campaign(arguments.campaign)
     draws = None if arguments.under is None else read_draws(arguments.under, campaign)

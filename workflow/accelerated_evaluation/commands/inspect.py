@@ -58,7 +58,7 @@ class Inspect:
         from accelerated_evaluation.base.files import write_csv
         from accelerated_evaluation.records.checks import STOP, inspect_records
         from accelerated_evaluation.records.limits import limits_in_words
-        from accelerated_evaluation.records.report import report_in_words
+        from accelerated_evaluation.records.verdict import report_in_words
         from accelerated_evaluation.scenarios import SCENARIOS
         from accelerated_evaluation.scenarios.cut_in import CUT_IN
         from accelerated_evaluation.scenarios.record_table import configured_records

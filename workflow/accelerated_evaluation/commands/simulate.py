@@ -23,7 +23,7 @@ from accelerated_evaluation.laws.motion import course_columns
 from accelerated_evaluation.scenarios import SCENARIOS
 from accelerated_evaluation.scenarios.cut_in import CUT_IN
 from accelerated_evaluation.scenarios.protocol import ENDED, Scenario
-from accelerated_evaluation.vehicles.external.apart import run_apart
+from accelerated_evaluation.vehicles.external.watched import run_apart
 from accelerated_evaluation.vehicles.loading import load_vehicle
 from accelerated_evaluation.vehicles.moving import require_motion, speeds_in
 from accelerated_evaluation.vehicles.protocol import Vehicle

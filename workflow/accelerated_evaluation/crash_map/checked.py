@@ -19,8 +19,7 @@ from accelerated_evaluation.base.arrays import Array
 from accelerated_evaluation.base.errors import InputError
 from accelerated_evaluation.crash_map.maps import LINES_PER_CELL, CrashMap, Intervals
 from accelerated_evaluation.scenarios.protocol import Event
-from accelerated_evaluation.vehicles.events import CRASH
-from accelerated_evaluation.vehicles.protocol import Vehicle
+from accelerated_evaluation.vehicles.protocol import CRASH, Vehicle
 
 ENCOUNTERS_AT_ONCE = 500_000  # number of encounters that are simulated at once, which need about 100 MB
 

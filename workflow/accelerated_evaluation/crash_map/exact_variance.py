@@ -17,7 +17,7 @@ from accelerated_evaluation.crash_map.exact import (
 from accelerated_evaluation.crash_map.maps import LINES_PER_CELL, Cells, CrashMap
 from accelerated_evaluation.laws import Factors, StratifiedLaw, Stratum
 from accelerated_evaluation.laws.distributions import Distribution, Mixture
-from accelerated_evaluation.vehicles.events import CRASH
+from accelerated_evaluation.vehicles.protocol import CRASH
 
 _NODES, _NODE_WEIGHTS = np.polynomial.legendre.leggauss(8)
 POINTS = 4000  # number of points of the grid on which the tail of f^2 / f* is integrated

@@ -12,8 +12,7 @@ from accelerated_evaluation.base.arrays import Array
 from accelerated_evaluation.base.errors import InputError
 from accelerated_evaluation.crash_map.maps import LINES_PER_CELL, Cells, CrashMap, Grid, Intervals
 from accelerated_evaluation.scenarios.protocol import Event
-from accelerated_evaluation.vehicles.events import CRASH
-from accelerated_evaluation.vehicles.protocol import Outcomes, RandomVehicle, Vehicle, repeats_itself
+from accelerated_evaluation.vehicles.protocol import CRASH, Outcomes, RandomVehicle, Vehicle, repeats_itself
 
 STANDSTILL = 1e-6  # first point of a scan, as a share of the square root of the largest closing speed
 HALVINGS = 10  # number of bisections of a step of the scan

@@ -18,9 +18,14 @@ from accelerated_evaluation.crash_map.exact import ALL, Exact, exact_probabiliti
 from accelerated_evaluation.crash_map.mapping import map_crashes
 from accelerated_evaluation.crash_map.maps import CrashMap
 from accelerated_evaluation.laws.distributions import PiecewiseMixture
-from accelerated_evaluation.laws.paper.independent import IndependentLaw, recorded_lead_speeds
-from accelerated_evaluation.laws.paper.pieces import EXPONENTIAL, PieceFamily
-from accelerated_evaluation.laws.paper.piecewise import fit_piecewise, knots_at_quantiles, usable_knots
+from accelerated_evaluation.laws.paper.models import IndependentLaw, recorded_lead_speeds
+from accelerated_evaluation.laws.paper.piecewise import (
+    EXPONENTIAL,
+    PieceFamily,
+    fit_piecewise,
+    knots_at_quantiles,
+    usable_knots,
+)
 from accelerated_evaluation.records.segments import assign_segments
 from accelerated_evaluation.vehicles.protocol import Vehicle
 

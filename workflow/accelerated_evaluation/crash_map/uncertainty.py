@@ -16,7 +16,7 @@ from accelerated_evaluation.base.arrays import Array
 from accelerated_evaluation.crash_map.exact import ALL, exact_probabilities
 from accelerated_evaluation.crash_map.maps import CrashMap
 from accelerated_evaluation.crash_map.sensitivity import Levels, Refit, is_repeated, warning_of_failure
-from accelerated_evaluation.laws.paper.independent import IndependentLaw
+from accelerated_evaluation.laws.paper.models import IndependentLaw
 
 NORMAL_POINTS = 100  # number of quantiles that represent a normal distribution
 

@@ -14,7 +14,7 @@ from accelerated_evaluation.base.errors import InputError
 from accelerated_evaluation.base.files import read_json, require_format, write_json
 from accelerated_evaluation.base.tables import require_file
 from accelerated_evaluation.laws import LAWS, Box, Law
-from accelerated_evaluation.records.encounter_table import NUMBERS
+from accelerated_evaluation.records.segments import NUMBERS
 from accelerated_evaluation.records.verdict import Verdict
 
 FORMAT = "accelerated-evaluation law"

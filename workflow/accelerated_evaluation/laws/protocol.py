@@ -112,7 +112,7 @@ class Law(ABC):
 
     See Also
     --------
-    accelerated_evaluation.laws.joint.protocol.JointLaw : a law that can be fitted to any records.
+    accelerated_evaluation.laws.joint.JointLaw : a law that can be fitted to any records.
     accelerated_evaluation.laws.strata.StratifiedLaw : a law of cut-ins in strata of the lead speed.
     """
 

@@ -23,7 +23,7 @@ from scipy.special import ndtr
 from accelerated_evaluation.base.arrays import Array
 from accelerated_evaluation.base.files import value_digest
 from accelerated_evaluation.laws.distributions import Distribution, Empirical
-from accelerated_evaluation.laws.distributions.tails import interval_probability
+from accelerated_evaluation.laws.distributions.pareto import interval_probability
 from accelerated_evaluation.laws.protocol import Box, Law
 
 VARIABLES = ("lead_speed", "range", "closing_speed")

@@ -1,8 +1,70 @@
-"""Methods that estimate the probability of an event; each is a module, and `METHODS` is their registry."""
+"""Methods that estimate the probability of an event, their common interface, and their registry."""
+
+from abc import ABC, abstractmethod
+from collections.abc import Mapping
+from typing import Any, ClassVar, Self
+
+import numpy as np
+from fewruns.estimates import Estimate, Stopping, normal_reach
+from fewruns.problems import ScoreProblem
 
 from accelerated_evaluation.base.registry import Registry
-from accelerated_evaluation.methods.estimate import Estimate, Method, Stopping
+from accelerated_evaluation.base.sections import Schema
+
+
+def configured_stopping(section: Mapping[str, Any]) -> Stopping:
+    """Return the stopping rule with the settings of the section ``importance_sampling``."""
+    names = ("alpha", "beta", "minimum_events", "maximum_simulations")
+    return Stopping(**{name: section[name] for name in names})
+
+
+class Method(ABC):
+    """A method that estimates the probability of an event."""
+
+    name: ClassVar[str]  # in the registry, in files and in tables
+    style: ClassVar[Mapping[str, Any]]  # colour, line style and marker in figures
+    # Sections of the configuration that this method adds, by name: schemas with defaults.
+    settings: ClassVar[Mapping[str, Schema]] = {}
+    # Names of all sections of the configuration that `configured` reads.
+    sections: ClassVar[tuple[str, ...]] = ()
+    tables: ClassVar[tuple[str, ...]] = ()  # names of the tables in its estimates
+    # Whether the study runs the learning in separate jobs, whose results the replicates share.
+    learns_apart: ClassVar[bool] = False
+
+    @classmethod
+    def configured(cls, config: Mapping[str, Any]) -> Self:
+        """Return the method with the settings of a configuration; only ``sections`` of it are read."""
+        return cls()
+
+    @classmethod
+    def replicates(cls, config: Mapping[str, Any]) -> int:
+        """Return the number of independent replicates that the study runs with this method.
+
+        By default it is the number in the section ``importance_sampling`` (ten in the paper).
+        """
+        return config["importance_sampling"]["replicates"]
+
+    @classmethod
+    def stopping(cls, config: Mapping[str, Any]) -> Stopping:
+        """Return the stopping rule of this method for a configuration, by default the paper's rule."""
+        return configured_stopping(config["importance_sampling"])
+
+    @classmethod
+    def stream(cls, scope: str, replicate: int) -> tuple[str | int, ...]:
+        """Return the name of the random stream of a replicate in a stratum, or in ``all`` strata.
+
+        Streams with other names are independent.
+        """
+        return cls.name, scope, replicate
+
+    @abstractmethod
+    def estimate(self, problem: ScoreProblem, stopping: Stopping, generator: np.random.Generator) -> Estimate:
+        """Return the estimated probability of the event of a problem, with its interval.
+
+        Some methods need a problem with a `StratifiedLaw`, others only normal scores.
+        """
+
 
 METHODS: Registry[type[Method]] = Registry("method", __name__, __path__)
 
-__all__ = ["METHODS", "Estimate", "Method", "Stopping"]
+__all__ = ["METHODS", "Estimate", "Method", "Stopping", "configured_stopping", "normal_reach"]

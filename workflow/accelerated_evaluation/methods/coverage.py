@@ -26,7 +26,7 @@ from tqdm import trange
 
 from accelerated_evaluation.base.arrays import Array
 from accelerated_evaluation.laws import Factors
-from accelerated_evaluation.methods.estimate import Stopping, normal_reach
+from accelerated_evaluation.methods import Stopping, normal_reach
 from accelerated_evaluation.methods.importance_sampling import (
     crude_simulations,
     draw_weights,

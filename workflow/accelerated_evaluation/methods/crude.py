@@ -19,8 +19,7 @@ from tqdm import tqdm
 from accelerated_evaluation.base.files import file_digest, read_json, value_digest, write_json
 from accelerated_evaluation.base.randomness import child_generator
 from accelerated_evaluation.base.sections import Schema, integer, section
-from accelerated_evaluation.methods import METHODS
-from accelerated_evaluation.methods.estimate import Estimate, Method, Stopping
+from accelerated_evaluation.methods import METHODS, Estimate, Method, Stopping
 from accelerated_evaluation.methods.intervals import (
     Sums,
     binomial_interval,

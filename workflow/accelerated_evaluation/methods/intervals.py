@@ -27,7 +27,7 @@ from typing import NamedTuple
 from scipy.special import gammainccinv, gammaincinv
 
 from accelerated_evaluation.base.arrays import Array
-from accelerated_evaluation.methods.estimate import Stopping, normal_reach
+from accelerated_evaluation.methods import Stopping, normal_reach
 
 
 class Interval(NamedTuple):

@@ -17,8 +17,7 @@ from scipy.cluster.vq import kmeans2
 from scipy.special import logsumexp
 
 from accelerated_evaluation.base.arrays import Array
-from accelerated_evaluation.methods import METHODS
-from accelerated_evaluation.methods.estimate import Estimate, Method, Stopping
+from accelerated_evaluation.methods import METHODS, Estimate, Method, Stopping
 from accelerated_evaluation.methods.intervals import Sums, gamma_interval, sequential_estimate
 
 DEFENSIVE = 0.25  # share of the standard normal distribution in the mixture

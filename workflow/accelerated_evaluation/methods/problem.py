@@ -17,7 +17,7 @@ from accelerated_evaluation.base.files import without_addresses
 from accelerated_evaluation.laws import Law
 from accelerated_evaluation.laws.files import read_law
 from accelerated_evaluation.laws.joint.truncated_normals import TruncatedNormalMixture, folded
-from accelerated_evaluation.records.encounter_table import read_encounters
+from accelerated_evaluation.records.segments import read_encounters
 from accelerated_evaluation.scenarios import SCENARIOS
 from accelerated_evaluation.scenarios.protocol import Event, Scenario
 from accelerated_evaluation.vehicles.external.slow import loaded_for

@@ -8,8 +8,8 @@ import pandas as pd
 from tqdm import trange
 
 from accelerated_evaluation.laws import StratifiedLaw
-from accelerated_evaluation.methods.cross_entropy.proposals import Proposals
-from accelerated_evaluation.methods.estimate import Method, Stopping
+from accelerated_evaluation.methods import Method, Stopping
+from accelerated_evaluation.methods.cross_entropy.search import Proposals
 from accelerated_evaluation.methods.problem import Problem
 
 ALL = "all"

@@ -22,11 +22,10 @@ from typing import Any, TypeVar
 import pandas as pd
 from matplotlib.figure import Figure
 
-from accelerated_evaluation.publishing.archive.provenance import described
 from accelerated_evaluation.publishing.figures.style import COLUMN_WIDTH, save_figure
+from accelerated_evaluation.publishing.provenance import described
 from accelerated_evaluation.publishing.study import Study
-from accelerated_evaluation.publishing.tables.display import as_html
-from accelerated_evaluation.publishing.tables.formats import readable, save_table
+from accelerated_evaluation.publishing.tables.display import as_html, readable, save_table
 
 Make = TypeVar("Make", bound=Callable[..., Any])
 WIDTH = 150 * COLUMN_WIDTH  # [px], width of a figure in a notebook

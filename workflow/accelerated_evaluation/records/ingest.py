@@ -7,8 +7,7 @@ import numpy as np
 import pandas as pd
 
 from accelerated_evaluation.base.errors import InputError
-from accelerated_evaluation.records.encounter_table import COLUMNS, QUANTITIES, complete
-from accelerated_evaluation.records.segments import assign_segments
+from accelerated_evaluation.records.segments import COLUMNS, QUANTITIES, assign_segments, complete
 
 NAMED_ROWS = 5  # number of example rows that the account and the messages show
 FASTEST = 300.0  # [m/s]; a larger speed is a wrong unit or a code for a missing value
@@ -85,7 +84,7 @@ class Account:
 def drop_invalid(raw: pd.DataFrame, account: Account, *, policy: str, where: str) -> pd.DataFrame:
     """Compute the numbers of the encounter table, and drop or refuse rows that are not a valid encounter.
 
-    Cells may be missing or text, and other columns than those of `encounter_table.complete` are ignored. The
+    Cells may be missing or text, and other columns than those of `segments.complete` are ignored. The
     columns of the result are finite, and the account gets one line for each reason. With the policy
     ``"refuse"`` instead of ``"drop"``, InputError names the first few invalid rows with their values.
     """
@@ -163,7 +162,7 @@ def _describe(raw: pd.DataFrame, mask: pd.Series, reason: str) -> str:
 def ingest(raw: pd.DataFrame, config: Mapping[str, Any], account: Account) -> pd.DataFrame:
     """Validate, filter and segment the records of a source, and return the encounter table.
 
-    The records have the columns of `encounter_table.complete`, and an index ``row`` from 1. The account
+    The records have the columns of `segments.complete`, and an index ``row`` from 1. The account
     contains the dropped rows even if an error is raised later. InputError is raised if the configuration
     refuses invalid rows and there is one, if no row remains, if a segment is empty, or if an outlier row
     named in the configuration does not exist.

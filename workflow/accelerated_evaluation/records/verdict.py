@@ -1,10 +1,12 @@
-"""The verdict on the records, which every command states with the numbers that it computes from them.
+"""The verdict on the records, which every command states with its numbers, and the report as text.
 
 Every command that computes a number from records runs the checks of the records first. If the verdict of a
 check is ``stop``, the command raises an error, unless the user accepts this check by name. An accepted
 ``stop`` is printed next to the number. The checks with the verdict ``warning`` are named in one line.
 """
 
+import os
+import textwrap
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from typing import Any, Self
@@ -15,11 +17,56 @@ from accelerated_evaluation.base.errors import InputError
 from accelerated_evaluation.records.checks import (
     CHECKS,
     STOP,
+    VERDICTS,
     WARNING,
     Records,
     inspect_records,
 )
-from accelerated_evaluation.records.encounter_table import NUMBERS
+from accelerated_evaluation.records.segments import NUMBERS
+
+WIDTH = 100
+
+
+def read_report(path: str | os.PathLike) -> pd.DataFrame:
+    """Return the report on the records that a study has written, one row for each check."""
+    return pd.read_csv(path, keep_default_na=False)
+
+
+def report_in_words(report: pd.DataFrame) -> str:
+    """Return the table of `checks.inspect_records` as readable text, in the order of the table."""
+    lines = [summary(report), ""]
+    for row in report.to_dict("records"):
+        known = " (explained in docs/records_report.md)" if row["explained"] else ""
+        lines.append(f"{row['verdict'].upper():5} {row['check']}: {row['seen']}{known}")
+        if row["advice"]:
+            rows = f"rows {row['example_rows']}" if row["rows"] else ""
+            more = (
+                f" and {row['rows'] - row['example_rows'].count(';') - 1:,} more" if row["rows"] > 5 else ""
+            )
+            parts = [f"looked at: {row['looked_at']}", f"{rows}{more}", row["advice"]]
+            lines += [
+                textwrap.fill(part, WIDTH, initial_indent=" " * 6, subsequent_indent=" " * 6)
+                for part in parts
+                if part
+            ]
+    return "\n".join(lines)
+
+
+def summary(report: pd.DataFrame) -> str:
+    """Return a summary of the table of `checks.inspect_records`.
+
+    The summary states the number of checks for each verdict, and the names of the checks whose verdict is
+    ``stop``.
+    """
+    counts = ", ".join(f"{(report['verdict'] == verdict).sum()} {verdict}" for verdict in VERDICTS)
+    stops = report.loc[report["verdict"] == STOP, "check"]
+    if stops.empty:
+        return f"{len(report)} checks of the records: {counts}."
+    return (
+        f"{len(report)} checks of the records: {counts}. STOP: {', '.join(stops)}. "
+        "No result of these records can be trusted before this is explained."
+    )
+
 
 FLAG = "--accept"
 KEY = "data.accepted_warnings"

@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from accelerated_evaluation.base.arrays import Array
 from accelerated_evaluation.base.registry import Registry
-from accelerated_evaluation.records.encounter_table import read_encounters
+from accelerated_evaluation.records.segments import read_encounters
 from accelerated_evaluation.scenarios import SCENARIOS
 from accelerated_evaluation.scenarios.protocol import (
     FLAG,

@@ -1,12 +1,20 @@
-"""Checks of the parameters of built-in vehicles, and those that the paper's car has in all scenarios."""
+"""Parameters of built-in vehicles and their checks, and the compilation of their simulations."""
 
 import math
+import os
+from collections.abc import Callable
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import MISSING, dataclass, field, fields
+from itertools import pairwise
 from typing import Any, ClassVar
 
+import numba
 import numpy as np
+from fewruns.compiling import cached_njit
 
+from accelerated_evaluation.base.arrays import Array
 from accelerated_evaluation.base.errors import InputError
+from accelerated_evaluation.scenarios.protocol import Scenario
 
 
 def parameter_names(vehicle_class: type) -> list[str]:
@@ -81,3 +89,47 @@ class AccAebParameters:
             value = getattr(self, each.name)
             if each.type is float or (each.name == "aeb_ttc" and value is not None):
                 check_number(each.name, value, least=-math.inf if each.name in ("kp", "ki") else None)
+
+
+# Smallest number of encounters for a thread, which take about 5 ms. For smaller slices, starting a further
+# thread takes longer than it saves.
+SLICE_FOR_A_THREAD = 16_384
+
+
+compiled = cached_njit(error_model="numpy", nogil=True)
+
+
+def simulate_in_slices(
+    scenario: Scenario,
+    simulate_slice: Callable,
+    encounters: Array,
+    *numbers: Any,  # noqa: ANN401
+    threads: int | None = None,
+) -> Any:  # noqa: ANN401
+    """Return the outcomes of n encounters, simulated in equal slices, one for each thread.
+
+    Small batches use fewer threads than ``threads``. ``simulate_slice(encounters, begin, end, *numbers,
+    outcomes)`` writes the outcomes of the encounters from ``begin`` to ``end`` to the same columns of
+    ``outcomes``, and releases Python's global interpreter lock. The encounters are checked before, and the
+    outcomes are those of the scenario.
+    """
+    n, threads = encounters.shape[1], available_threads() if threads is None else threads
+    outcomes = np.empty((len(scenario.outcomes), n))
+    parts = max(1, min(threads, n // SLICE_FOR_A_THREAD))
+    cuts = np.linspace(0, n, parts + 1, dtype=int).tolist()
+    if parts == 1:
+        simulate_slice(encounters, 0, n, *numbers, outcomes)
+    else:
+        with ThreadPoolExecutor(parts) as pool:
+            list(pool.map(lambda cut: simulate_slice(encounters, *cut, *numbers, outcomes), pairwise(cuts)))
+    return scenario.outcomes_of(outcomes)
+
+
+def available_threads() -> int:
+    """Return the number of threads for a large batch.
+
+    The number is that of the environment variable OMP_NUM_THREADS, which Snakemake sets to the number of
+    threads of a rule. Without the variable, the number of cores is returned.
+    """
+    limit = os.environ.get("OMP_NUM_THREADS", "")
+    return int(limit) if limit.isdigit() and int(limit) > 0 else numba.config.NUMBA_NUM_THREADS

@@ -18,9 +18,16 @@ from accelerated_evaluation.base.errors import InputError, StudyError
 from accelerated_evaluation.base.files import project_file, write_text
 from accelerated_evaluation.base.sections import default_of
 from accelerated_evaluation.records.limits import AUTO, AUTOMATIC, with_limits, with_values
-from accelerated_evaluation.study.consistency import CHECKS
+from accelerated_evaluation.study.consistency import (
+    CHECKS,
+    WORKFLOW,
+    in_words,
+    keys,
+    own_sections,
+    schema,
+    shown,
+)
 from accelerated_evaluation.study.jobs import without
-from accelerated_evaluation.study.schema import WORKFLOW, in_words, keys, own_sections, schema, shown
 
 with without("rfc3987_syntax"):
     from jsonschema import Draft202012Validator, ValidationError, validators

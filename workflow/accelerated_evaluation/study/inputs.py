@@ -22,9 +22,9 @@ from accelerated_evaluation.study.preflight import (
     require_places,
     require_plain,
 )
-from accelerated_evaluation.vehicles.events import event_named
 from accelerated_evaluation.vehicles.external.slow import is_slow
 from accelerated_evaluation.vehicles.loading import section_files
+from accelerated_evaluation.vehicles.protocol import event_named
 
 UNDER_TEST = "under_test"
 OF_THE_STUDY = ("slow", "workers")  # settings of the simulations that do not influence any outcome

@@ -19,14 +19,22 @@ from fewruns.sampler import Sampler
 from accelerated_evaluation.base.errors import InputError
 from accelerated_evaluation.base.randomness import child_generator
 from accelerated_evaluation.laws import Law
-from accelerated_evaluation.methods.estimate import Estimate, Stopping
+from accelerated_evaluation.methods import Estimate, Stopping
 from accelerated_evaluation.methods.surrogate import rules_for, study_errors
 from accelerated_evaluation.scenarios.cut_in import CUT_IN
 from accelerated_evaluation.scenarios.protocol import Event, Scenario
-from accelerated_evaluation.track.driven import BEYOND, DrivenOutcome, outcome_in_words, outcomes_of
-from accelerated_evaluation.track.limits import UNLIMITED, Limits, require_limits
+from accelerated_evaluation.track.limits import (
+    BEYOND,
+    UNLIMITED,
+    DrivenOutcome,
+    Limits,
+    Source,
+    law_in,
+    outcome_in_words,
+    outcomes_of,
+    require_limits,
+)
 from accelerated_evaluation.track.scenarios import ConcreteScenario
-from accelerated_evaluation.track.sources import Source, law_in
 
 SMALLEST_BATCH, LARGEST_BATCH = 2, 500  # numbers of runs
 MOST_EMPTY = 100  # largest number of consecutive batches without a run within the limits
@@ -60,7 +68,7 @@ class Campaign:
     limits: Limits = UNLIMITED
     beyond: float = 0.0  # probability of a cut-in beyond the limits
     # All runs that the sampler has chosen, in the order of their numbers. A run beyond the limits has the
-    # outcome `driven.BEYOND`.
+    # outcome `BEYOND`.
     runs: list[Run] = field(default_factory=list)
     scenario: Scenario = CUT_IN
 

@@ -15,8 +15,12 @@ from accelerated_evaluation.scenarios import SCENARIOS
 from accelerated_evaluation.scenarios.cut_in import CUT_IN
 from accelerated_evaluation.scenarios.parameters import parameter_names, required_names
 from accelerated_evaluation.scenarios.protocol import Scenario
-from accelerated_evaluation.vehicles.external.checked import CheckedVehicle, error_in_words, kept_alive
-from accelerated_evaluation.vehicles.external.foreign import ForeignVehicle
+from accelerated_evaluation.vehicles.external.checked import (
+    CheckedVehicle,
+    ForeignVehicle,
+    error_in_words,
+    kept_alive,
+)
 from accelerated_evaluation.vehicles.protocol import VEHICLES, Vehicle
 
 ANY_SCENARIO = ("command",)  # vehicles that simulate the encounters of every scenario

@@ -1,12 +1,17 @@
-"""The interface of a vehicle under test: its inputs and its outcomes."""
+"""The interface of a vehicle under test, the checks of its inputs and outcomes, and its events."""
 
-from typing import Protocol, runtime_checkable
+import math
+from collections.abc import Mapping
+from typing import Any, Protocol, runtime_checkable
 
 import numpy as np
+from numpy.typing import NDArray
 
 from accelerated_evaluation.base.arrays import Array
+from accelerated_evaluation.base.errors import InputError
 from accelerated_evaluation.base.registry import Registry
 from accelerated_evaluation.scenarios.cut_in import CUT_IN, Outcomes
+from accelerated_evaluation.scenarios.protocol import Event, Outcome, Scenario
 
 __all__ = ["VEHICLES", "Outcomes", "RandomVehicle", "Vehicle", "repeats_itself", "simulate_inner"]
 
@@ -93,3 +98,117 @@ def repeats_itself(vehicle: Vehicle) -> bool | None:
 
 # A new vehicle for cut-ins is a module of this package that registers its class.
 VEHICLES: Registry[type[Vehicle]] = CUT_IN.vehicles
+
+
+CRASH = CUT_IN.event("crash")
+
+
+def event_named(text: str, scenario: Scenario = CUT_IN, where: str = "--event") -> Event:
+    """Return the event that a text such as ``crash`` or ``impact_speed=5`` names.
+
+    Parameters
+    ----------
+    text
+        ``crash``, or a quantity and a threshold in its unit, separated by an equals sign.
+    scenario
+        The scenario, whose events determine the possible quantities.
+    where
+        Name of the option or key of the configuration, for the error.
+
+    Raises
+    ------
+    InputError
+        If the scenario has no such event, or the threshold is missing, negative or not a number.
+    """
+    quantity, _, threshold = text.partition("=")
+    try:
+        value = float(threshold or "nan")
+    except ValueError:
+        value = math.nan
+    if text == CRASH.quantity:
+        return scenario.event(text)
+    names = [each.quantity for each in scenario.events if each.quantity != CRASH.quantity]
+    if quantity in names and math.isfinite(value) and value >= 0:
+        return scenario.event(quantity, value)
+    others = f", or {' or '.join(names)} with a threshold, such as {names[0]}=1" if names else ""
+    raise InputError(where, seen=repr(text), expected=f"crash{others}", change="Correct the event.")
+
+
+def events_of(scenario: Scenario, thresholds: Mapping[str, list[float]]) -> list[Event]:
+    """Return the events of a scenario in addition to the crash, with thresholds by the name of the outcome.
+
+    Outcomes that the scenario does not have are left out.
+    """
+    names = [each.quantity for each in scenario.events[1:]]
+    return [
+        scenario.event(name, float(value))
+        for name, values in thresholds.items()
+        if name in names
+        for value in values
+    ]
+
+
+def events_from(thresholds: Mapping[str, list[float]]) -> list[Event]:
+    """Return the crash, followed by events with thresholds of quantities such as ``impact_speed`` [m/s]."""
+    return [
+        CRASH,
+        *(CUT_IN.event(name, float(value)) for name, values in thresholds.items() for value in values),
+    ]
+
+
+INPUTS = CUT_IN.names
+OUTCOMES = CUT_IN.outcome_names
+checked_encounters = CUT_IN.checked
+
+
+def checked_outcomes(
+    outcomes: object, encounters: Array, *, vehicle: str, scenario: Scenario = CUT_IN
+) -> Any:  # noqa: ANN401
+    """Check what ``simulate`` of a user's vehicle returned, and return it as the scenario's outcome type.
+
+    InputError names the first encounter for which an outcome is missing, has a wrong shape or type, or breaks
+    a rule of the scenario.
+    """
+    columns = {
+        each.name: _checked_column(outcomes, each, encounters.shape[1], vehicle, scenario)
+        for each in scenario.outcomes
+    }
+    rules = scenario.outcome_rules(dict(zip(scenario.names, encounters, strict=True)) | columns)
+    rules += [(np.isnan(column), name, "a number") for name, column in columns.items()]
+    for wrong, name, expected in rules:
+        if wrong.any():
+            row = int(np.argmax(wrong))
+            what = f"{name}[{row}] of {scenario.described(encounters[:, row])}"
+            raise outcome_error(vehicle, what, repr(columns[name][row].item()), expected)
+    return scenario.outcome_type(**columns)
+
+
+def outcome_error(
+    vehicle: str, what: str, seen: str, expected: str, change: str = "Correct the vehicle."
+) -> InputError:
+    """Return the error for a user's vehicle whose outcomes (``what`` names the part) are not as expected."""
+    advice = f"{change} See accelerated_evaluation.vehicles.protocol for the outcomes that are expected."
+    return InputError(f"vehicle {vehicle}, {what}", seen=seen, expected=expected, change=advice)
+
+
+def _checked_column(
+    outcomes: object, outcome: Outcome, count: int, vehicle: str, scenario: Scenario
+) -> NDArray:
+    """Return one outcome of a user's vehicle as an array of booleans or floats, shape (count,)."""
+    name = outcome.name
+    try:
+        column = np.asarray(getattr(outcomes, name))
+    except AttributeError as error:
+        seen = type(outcomes).__name__
+        expected = f"Outcomes with {', '.join(scenario.outcome_names)}"
+        raise outcome_error(vehicle, "simulate", seen, expected) from error
+    except Exception as error:  # for example a property of the user's class that raises an error
+        seen = f"{type(error).__name__}: {' '.join(str(error).split())}"
+        raise outcome_error(vehicle, name, seen, f"an array of shape ({count},)") from error
+    if column.shape != (count,):
+        raise outcome_error(vehicle, name, f"shape {column.shape}", f"shape ({count},)")
+    kinds, meaning = ("b", "booleans") if outcome.is_flag else ("fiu", "real numbers")
+    if column.dtype.kind not in kinds:
+        raise outcome_error(vehicle, name, f"an array of {column.dtype}", f"an array of {meaning}")
+    # A copy, because a vehicle may use the same arrays for its next batch.
+    return np.array(column, dtype=bool if outcome.is_flag else np.float64)

@@ -12,14 +12,96 @@ from functools import cached_property
 import numpy as np
 import pandas as pd
 from numpy.typing import NDArray
+from scipy.special import expit, ndtri
 
 from accelerated_evaluation.answer.comparison import RATIO
-from accelerated_evaluation.answer.exposure import UNITS, Rate
-from accelerated_evaluation.answer.injuries.curves import FRONTAL, LEVELS, REAR
-from accelerated_evaluation.answer.injuries.impacts import Key, gentle
-from accelerated_evaluation.answer.injuries.sources import SOURCES
-from accelerated_evaluation.answer.posterior import SUMMARY, Posterior, log_variances, shares, summarise
+from accelerated_evaluation.answer.injuries.curves import FRONTAL, LEVELS, REAR, RiskCurve
+from accelerated_evaluation.answer.injuries.sources import SOURCES, published_curves
+from accelerated_evaluation.answer.posterior import (
+    SUMMARY,
+    UNITS,
+    Posterior,
+    Rate,
+    log_variances,
+    shares,
+    summarise,
+)
 from accelerated_evaluation.base.arrays import Array
+
+# 5 and 95 % of the cars sold in the United States in 2017 are lighter than this [lb] (Stolle and others 2020,
+# Evaluation and update of MASH test vehicles, University of Nebraska-Lincoln).
+MASSES = (2800, 5850)
+NODES = 15  # number of nodes of the integral over the masses
+SPEEDS = np.linspace(0, 80, 1601)  # [m/s], impact speeds at which risks are tabulated
+GENTLE = 3.0  # [m/s], at smaller impact speeds hardly any car is towed, so the curves are extrapolated
+
+Key = tuple[str, str, str]  # level of injury, struck end of the car, source of the curve
+
+
+@dataclass(frozen=True)
+class MassRatio:
+    """The distribution of the mass of the car that cuts in divided by the mass of the car under test.
+
+    The ratio is lognormal. By default the masses of both cars are drawn independently from the same lognormal
+    distribution.
+    """
+
+    mean: float = 0.0  # of the logarithm of the ratio
+    # Of the logarithm of the ratio.
+    deviation: float = float(np.sqrt(2) * np.log(MASSES[1] / MASSES[0]) / (2 * ndtri(0.95)))
+
+    def expected_risk(self, curve: RiskCurve, impact: str, speed: Array) -> Array:
+        """Return the risk of an injury at impact speeds [m/s], averaged over the masses, shape (n,).
+
+        ``impact`` is the struck end of the car: `FRONTAL` for the car under test, `REAR` for the car that
+        cuts in.
+        """
+        nodes, weights = np.polynomial.hermite_e.hermegauss(NODES)
+        log_ratio = self.mean + self.deviation * nodes
+        share = expit(log_ratio if impact == FRONTAL else -log_ratio)
+        return curve(speed[:, None] * share) @ (weights / weights.sum())
+
+
+def mean_risks(impact_speed: Array, tabulated: Mapping[Key, Array]) -> Array:
+    """Return the mean of each tabulated risk over the crashes of each part, shape (curves, parts).
+
+    The impact speeds [m/s] of a part are a row, shape (parts, points), with NaN where there is no crash. If
+    none of the simulations of a part is a crash, the risk at an impact speed of 0 is used. It is also used
+    for negative impact speeds, which occur in sideways contacts with a faster car.
+    """
+    crashed = ~np.isnan(impact_speed)
+    speed, any_crash = np.where(crashed, impact_speed, 0.0), crashed.any(axis=1)
+    counts, means = np.maximum(crashed.sum(axis=1), 1), []
+    for risks in tabulated.values():
+        total = np.where(crashed, np.interp(speed, SPEEDS, risks), 0.0).sum(axis=1)
+        means.append(np.where(any_crash, total / counts, risks[0]))
+    return np.array(means)
+
+
+def tabulated_risks(masses: MassRatio | None = None) -> dict[Key, Array]:
+    """Return the risks of all published curves at `SPEEDS`, averaged over the masses of the cars.
+
+    For each curve there is a second entry under the level ``gentle(level)``, whose risk is 0 at impact speeds
+    of `GENTLE` or more. The keys are level of injury, struck end of the car and source of the curve. By
+    default both cars have the same distribution of the mass.
+    """
+    masses = MassRatio() if masses is None else masses
+    risks = {
+        (level, impact, source): masses.expected_risk(curve, impact, SPEEDS)
+        for level in LEVELS
+        for impact in (FRONTAL, REAR)
+        for source, curve in published_curves(level, impact).items()
+    }
+    below = SPEEDS < GENTLE
+    return risks | {
+        (gentle(level), *rest): np.where(below, risk, 0.0) for (level, *rest), risk in risks.items()
+    }
+
+
+def gentle(level: str) -> str:
+    """Return the name under which the risk of a level of injury in impacts below `GENTLE` is stored."""
+    return f"{level}, gentle"
+
 
 CUT_IN = "cut-in"
 DISTANCES = 1e6  # rates are given per million kilometres or million hours
@@ -36,7 +118,7 @@ class Injured:
     member: NDArray[np.int_]  # index of the law of each draw, (draws,)
     # Names of the sources of the curves of `own` and of `other`.
     sources: tuple[Sequence[str], Sequence[str]]
-    # Mean number of drivers in a cut-in who are injured in impacts below `impacts.GENTLE`.
+    # Mean number of drivers in a cut-in who are injured in impacts below `GENTLE`.
     gentle: float = 0.0
 
     @classmethod
@@ -87,7 +169,7 @@ def injuries_table(
     Mean, median and interval ends include the uncertainty of the data, the choice of law and the choice of
     curve. ``per_crash`` is the expected number of injured drivers in a crash, ``in_own_car`` the share of the
     injured who drive the car under test, and ``gentle`` the share of those who are injured in impacts below
-    `impacts.GENTLE`, where the curves are extrapolated.
+    `GENTLE`, where the curves are extrapolated.
     """
     rates = {f"million {key}": Rate(cut_ins, size) for key in UNITS if (size := exposure[key]) is not None}
     rows = []
@@ -179,7 +261,7 @@ def curves_table() -> pd.DataFrame:
         }
         for level in LEVELS
         for impact in (FRONTAL, REAR)
-        for source in (SOURCES[name]() for name in SOURCES)
+        for source in SOURCES.values()
         if (level, impact) in source.curves
     ]
     return pd.DataFrame(rows)

@@ -5,7 +5,9 @@ from accelerated_evaluation.laws.distributions.bounded_normal import BoundedNorm
 from accelerated_evaluation.laws.distributions.described import (
     DISTRIBUTIONS,
     Described,
+    Distribution,
     Parameter,
+    Tiltable,
     distribution,
     from_dict,
     unit_to_power,
@@ -13,7 +15,6 @@ from accelerated_evaluation.laws.distributions.described import (
 from accelerated_evaluation.laws.distributions.empirical import Empirical
 from accelerated_evaluation.laws.distributions.mixture import Mixture, PiecewiseMixture, match_mean
 from accelerated_evaluation.laws.distributions.pareto import Pareto
-from accelerated_evaluation.laws.distributions.protocol import Distribution, Tiltable
 
 __all__ = [
     "DISTRIBUTIONS",

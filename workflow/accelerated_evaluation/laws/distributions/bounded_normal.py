@@ -13,7 +13,7 @@ from scipy.special import erfcx, log_ndtr, ndtri_exp
 
 from accelerated_evaluation.base.arrays import Array
 from accelerated_evaluation.base.errors import ConvergenceError
-from accelerated_evaluation.laws.distributions.bounded import LEAST, Bounded
+from accelerated_evaluation.laws.distributions.bounded_exponential import LEAST, Bounded
 from accelerated_evaluation.laws.distributions.described import Parameter, distribution
 from accelerated_evaluation.laws.distributions.mixture import Mixture
 

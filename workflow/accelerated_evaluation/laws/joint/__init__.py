@@ -1,1 +1,74 @@
-"""Joint laws of the variables of a scenario, which can be fitted to any records within limits."""
+"""Joint laws of any variables within limits, which can be fitted to any records, and their interface."""
+
+from abc import abstractmethod
+from collections.abc import Mapping
+from typing import ClassVar, Self
+
+import numpy as np
+
+from accelerated_evaluation.base.arrays import Array
+from accelerated_evaluation.laws.protocol import Box, Law
+
+
+class JointLaw(Law):
+    """A law of d variables within a box that can be fitted to records of any scenario.
+
+    Attributes
+    ----------
+    candidates
+        Settings of `fit` with which the law is a candidate for the records of a scenario, by the name of the
+        candidate.
+    """
+
+    candidates: ClassVar[Mapping[str, Mapping[str, int]]]
+
+    @classmethod
+    @abstractmethod
+    def fit(
+        cls,
+        x: Array,
+        box: Box,
+        generator: np.random.Generator,
+        *,
+        weights: Array | None = None,
+        start: Self | None = None,
+        **settings: int,
+    ) -> Self:
+        """Return the law of this kind that is fitted to records.
+
+        Parameters
+        ----------
+        x
+            Records within the box, shape (n, d).
+        box
+            The variables and their limits.
+        generator
+            Random generator for starting points.
+        weights
+            Weight of each record, shape (n,), as in a bootstrap sample; by default all are equal.
+        start
+            An earlier fit to similar records, from which the iterations begin; by default they begin from
+            random starting points.
+        settings
+            Further settings of the class, such as the number of components.
+
+        Raises
+        ------
+        InputError
+            If a record is outside the box.
+        """
+
+    @property
+    @abstractmethod
+    def n_parameters(self) -> int:
+        """Number of fitted parameters."""
+
+    @property
+    def description(self) -> str:
+        """The kind of law, in words."""
+        return self.kind.replace("_", " ")
+
+
+def normalised(weights: Array | None, n: int) -> Array:
+    """Return the weights of n records, shape (n,), scaled so that their sum is n; without weights, ones."""
+    return np.ones(n) if weights is None else weights * (n / weights.sum())

@@ -14,7 +14,7 @@ import pandas as pd
 
 from accelerated_evaluation.base.arrays import Array
 from accelerated_evaluation.laws import LAWS
-from accelerated_evaluation.laws.joint.protocol import JointLaw, normalised
+from accelerated_evaluation.laws.joint import JointLaw, normalised
 from accelerated_evaluation.laws.joint.truncated import symmetric
 from accelerated_evaluation.laws.joint.truncated_normals import TruncatedNormalMixture
 from accelerated_evaluation.laws.protocol import Box

@@ -21,7 +21,7 @@ from scipy.cluster.vq import kmeans2
 from scipy.special import logsumexp
 
 from accelerated_evaluation.base.arrays import Array
-from accelerated_evaluation.laws.joint.protocol import normalised
+from accelerated_evaluation.laws.joint import normalised
 from accelerated_evaluation.laws.joint.truncated import Normals
 from accelerated_evaluation.laws.protocol import Box
 

@@ -15,7 +15,7 @@ from scipy.special import logsumexp
 
 from accelerated_evaluation.base.arrays import Array, numbers_in
 from accelerated_evaluation.laws import LAWS
-from accelerated_evaluation.laws.joint.protocol import normalised
+from accelerated_evaluation.laws.joint import normalised
 from accelerated_evaluation.laws.joint.truncated import Normals, shares_of_one, symmetric
 from accelerated_evaluation.laws.joint.truncated_normals import TruncatedNormalMixture
 from accelerated_evaluation.laws.protocol import Box

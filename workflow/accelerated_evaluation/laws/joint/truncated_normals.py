@@ -18,15 +18,15 @@ from scipy.special import logsumexp, ndtr, ndtri
 from accelerated_evaluation.base.arrays import Array, numbers_in
 from accelerated_evaluation.base.errors import InputError
 from accelerated_evaluation.laws import LAWS
+from accelerated_evaluation.laws.joint import JointLaw
 from accelerated_evaluation.laws.joint.expectation_maximisation import (
     Fitted,
     fit_mixture,
     parameters_of_mixture,
 )
-from accelerated_evaluation.laws.joint.protocol import JointLaw
 from accelerated_evaluation.laws.joint.truncated import Normals, shares_of_one, symmetric
 from accelerated_evaluation.laws.protocol import Box
-from accelerated_evaluation.laws.smooth.mixture import solve
+from accelerated_evaluation.laws.smooth.draws import solve
 
 COMPONENTS = 4
 TABLE_STEP = 0.25  # distance of nodes in the table of the first variable, in standard deviations

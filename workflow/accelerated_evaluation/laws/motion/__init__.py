@@ -2,9 +2,10 @@
 
 import re
 from collections.abc import Iterable
+from dataclasses import dataclass
 from itertools import pairwise
 from pathlib import Path
-from typing import Protocol
+from typing import ClassVar, Protocol
 
 import numpy as np
 
@@ -96,3 +97,18 @@ def draw_wide(motion: LeadMotion, size: int, generator: np.random.Generator) -> 
     nearest = np.minimum(inputs, 1 - inputs)
     density = np.where(nearest >= RAREST, 0.5 / np.maximum(nearest, RAREST) / -np.log(2 * RAREST), 0.0)
     return inputs, 1 / (0.5 + 0.5 * density.mean(axis=1))
+
+
+@MOTIONS.add("constant")
+@dataclass(frozen=True)
+class Constant:
+    """Law of lead motion without random inputs: the lead vehicle keeps its speed."""
+
+    inputs: ClassVar[int] = 0
+
+    def lead_speeds(self, encounters: Array, inputs: Array) -> Array:
+        """Return the lead speeds [m/s] at 0, 0.1, ..., 8 s, which are constant, shape (n, 81).
+
+        The first row of ``encounters``, shape (3, n), contains the lead speeds. ``inputs`` is not used.
+        """
+        return np.repeat(encounters[0][:, None], STATES, axis=1)

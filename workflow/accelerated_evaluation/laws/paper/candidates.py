@@ -17,8 +17,7 @@ from accelerated_evaluation.base.errors import InputError, located
 from accelerated_evaluation.laws.distributions import PiecewiseMixture
 from accelerated_evaluation.laws.paper.candidate_estimators import NoMaximumError
 from accelerated_evaluation.laws.paper.candidate_families import FAMILIES, CandidateFamily
-from accelerated_evaluation.laws.paper.independent import IndependentLaw
-from accelerated_evaluation.laws.paper.models import refit
+from accelerated_evaluation.laws.paper.models import IndependentLaw, refit
 
 
 @dataclass(frozen=True)

@@ -22,10 +22,9 @@ from numpy.typing import ArrayLike
 
 from accelerated_evaluation.base.arrays import Array, numbers_in
 from accelerated_evaluation.laws.smooth.excess import Excess
-from accelerated_evaluation.laws.smooth.far_tail import FarTail
+from accelerated_evaluation.laws.smooth.shapes import FarTail
 from accelerated_evaluation.laws.smooth.smooth_hazard import Cumulative, HazardGrid, SmoothHazard
-from accelerated_evaluation.laws.smooth.splines import Basis, Constant
-from accelerated_evaluation.laws.smooth.support import SUPPORT, Support
+from accelerated_evaluation.laws.smooth.splines import SUPPORT, Basis, Constant, Support
 
 
 def speed_grid(

@@ -12,13 +12,12 @@ from numpy.typing import ArrayLike
 from accelerated_evaluation.base.arrays import Array, numbers_in
 from accelerated_evaluation.laws import LAWS
 from accelerated_evaluation.laws.distributions import Empirical
-from accelerated_evaluation.laws.distributions.tails import interval_probability
-from accelerated_evaluation.laws.paper.independent import recorded_lead_speeds
+from accelerated_evaluation.laws.distributions.pareto import interval_probability
+from accelerated_evaluation.laws.paper.models import recorded_lead_speeds
 from accelerated_evaluation.laws.protocol import Box
 from accelerated_evaluation.laws.smooth.conditional import SpeedLaw, Threshold, range_grid, speed_grid
 from accelerated_evaluation.laws.smooth.excess import Excess
 from accelerated_evaluation.laws.smooth.family import LawFamily, Member
-from accelerated_evaluation.laws.smooth.far_tail import FarTail
 from accelerated_evaluation.laws.smooth.segments import (
     COORDINATES,
     SmoothLaw,
@@ -27,8 +26,9 @@ from accelerated_evaluation.laws.smooth.segments import (
     parts,
     recorded_segments,
 )
+from accelerated_evaluation.laws.smooth.shapes import FarTail
 from accelerated_evaluation.laws.smooth.smooth_hazard import SmoothHazard
-from accelerated_evaluation.laws.smooth.support import SUPPORT, Support
+from accelerated_evaluation.laws.smooth.splines import SUPPORT, Support
 from accelerated_evaluation.laws.strata import Factors
 
 PLACES_AT_ONCE = 50_000  # limits the memory to about 100 MB

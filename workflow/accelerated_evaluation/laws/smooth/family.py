@@ -21,10 +21,9 @@ from accelerated_evaluation.laws.smooth.conditional import (
     speed_grid,
 )
 from accelerated_evaluation.laws.smooth.excess import Excess, fit_excess
-from accelerated_evaluation.laws.smooth.far_tail import PRIOR, FarTail, levels_of
-from accelerated_evaluation.laws.smooth.shapes import SHAPES
+from accelerated_evaluation.laws.smooth.shapes import PRIOR, SHAPES, FarTail, levels_of
 from accelerated_evaluation.laws.smooth.smooth_hazard import Binned, HazardGrid, SmoothHazard, fit_hazard
-from accelerated_evaluation.laws.smooth.support import SUPPORT, Support
+from accelerated_evaluation.laws.smooth.splines import SUPPORT, Support
 
 # Cumulative hazard below the first level of a far tail, from which on records are kept. Draws of a law move
 # hardly any record farther than this.

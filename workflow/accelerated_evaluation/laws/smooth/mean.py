@@ -25,13 +25,11 @@ from accelerated_evaluation.base.arrays import Array, numbers_in
 from accelerated_evaluation.laws import LAWS
 from accelerated_evaluation.laws.distributions import Empirical
 from accelerated_evaluation.laws.draws import Draws
-from accelerated_evaluation.laws.paper.independent import recorded_lead_speeds
+from accelerated_evaluation.laws.paper.models import recorded_lead_speeds
 from accelerated_evaluation.laws.protocol import Box
 from accelerated_evaluation.laws.smooth.conditional import Places, SpeedLaw, Threshold, range_grid, speed_grid
-from accelerated_evaluation.laws.smooth.draws import LawDraws, SpeedsAt
+from accelerated_evaluation.laws.smooth.draws import TOLERANCE, LawDraws, RangeMixture, SpeedsAt, mixed, solve
 from accelerated_evaluation.laws.smooth.excess import Excess
-from accelerated_evaluation.laws.smooth.far_tail import FarTail
-from accelerated_evaluation.laws.smooth.mixture import TOLERANCE, RangeMixture, mixed, solve
 from accelerated_evaluation.laws.smooth.segments import (
     COORDINATES,
     SmoothLaw,
@@ -40,8 +38,9 @@ from accelerated_evaluation.laws.smooth.segments import (
     parts,
     recorded_segments,
 )
+from accelerated_evaluation.laws.smooth.shapes import FarTail
 from accelerated_evaluation.laws.smooth.smooth_hazard import SmoothHazard
-from accelerated_evaluation.laws.smooth.support import Support
+from accelerated_evaluation.laws.smooth.splines import Support
 from accelerated_evaluation.laws.strata import Factors
 
 PLACES_AT_ONCE = 400  # limits the memory to about 100 MB with 500 draws

@@ -7,7 +7,7 @@ import numpy as np
 from accelerated_evaluation.base.arrays import Array
 from accelerated_evaluation.laws import Factors
 from accelerated_evaluation.methods.cross_entropy.families import PiecewiseFamily, ProposalFamily
-from accelerated_evaluation.methods.cross_entropy.sample import Sample
+from accelerated_evaluation.methods.importance_sampling import Sample
 from accelerated_evaluation.methods.problem import Problem
 
 Families = tuple[ProposalFamily, ProposalFamily]  # of 1 / range and of 1 / TTC

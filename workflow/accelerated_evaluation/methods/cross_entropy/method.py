@@ -9,16 +9,14 @@ import numpy as np
 
 from accelerated_evaluation.base.sections import Schema, integer, number, section, share
 from accelerated_evaluation.laws import Factors
-from accelerated_evaluation.methods import METHODS
+from accelerated_evaluation.methods import METHODS, Estimate, Method, Stopping
 from accelerated_evaluation.methods.cross_entropy.families import (
     PiecewiseFamily,
     ProposalFamily,
     SingleFamily,
 )
 from accelerated_evaluation.methods.cross_entropy.levels import SearchSettings, Shift
-from accelerated_evaluation.methods.cross_entropy.proposals import Proposals
-from accelerated_evaluation.methods.cross_entropy.search import Search, search
-from accelerated_evaluation.methods.estimate import Estimate, Method, Stopping
+from accelerated_evaluation.methods.cross_entropy.search import Proposals, Search, search
 from accelerated_evaluation.methods.importance_sampling import (
     bound_without_event,
     course_table,

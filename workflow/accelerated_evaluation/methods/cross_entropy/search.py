@@ -5,21 +5,24 @@ such as a short time to collision, and makes them stricter until the event is th
 """
 
 import math
+import os
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
-from typing import Any
+from typing import Any, Self
 
 import numpy as np
 import pandas as pd
 from tqdm import tqdm
 
+from accelerated_evaluation.base.errors import InputError
+from accelerated_evaluation.base.files import read_json, write_json
 from accelerated_evaluation.crash_map.exact_variance import exact_variation
 from accelerated_evaluation.crash_map.maps import CrashMap
 from accelerated_evaluation.laws import Factors
-from accelerated_evaluation.methods import METHODS
+from accelerated_evaluation.laws.distributions import from_dict
+from accelerated_evaluation.methods import METHODS, normal_reach
 from accelerated_evaluation.methods.cross_entropy.families import ProposalFamily
 from accelerated_evaluation.methods.cross_entropy.levels import Families, SearchSettings, Shift, draw_level
-from accelerated_evaluation.methods.estimate import normal_reach
 from accelerated_evaluation.methods.problem import Problem
 
 COORDINATES = ("inverse_range", "inverse_ttc")  # names of the two coordinates in the trace
@@ -172,3 +175,67 @@ def parameter_change(trace: pd.DataFrame, coordinate: str) -> float:
     else:
         parameter = weights.iloc[-1].idxmax().replace("_weight_", "_theta_")
     return float(at_crash[parameter].pct_change().abs().mean())
+
+
+@dataclass(frozen=True)
+class Proposals:
+    """The accelerated distribution f* of each stratum, with the number of simulations of its search."""
+
+    factors: Mapping[str, Factors]  # f* in the coordinates of each stratum
+    simulations: Mapping[str, int]  # number of simulations of each search
+    # Strata whose search did not reach the event, with the reason.
+    unfinished: Mapping[str, str] = field(default_factory=dict)
+
+    @classmethod
+    def of(cls, searches: Mapping[str, Search]) -> Self:
+        """Return f* and the number of simulations of each stratum, given the searches by stratum."""
+        factors = {stratum: search.proposal for stratum, search in searches.items()}
+        simulations = {stratum: search.simulations for stratum, search in searches.items()}
+        reasons = {stratum: search.unfinished for stratum, search in searches.items() if search.unfinished}
+        return cls(factors, simulations, reasons)
+
+    def only(self, stratum: str) -> Self:
+        """Return the proposals restricted to one stratum, given by its name."""
+        reason = {stratum: self.unfinished[stratum]} if stratum in self.unfinished else {}
+        return type(self)({stratum: self.factors[stratum]}, {stratum: self.simulations[stratum]}, reason)
+
+    @property
+    def total(self) -> int:
+        """Total number of simulations of all searches."""
+        return sum(self.simulations.values())
+
+
+def write_proposals(path: str | os.PathLike, proposals: Proposals) -> None:
+    """Write f* of each stratum to a JSON file, atomically."""
+    content = {
+        stratum: {
+            "simulations": proposals.simulations[stratum],
+            "first": f.first.to_dict(),
+            "second": f.second.to_dict(),
+        }
+        | ({"unfinished": proposals.unfinished[stratum]} if stratum in proposals.unfinished else {})
+        for stratum, f in proposals.factors.items()
+    }
+    write_json(path, content)
+
+
+def read_proposals(path: str | os.PathLike) -> Proposals:
+    """Return f* of each stratum from a file of `write_proposals`; InputError is raised if it is damaged."""
+    try:
+        content = read_json(path)
+        factors = {
+            stratum: Factors(from_dict(found["first"]), from_dict(found["second"]))
+            for stratum, found in content.items()
+        }
+        simulations = {stratum: found["simulations"] for stratum, found in content.items()}
+        reasons = {
+            stratum: found["unfinished"] for stratum, found in content.items() if "unfinished" in found
+        }
+        return Proposals(factors, simulations, reasons)
+    except (AttributeError, KeyError, TypeError, ValueError) as error:
+        raise InputError(
+            str(path),
+            seen=f"{type(error).__name__}: {error}",
+            expected="a file of accelerated distributions",
+            change="Delete the file, and run the search again.",
+        ) from error

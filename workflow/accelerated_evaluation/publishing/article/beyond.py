@@ -10,7 +10,7 @@ from scipy.stats import poisson
 from accelerated_evaluation.answer.calibration import HOST
 from accelerated_evaluation.answer.extrapolation import ALL, CAPPED, FAR, HOST_UNSEEN, NEAR, RECORDED
 from accelerated_evaluation.publishing.article.tables import Tables, typeset
-from accelerated_evaluation.publishing.tables.injuries import best_known
+from accelerated_evaluation.publishing.tables.exact import best_known
 
 LEVELS = (50, 80, 95)  # [%], levels of the intervals of the answer
 INTERVAL = tuple(f"{end}{level}" for level in LEVELS for end in ("low", "high"))

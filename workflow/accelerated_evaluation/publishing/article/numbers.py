@@ -14,11 +14,13 @@ from accelerated_evaluation.publishing.article import beyond
 from accelerated_evaluation.publishing.article.tables import Tables, plain, typeset
 from accelerated_evaluation.publishing.tables.claims import departure
 from accelerated_evaluation.publishing.tables.exact import share_of_one_run
-from accelerated_evaluation.publishing.tables.paper_claims import CLAIMS, NUMBERS, STATEMENTS
-from accelerated_evaluation.publishing.tables.paper_numbers import (
+from accelerated_evaluation.publishing.tables.paper_claims import (
+    CLAIMS,
+    NUMBERS,
     PAPER_PROBABILITY,
     PAPER_SEARCHES,
     PAPER_SIMULATIONS,
+    STATEMENTS,
 )
 from accelerated_evaluation.publishing.tables.spreads import LEVEL
 from accelerated_evaluation.records.sources import describe

@@ -11,11 +11,10 @@ import typst
 
 from accelerated_evaluation.base.errors import InputError, StudyError
 from accelerated_evaluation.base.files import atomic_path, write_json
-from accelerated_evaluation.publishing.archive.provenance import origin_of
 from accelerated_evaluation.publishing.article.numbers import collect
-from accelerated_evaluation.publishing.article.tables import Tables, typeset
-from accelerated_evaluation.publishing.article.text import TEXT, shown_figures
-from accelerated_evaluation.publishing.book.texts import caption
+from accelerated_evaluation.publishing.article.tables import TEXT, Tables, shown_figures, typeset
+from accelerated_evaluation.publishing.book.catalogue import caption
+from accelerated_evaluation.publishing.provenance import origin_of
 from accelerated_evaluation.publishing.study import Study
 
 NUMBERS = "numbers.json"

@@ -1,6 +1,7 @@
 """The published tables of a study and the tables of the benchmarks, as the article reads them."""
 
 import math
+import re
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
@@ -71,3 +72,19 @@ def plain(value: Any) -> Any:  # noqa: ANN401
 def typeset(text: str) -> str:
     """Return a text with ``^-1`` replaced by a superscript: R⁻¹ in place of R^-1."""
     return text.replace("^-1", "\N{SUPERSCRIPT MINUS}\N{SUPERSCRIPT ONE}")
+
+
+TEXT = "article.typ"
+BENCHMARKS = (
+    "worlds",
+    "worlds_beyond",
+    "samplers",
+    "successors",
+    "answers",
+)  # tables in benchmarks/results that the text quotes
+_SHOWN = re.compile(r'plot\("(\w+)"')
+
+
+def shown_figures(folder: Path) -> tuple[str, ...]:
+    """Return the names of the figures that the text in a folder shows, in order."""
+    return tuple(dict.fromkeys(_SHOWN.findall((folder / TEXT).read_text(encoding="utf-8"))))

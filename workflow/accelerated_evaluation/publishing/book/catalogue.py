@@ -1,4 +1,4 @@
-"""Inputs and outputs of each notebook, which its metadata declare, for the rules of the workflow.
+"""What each notebook reads and makes, from its metadata, and texts with placeholders for values.
 
 The key ``study`` of a notebook's metadata lists the figures and tables that it publishes, and the results
 that it reads::
@@ -10,11 +10,17 @@ runs, `publishing.book.execution` compares this declaration with what the notebo
 """
 
 import json
-from collections.abc import Iterable, Sequence
+import math
+from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
-from typing import NamedTuple
+from types import SimpleNamespace
+from typing import Any, NamedTuple
 
-from accelerated_evaluation.base.errors import InputError
+from jinja2 import Environment, StrictUndefined
+from markupsafe import Markup
+
+from accelerated_evaluation.base.errors import InputError, StudyError
+from accelerated_evaluation.publishing.tables.display import as_markdown, readable
 
 
 class Contents(NamedTuple):
@@ -52,3 +58,60 @@ def require_captions(names: Iterable[str], folder: Path) -> None:
                 name, seen="two uses", expected="a single notebook that shows it", change="Show it once."
             )
         seen.add(name)
+
+
+def number(value: float, decimals: int = 0, sign: str = "") -> str:
+    """Write a number with a fixed number of decimals, such as 1,234.5.
+
+    NaN is written as a dash, and infinity as ∞. A ``"+"`` as sign writes the sign of positive numbers too.
+    """
+    return f"{value:{sign},.{decimals}f}" if math.isfinite(value) else readable(float(value))
+
+
+def percent(value: float, decimals: int = 0, sign: str = "") -> str:
+    """Write a share as a percentage, such as 12.3 %; with the sign ``"+"``, as +12.3 % if positive.
+
+    The space before the sign is a non-breaking one.
+    """
+    if not math.isfinite(value):
+        return readable(float(value))
+    return f"{number(100 * value, decimals, sign)}\N{NO-BREAK SPACE}%"
+
+
+def unbroken(value: Any, digits: int = 3) -> Any:  # noqa: ANN401
+    """Write a number as `readable` does, with non-breaking spaces, so that it stays on one line."""
+    written = readable(value, digits)
+    return written.replace(" ", "\N{NO-BREAK SPACE}") if isinstance(written, str) else written
+
+
+def fill(text: str, names: Mapping[str, Any]) -> str:
+    """Return a Markdown text with its placeholders of Jinja filled in.
+
+    StudyError is raised if a placeholder uses an unknown name, or its expression fails.
+    """
+    try:
+        return _ENVIRONMENT.from_string(text).render(names)
+    except Exception as error:
+        # The message of a KeyError is only the key, so the type of the error is written too.
+        raise StudyError(f"{type(error).__name__}: {error}") from error
+
+
+def caption(folder: Path, name: str, config: Mapping[str, Any]) -> list[str]:
+    """Return the paragraphs of the caption of a figure or table, with its placeholders filled in.
+
+    The Snakemake report reads the same files, ``<name>.rst``, so their placeholders use the configuration by
+    the name ``snakemake.config``.
+    """
+    text = (folder / f"{name}.rst").read_text(encoding="utf-8")
+    return fill(text, {"snakemake": SimpleNamespace(config=config)}).strip().split("\n\n")
+
+
+def _escaped(value: Any) -> Any:  # noqa: ANN401
+    """Escape a string, unless the filter ``safe`` has marked it."""
+    return value if isinstance(value, Markup) else as_markdown(value)
+
+
+_ENVIRONMENT = Environment(
+    undefined=StrictUndefined, finalize=_escaped, trim_blocks=True, lstrip_blocks=True, autoescape=False
+)
+_ENVIRONMENT.filters |= {"number": number, "percent": percent, "readable": unbroken}

@@ -3,27 +3,78 @@
 First, the sources are written to a temporary folder. Every notebook is a chapter: each of its figures gets a
 number, a caption, an alternative text and links to its files, and its tables are listed at its end. Every
 guide is a chapter too. The first and the last page are templates in ``workflow/book`` with placeholders, as
-in the texts of the notebooks (`publishing.book.texts`). Sphinx then makes the site. The site contains no
+in the texts of the notebooks (`publishing.book.catalogue`). Sphinx then makes the site. The site contains no
 date, so the same study always gives the same bytes.
 """
 
+import platform
 import re
 import shutil
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
+from importlib.metadata import version
 from importlib.resources import files
 from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import Any
 
 import nbformat
+import yaml
 from nbformat import NotebookNode
 from sphinx.application import Sphinx
 from sphinx.util.console import nocolor
 
 from accelerated_evaluation.base.errors import StudyError
-from accelerated_evaluation.publishing.book.texts import caption, fill
+from accelerated_evaluation.base.files import PROJECT, file_digest
+from accelerated_evaluation.publishing.book.catalogue import caption, fill
+from accelerated_evaluation.publishing.provenance import commit_of
 from accelerated_evaluation.publishing.study import Study
+from accelerated_evaluation.publishing.tables.exact import contradictions
+from accelerated_evaluation.publishing.tables.paper_claims import PAPER_PROBABILITY
+from accelerated_evaluation.publishing.tables.spreads import rests_in_words
+from accelerated_evaluation.scenarios.cut_in import CUT_IN
+
+# Packages whose versions the last page lists: those behind numbers, figures and pages. environment.txt pins
+# all.
+PACKAGES = ("numpy", "scipy", "pandas", "pyarrow", "numba", "matplotlib")
+PACKAGES += ("snakemake", "papermill", "jinja2", "sphinx", "myst-nb", "sphinx-book-theme")
+
+
+def known_to_pages(study: Study, records: Iterable[str]) -> dict[str, Any]:
+    """Return the values that are inserted into the templates of the first and the last page, by name.
+
+    The last page lists the SHA-256 checksums of the records.
+    """
+    common = {
+        "vehicle": study.config["vehicle"],
+        "commit": commit_of(PROJECT),
+        "checksums": {str(path): _checksum(Path(path)) for path in records},
+        "versions": {"Python": platform.python_version()} | {name: version(name) for name in PACKAGES},
+        "configuration": yaml.safe_dump(study.config, allow_unicode=True, sort_keys=False).strip(),
+    }
+    if study.scenario is not CUT_IN:
+        answer = study.answer
+        rests = rests_in_words(study.extrapolation, by_speed=False)
+        return common | {"crash": answer.iloc[0], "answers": answer.to_dict("records"), "rests": rests}
+    common["crash"] = study.answer.set_index("event").loc["crash"]
+    common["rests"] = rests_in_words(study.extrapolation)
+    return common | (
+        {"compared": study.compared} if study.config["simulations"]["slow"] else _of_the_paper(study)
+    )
+
+
+def _of_the_paper(study: Study) -> dict[str, Any]:
+    """Return the values that need results of the paper's methods and of crude Monte Carlo."""
+    return {
+        "paper_probability": PAPER_PROBABILITY,
+        "contradicted": contradictions(study.truth, study.crude),
+    }
+
+
+def _checksum(path: Path) -> str:
+    """Return the SHA-256 of a data file, or "no such file", since it may have been deleted meanwhile."""
+    return file_digest(path) if path.is_file() else "no such file"
+
 
 FIGURE_FILES = {"PDF": "pdf", "SVG": "svg", "PNG": "png", "data": "csv"}
 TABLE_FILES = {"CSV": "csv", "Markdown": "md", "LaTeX": "tex"}

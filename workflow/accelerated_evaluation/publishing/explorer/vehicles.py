@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 
 from accelerated_evaluation.base.errors import StudyError
-from accelerated_evaluation.publishing.names import NAMES
+from accelerated_evaluation.publishing.tables.display import NAMES
 from accelerated_evaluation.scenarios.parameters import parameter_names
 from accelerated_evaluation.vehicles.builtin.acc_aeb import V60_TTC, AccAeb
 from accelerated_evaluation.vehicles.builtin.driver_numbers import Driver

@@ -1,4 +1,4 @@
-"""Beyond the paper: coverage of the intervals in the study (figure 18) and in synthetic worlds (24)."""
+"""Beyond the paper: coverage of the intervals (figures 18 and 24), and where predicted crashes lie (37)."""
 
 from collections.abc import Iterable
 
@@ -9,6 +9,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.ticker import MaxNLocator, PercentFormatter
 
+from accelerated_evaluation.answer.extrapolation import FAR, NEAR, RECORDED
 from accelerated_evaluation.methods.coverage import LEVELS
 from accelerated_evaluation.methods.intervals import binomial_interval
 from accelerated_evaluation.publishing.figures.dot_chart import (
@@ -38,19 +39,8 @@ STOPPINGS = {
 def fig18_coverage(coverage: pd.DataFrame, source: str) -> tuple[Figure, pd.DataFrame]:
     """Draw how often the intervals contain the true probability, by method and stopping rule.
 
-    Parameters
-    ----------
-    coverage
-        ``coverage.csv`` of a study.
-    source
-        Description of the data.
-
-    Returns
-    -------
-    figure, data
-        The figure has a panel for each level of the intervals, with exact binomial 95 % intervals of the
-        coverage. The columns of the data are method, stopping, replicates, level, coverage, ci_low and
-        ci_high.
+    The figure has a panel for each level of the intervals, with exact binomial 95 % intervals of the
+    coverage. The columns of the data are method, stopping, replicates, level, coverage, ci_low and ci_high.
     """
     data = _coverage_rows(coverage)
     y = spaced(coverage["method"], 1.0)
@@ -82,17 +72,10 @@ def fig24_worlds(worlds: pd.DataFrame, beyond: pd.DataFrame) -> tuple[Figure, pd
     A world is a law of cut-ins whose true crash probability is known. Both procedures estimate it from data
     that are drawn from the law.
 
-    Parameters
-    ----------
-    worlds, beyond
-        Tables ``worlds.csv`` and ``worlds_beyond.csv`` of ``benchmarks/results``: a row for each kind of
-        world and procedure. The kinds that only the second one has break an assumption of this project.
-
-    Returns
-    -------
-    figure, data
-        The figure has panels for the coverage of the 80 % intervals, for their width, and for the ratio of
-        median estimate and truth. The data are the rows of both tables that it shows, with ``group``.
+    ``worlds``, ``beyond``: tables ``worlds.csv`` and ``worlds_beyond.csv`` of ``benchmarks/results``: a row
+    for each kind of world and procedure. The kinds that only the second one has break an assumption of this
+    project. The figure has panels for the coverage of the 80 % intervals, for their width, and for the ratio
+    of median estimate and truth. The data are the rows of both tables that it shows, with ``group``.
     """
     further = beyond[~beyond["kind"].isin(worlds["kind"]) & (beyond["procedure"] == "map")]
     parts = {"similar to the models": worlds, "break an assumption": further.assign(procedure=OURS)}
@@ -157,3 +140,47 @@ def _coverage_rows(coverage: pd.DataFrame) -> pd.DataFrame:
     covered = (data["coverage"] * data["replicates"]).round().astype(int)
     bounds = [binomial_interval(k, n, 0.05) for k, n in zip(covered, data["replicates"], strict=True)]
     return data.assign(ci_low=[bound.low for bound in bounds], ci_high=[bound.high for bound in bounds])
+
+
+# Each part of the predicted crashes: what it means, and its colour and marker, which differ in grey as well.
+PARTS = {
+    RECORDED: ("as fast as a record at a similar range", "#08306b", "s"),
+    NEAR: ("faster than the records at a similar range", "#4292c6", "o"),
+    FAR: ("faster than all records", "#b2182b", "^"),
+}
+DRAWN_CRASHES = 1000  # largest number of crashes that is drawn
+CLOSE = 0.15  # [1/s], least TTC^-1 of the records that are drawn
+
+
+@figure
+def fig37_extrapolation(
+    extrapolation: pd.DataFrame, crash_places: pd.DataFrame, encounters: pd.DataFrame, source: str
+) -> tuple[Figure, pd.DataFrame]:
+    """Draw the records with a short time to collision, and crashes drawn from the answer.
+
+    The figure, with the share of each part of the predicted crashes in its legend; and these crashes.
+    """
+    shares, crashes = extrapolation.set_index("part")["share"], crash_places.head(DRAWN_CRASHES)
+    near = encounters[encounters["inverse_ttc"] > CLOSE]
+    with paper_style():
+        drawn, axes = plt.subplots(figsize=(1.4 * COLUMN_WIDTH, 3.2))
+        axes.plot(near["range"], near["closing_speed"], ".", color="#777777", markersize=1.5, label="records")
+        for part, (meaning, color, marker) in PARTS.items():
+            rows = crashes[crashes["part"] == part]
+            axes.plot(
+                rows["range"],
+                rows["closing_speed"],
+                marker,
+                color=color,
+                markersize=2.5,
+                markerfacecolor="none",
+                markeredgewidth=0.5,
+                label=f"crashes, {meaning}: {100 * shares[part]:.0f} %",
+            )
+        fastest = encounters["closing_speed"].max()
+        axes.axhline(fastest, color="black", linewidth=0.6, linestyle=":", label="fastest record")
+        ends = round(encounters["range"].max()), max(36, 1.6 * fastest)
+        axes.set(xlabel="range [m]", ylabel="closing speed [m/s]", xlim=(0, ends[0]), ylim=(0, ends[1]))
+        axes.legend(loc="lower center", bbox_to_anchor=(0.5, 1.0), fontsize=6)
+        note_source(drawn, source)
+    return drawn, crashes

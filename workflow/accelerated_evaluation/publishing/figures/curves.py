@@ -90,16 +90,8 @@ class Curve:
     def grid(self, points: Array) -> Array:
         """Return the points at which the curve is evaluated.
 
-        Parameters
-        ----------
-        points
-            Increasing points, shape (n,).
-
-        Returns
-        -------
-        Array
-            The points and two more for each knot between them, at the knot and just below it, so that jumps
-            of the density are drawn; shape (n + 2 knots,), or less if a point occurs twice.
+        The points and two more for each knot between them, at the knot and just below it, so that jumps of
+        the density are drawn; shape (n + 2 knots,), or less if a point occurs twice.
         """
         knots = self.knots[(self.knots > points[0]) & (self.knots < points[-1])]
         return np.unique(np.concatenate([points, knots, np.nextafter(knots, -np.inf)]))
@@ -108,19 +100,8 @@ class Curve:
 def histogram(x: Array, edges: Array, variable: Variable) -> pd.DataFrame:
     """Count records in bins.
 
-    Parameters
-    ----------
-    x
-        Records, shape (n,). The density refers to all of them, including those outside the bins.
-    edges
-        Increasing edges of the bins, shape (bins + 1,), in the unit of x.
-    variable
-        The variable, for the names of the columns.
-
-    Returns
-    -------
-    pandas.DataFrame
-        A row for each bin: curve (`RECORDS`), middle, width, count and density, count / (n width).
+    ``x``: records, shape (n,). The density refers to all of them, including those outside the bins. A row for
+    each bin: curve (`RECORDS`), middle, width, count and density, count / (n width).
     """
     count, width = np.histogram(x, edges)[0], np.diff(edges)
     columns = (variable.column, variable.width, "count", variable.density)
@@ -131,21 +112,7 @@ def histogram(x: Array, edges: Array, variable: Variable) -> pd.DataFrame:
 def density_table(name: str, curve: Curve, points: Array, variable: Variable) -> pd.DataFrame:
     """Tabulate the density of a curve where it is positive.
 
-    Parameters
-    ----------
-    name
-        Name of the curve.
-    curve
-        The distribution and its weight.
-    points
-        Increasing points, shape (n,), to which the knots are added.
-    variable
-        The variable, for the names of the columns.
-
-    Returns
-    -------
-    pandas.DataFrame
-        Columns curve, value of the variable, density times weight, and is_knot.
+    Columns curve, value of the variable, density times weight, and is_knot.
     """
     x = curve.grid(points)
     density = curve.weight * np.exp(curve.law.logpdf(x))
@@ -173,21 +140,7 @@ def set_log_ticks(axis: Axes) -> None:
 
 
 def draw_curve(axis: Axes, rows: pd.DataFrame, columns: tuple[str, str], label: str, curve: Curve) -> None:
-    """Draw a curve with markers at its knots.
-
-    Parameters
-    ----------
-    axis
-        The axes.
-    rows
-        Points of the curve, with a column ``is_knot``.
-    columns
-        Names of the columns for x and y.
-    label
-        Name of the curve in the legend.
-    curve
-        The curve, whose style is used.
-    """
+    """Draw a curve with markers at its knots."""
     knots = np.flatnonzero(rows["is_knot"].to_numpy(dtype=bool)).tolist()
     style = dict(curve.style) if knots else {**curve.style, "marker": None}
     axis.plot(*(rows[column] for column in columns), label=label, markevery=knots or None, **style)

@@ -1,6 +1,6 @@
-"""The lane changes as they were recorded: figure 2 of the paper."""
+"""The idea of accelerated evaluation (figure 1), and the recorded lane changes."""
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 
 import matplotlib.pyplot as plt
 import numpy as np
@@ -9,8 +9,74 @@ from matplotlib.axes import Axes
 from matplotlib.colors import LogNorm
 from matplotlib.figure import Figure
 
+from accelerated_evaluation.laws import Factors
+from accelerated_evaluation.laws.distributions import Distribution
+from accelerated_evaluation.laws.paper.models import IndependentLaw
+from accelerated_evaluation.publishing.figures.curves import (
+    INVERSE_TTC,
+    RECORDS,
+    Curve,
+    density_table,
+    draw_curve,
+    draw_histogram,
+    histogram,
+)
 from accelerated_evaluation.publishing.figures.style import COLUMN_WIDTH, note_source, paper_style
 from accelerated_evaluation.publishing.published import figure
+
+DENSITIES = {
+    "f": ("fitted $f$", {"color": "#08306b", "linestyle": "-", "marker": "o"}),
+    "f*": ("accelerated $f^*$", {"color": "#b2182b", "linestyle": "--", "marker": "s"}),
+}
+TITLES = {"single": "(a) single parametric distribution", "piecewise": "(b) piecewise mixture; marker: knot"}
+POINTS = 300
+
+
+@figure
+def fig01_concept(
+    encounters: pd.DataFrame,
+    single: IndependentLaw,
+    piecewise: IndependentLaw,
+    proposals: Mapping[str, Mapping[str, Factors]],
+    segment: str,
+    source: str,
+) -> tuple[Figure, pd.DataFrame]:
+    """Draw the acceleration by a single parametric and by a piecewise mixture distribution (paper, figure 1).
+
+    The figure has a panel for each method, with the histogram of the records, f and f*. The data contain
+    everything that is drawn, with columns method, curve, inverse_ttc_per_s, bin_width_per_s, count, density_s
+    and is_knot.
+    """
+    x = encounters.loc[encounters["segment"] == segment, "inverse_ttc"].to_numpy()
+    records = histogram(x, np.linspace(0.0, 1.05 * x.max(), BINS + 1), INVERSE_TTC)
+    laws = {"single": single, "piecewise": piecewise}
+    tables = []
+    with paper_style():
+        drawn, axes = plt.subplots(2, 1, figsize=(COLUMN_WIDTH, 4.0), sharex=True, sharey=True)
+        for axis, (method, title) in zip(axes, TITLES.items(), strict=True):
+            both = laws[method].inverse_ttc[segment], proposals[method][segment].second
+            draw_histogram(axis, records, INVERSE_TTC, f"{RECORDS}, n = {x.size:,}")
+            tables.append(_draw_densities(axis, both, 1.05 * x.max(), records).assign(method=method))
+            axis.set_title(title, loc="left")
+            axis.set_ylabel("density [s]")
+        axes[-1].set_xlabel(f"$TTC^{{-1}}$ [1/s], $v_L$ {segment.replace('-', '–')} m/s")
+        drawn.legend(*axes[1].get_legend_handles_labels(), loc="outside upper left", ncols=1)
+        note_source(drawn, source)
+    table = pd.concat(tables, ignore_index=True).astype({"count": "Int64", "is_knot": "boolean"})
+    return drawn, table[["method", *table.columns.drop("method")]]
+
+
+def _draw_densities(
+    axis: Axes, laws: tuple[Distribution, Distribution], end: float, records: pd.DataFrame
+) -> pd.DataFrame:
+    """Draw f and f* up to ``end`` [1/s], and return the rows of the records followed by those of f and f*."""
+    parts = [records]
+    for (name, (label, style)), law in zip(DENSITIES.items(), laws, strict=True):
+        curve = Curve(law, style)
+        parts.append(density_table(name, curve, np.linspace(0.0, end, POINTS), INVERSE_TTC))
+        draw_curve(axis, parts[-1], (INVERSE_TTC.column, INVERSE_TTC.density), label, curve)
+    return pd.concat(parts)
+
 
 MAPS = {
     "range": ("m", "range", "$R$ [m]"),
@@ -25,21 +91,9 @@ def fig02_data(
 ) -> tuple[Figure, pd.DataFrame]:
     """Draw the number of lane changes by lead speed and range, and by lead speed and TTC^-1 (figure 2).
 
-    Parameters
-    ----------
-    encounters
-        Encounter table, with one row for each recorded cut-in.
-    lead_speed_edges
-        Edges of the segments [m/s].
-    source
-        Description of the data.
-
-    Returns
-    -------
-    figure, data
-        The figure has two maps of counts. The data contain the counts of all bins with at least one event:
-        panel, lower and upper edges of lead_speed [m/s] and of range [m] or inverse_ttc [1/s], and count. The
-        data contain no single records.
+    The figure has two maps of counts. The data contain the counts of all bins with at least one event: panel,
+    lower and upper edges of lead_speed [m/s] and of range [m] or inverse_ttc [1/s], and count. The data
+    contain no single records.
     """
     speeds = np.linspace(lead_speed_edges[0], lead_speed_edges[-1], BINS + 1)
     tables = []

@@ -13,7 +13,7 @@ from numpy.typing import ArrayLike
 
 from accelerated_evaluation.base.arrays import Array
 from accelerated_evaluation.publishing.figures.style import PIECES, note_source
-from accelerated_evaluation.publishing.tables.formats import readable
+from accelerated_evaluation.publishing.tables.display import readable
 
 INTERVAL = ("probability", "ci_low", "ci_high")
 TRUTH = {"color": "black", "linewidth": 0.8, "zorder": 1}
@@ -26,35 +26,13 @@ FRAME = 0.9  # [in], height of the figure above and below the rows
 def spaced(groups: pd.Series, gap: float) -> Array:
     """Return the y coordinate of each row of a dot chart.
 
-    Parameters
-    ----------
-    groups
-        Group of each row, shape (n,); rows of one group follow each other.
-    gap
-        Additional distance between groups, in rows.
-
-    Returns
-    -------
-    Array
-        Increasing coordinates from 0, shape (n,); rows of one group have a distance of 1.
+    Increasing coordinates from 0, shape (n,); rows of one group have a distance of 1.
     """
     return np.arange(len(groups)) + gap * ((groups != groups.shift()).cumsum().to_numpy() - 1)
 
 
 def draw_intervals(axes: Axes, rows: pd.DataFrame, y: ArrayLike, **look: Any) -> None:  # noqa: ANN401
-    """Draw the column ``probability`` of rows as points, with lines from ``ci_low`` to ``ci_high``.
-
-    Parameters
-    ----------
-    axes
-        The axes.
-    rows
-        Table with these columns, n rows.
-    y
-        Coordinate of each row, shape (n,).
-    look
-        Arguments of `Axes.errorbar`, such as colour and marker.
-    """
+    """Draw the column ``probability`` of rows as points, with lines from ``ci_low`` to ``ci_high``."""
     value, low, high = (rows[name].to_numpy(float) for name in INTERVAL)
     # An estimate, a mean of weights, may exceed 1, while the upper limit of its interval is at most 1.
     reach = np.maximum([value - low, high - value], 0)
@@ -63,32 +41,14 @@ def draw_intervals(axes: Axes, rows: pd.DataFrame, y: ArrayLike, **look: Any) ->
 
 
 def draw_truth(axes: Axes, row: pd.Series, label: str) -> None:
-    """Draw the true value as a vertical line across all rows, and its interval, if it has one, as a band.
-
-    Parameters
-    ----------
-    axes
-        The axes.
-    row
-        ``probability``, and ``ci_low`` and ``ci_high`` if known.
-    label
-        Name in the legend, to which the value is added.
-    """
+    """Draw the true value as a vertical line across all rows, and its interval, if it has one, as a band."""
     if pd.notna(row.get("ci_low")):
         axes.axvspan(row["ci_low"], row["ci_high"], color="black", alpha=0.15, linewidth=0)
     axes.axvline(row["probability"], label=f"{label}: {in_math(row['probability'])}", **TRUTH)
 
 
 def name_rows(axes: Axes, y: Array, groups: pd.Series, names: pd.Series) -> None:
-    """Label each row with its name, and write the name of each group in bold above its first row.
-
-    Parameters
-    ----------
-    axes
-        The axes.
-    y, groups, names
-        Coordinate, group and name of each row, shape (n,).
-    """
+    """Label each row with its name, and write the name of each group in bold above its first row."""
     starts = (groups != groups.shift()).to_numpy()
     axes.set_yticks([*y, *(y[starts] - 1)], [*names, *groups[starts]])
     for label in axes.get_yticklabels()[len(y) :]:
@@ -99,15 +59,7 @@ def name_rows(axes: Axes, y: Array, groups: pd.Series, names: pd.Series) -> None
 
 
 def name_groups(axes: Axes, y: Array, groups: pd.Series) -> None:
-    """Write the name of each group of rows as the label of the y axis in the middle of the group.
-
-    Parameters
-    ----------
-    axes
-        The axes.
-    y, groups
-        Coordinate and group of each row, shape (n,).
-    """
+    """Write the name of each group of rows as the label of the y axis in the middle of the group."""
     axes.set_yticks(pd.Series(y).groupby(groups.to_numpy(), sort=False).mean(), groups.unique())
 
 

@@ -18,7 +18,7 @@ from accelerated_evaluation.publishing.figures.style import (
     style_of,
 )
 from accelerated_evaluation.publishing.published import figure
-from accelerated_evaluation.publishing.tables.paper_numbers import PAPER_PROBABILITY
+from accelerated_evaluation.publishing.tables.paper_claims import PAPER_PROBABILITY
 from accelerated_evaluation.publishing.tables.spreads import of_method
 
 NUMBERS = ("probability", "ci_low", "ci_high", "relative_half_width")
@@ -38,21 +38,9 @@ def fig12_crash_probability(
 
     The methods are importance sampling with the piecewise and with the single distributions.
 
-    Parameters
-    ----------
-    estimates, course, exact
-        ``estimates.csv``, ``estimates_course.csv`` and ``exact.csv`` of a study.
-    alpha
-        The level of the intervals is 1 - alpha.
-    source
-        Description of the data.
-
-    Returns
-    -------
-    figure, data
-        The figure has a panel for each method, in which the median replicate by simulations until
-        convergence is drawn in front with its interval. The columns of the data are kind (course, converged,
-        exact or paper), method, replicate, simulations, probability, ci_low and ci_high.
+    The figure has a panel for each method, in which the median replicate by simulations until convergence is
+    drawn in front with its interval. The columns of the data are kind (course, converged, exact or paper),
+    method, replicate, simulations, probability, ci_low and ci_high.
     """
     table = _rows(estimates, course, COMPARED, "all")
     truth = float(exact.set_index("segment").loc["all", "probability"])
@@ -89,22 +77,8 @@ def fig13_relative_half_width(
 ) -> tuple[Figure, pd.DataFrame]:
     """Draw the relative half-width of the interval against the number of simulations (paper, figure 13).
 
-    Parameters
-    ----------
-    estimates, course
-        ``estimates.csv`` and ``estimates_course.csv`` of a study.
-    segment
-        Segment of lead speeds; the estimates are those for this segment alone.
-    beta
-        Relative half-width at which an estimate is said to have converged.
-    source
-        Description of the data.
-
-    Returns
-    -------
-    figure, data
-        The figure shows the median replicate of each method in front. The columns of the data are kind
-        (course, converged or beta), method, replicate, simulations and relative_half_width.
+    The figure shows the median replicate of each method in front. The columns of the data are kind (course,
+    converged or beta), method, replicate, simulations and relative_half_width.
     """
     table = _rows(estimates, course, estimates["method"].unique(), segment)
     with paper_style():

@@ -54,24 +54,8 @@ def fig14_estimates_against_truth(
 ) -> tuple[Figure, pd.DataFrame]:
     """Draw the estimates over all segments with their intervals against the exact probability.
 
-    Parameters
-    ----------
-    estimates, exact
-        ``estimates.csv`` and ``exact.csv`` of a study.
-    paper_interval
-        Lower and upper limit of the paper's interval (section VI.C).
-    alpha
-        The level of the intervals is 1 - alpha.
-    source
-        Description of the data.
-    crude
-        ``crude.csv``, where crude Monte Carlo has been run.
-
-    Returns
-    -------
-    figure, data
-        The figure has a row for each replicate. The columns of the data are kind (exact, paper or estimate),
-        method, replicate, simulations, probability, ci_low and ci_high.
+    The figure has a row for each replicate. The columns of the data are kind (exact, paper or estimate),
+    method, replicate, simulations, probability, ci_low and ci_high.
     """
     data = _estimate_rows(estimates, _all(exact), paper_interval, alpha, crude)
     with paper_style():
@@ -100,20 +84,10 @@ def fig15_sensitivity(
 ) -> tuple[Figure, pd.DataFrame]:
     """Draw the crash probability over all segments when one choice of the study is changed at a time.
 
-    Parameters
-    ----------
-    sensitivity, exact
-        ``sensitivity.csv`` and ``exact.csv`` of a study.
-    source
-        Description of the data.
-
-    Returns
-    -------
-    figure, data
-        The figure has a row for each choice and value. The caps on the closing speed have a panel of their
-        own, because they change the probability by orders of magnitude. The columns of the data are choice,
-        value, probability, standard_error and ratio, the ratio to the probability of the study. The first row
-        is the study.
+    The figure has a row for each choice and value. The caps on the closing speed have a panel of their own,
+    because they change the probability by orders of magnitude. The columns of the data are choice, value,
+    probability, standard_error and ratio, the ratio to the probability of the study. The first row is the
+    study.
     """
     truth = _all(exact)
     study = {"choice": "study", "value": "all as configured", **truth[["probability", "standard_error"]]}
@@ -150,18 +124,8 @@ def fig16_uncertainty(
 
     The first source is the sampling error, which is the only one in the paper.
 
-    Parameters
-    ----------
-    uncertainty, bootstrap, exact
-        ``uncertainty.csv``, ``bootstrap.csv`` and ``exact.csv`` of a study.
-    source
-        Description of the data.
-
-    Returns
-    -------
-    figure, data
-        The columns of the data are kind (exact, budget or refit), source, probability, ci_low, ci_high and
-        variance_share. A refit is the probability from one bootstrap sample of the records.
+    The columns of the data are kind (exact, budget or refit), source, probability, ci_low, ci_high and
+    variance_share. A refit is the probability from one bootstrap sample of the records.
     """
     budget = uncertainty.assign(kind="budget")
     refits = bootstrap[["probability"]].assign(kind="refit", source="data")
@@ -191,20 +155,9 @@ def fig16_uncertainty(
 def fig17_severity(severity: pd.DataFrame, source: str) -> tuple[Figure, pd.DataFrame]:
     """Draw the distribution of impact speeds by segment, and the probabilities of near misses.
 
-    Parameters
-    ----------
-    severity
-        ``severity.csv`` of a study.
-    source
-        Description of the data.
-
-    Returns
-    -------
-    figure, data
-        Panel (a) shows the share of crashes with an impact speed above a threshold, down to `RARE`. Segments
-        whose crash probability is below `RARE` times that of all are left out. Panel (b)
-        shows the probability of a crash and of each near miss, over all segments. The data have the columns
-        of ``severity``, and panel.
+    Panel (a) shows the share of crashes with an impact speed above a threshold, down to `RARE`. Segments
+    whose crash probability is below `RARE` times that of all are left out. Panel (b) shows the probability of
+    a crash and of each near miss, over all segments. The data have the columns of ``severity``, and panel.
     """
     near = severity_digest(severity[severity["quantity"] != "impact_speed"])
     chosen = (severity["quantity"] != "impact_speed") & (severity["segment"] == "all")

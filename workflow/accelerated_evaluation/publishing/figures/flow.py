@@ -79,17 +79,7 @@ class Arrow:
 
 
 def draw_flow_chart(axes: Axes, boxes: Mapping[str, Box], arrows: Iterable[Arrow]) -> None:
-    """Draw boxes and arrows on axes whose unit is an inch.
-
-    Parameters
-    ----------
-    axes
-        The axes.
-    boxes
-        The boxes, by name.
-    arrows
-        Arrows between boxes, which are given by their names.
-    """
+    """Draw boxes and arrows on axes whose unit is an inch."""
     axes.axis("off")
     for box in boxes.values():
         sides = [box.side(name) for name in ("left", "top", "right", "bottom")]
@@ -120,13 +110,6 @@ def flow_table(boxes: Mapping[str, Box], arrows: Iterable[Arrow]) -> pd.DataFram
     """Return a table with a row for each box and arrow of a flow chart.
 
     The columns are kind (box or arrow), name, text, x_in, y_in, width_in, height_in, question, start and end.
-
-    Parameters
-    ----------
-    boxes
-        The boxes, by name.
-    arrows
-        The arrows between them.
     """
     rows = [{"kind": "box", "name": name, **asdict(box)} for name, box in boxes.items()]
     rows += [
@@ -206,15 +189,7 @@ def flow_boxes(settings: Mapping[str, Any]) -> dict[str, Box]:
 def fig03_cross_entropy_flow(settings: Mapping[str, Any]) -> tuple[Figure, pd.DataFrame]:
     """Draw the flow chart of the Cross-Entropy search (paper, figure 3).
 
-    Parameters
-    ----------
-    settings
-        Section ``cross_entropy`` of the configuration.
-
-    Returns
-    -------
-    figure, data
-        The flow chart, and its boxes and arrows as from `flow_table`.
+    The flow chart, and its boxes and arrows as from `flow_table`.
     """
     boxes = flow_boxes(settings)
     with paper_style():

@@ -17,9 +17,9 @@ from accelerated_evaluation.publishing.figures.style import (
     paper_style,
     say_no_crash,
 )
-from accelerated_evaluation.publishing.names import in_words
 from accelerated_evaluation.publishing.published import figure
-from accelerated_evaluation.publishing.tables.injuries import CUT_IN, best_known
+from accelerated_evaluation.publishing.tables.display import in_words
+from accelerated_evaluation.publishing.tables.exact import CUT_IN, best_known
 
 TITLES = {"MAIS2+": "at least moderate (MAIS2+)", "MAIS3+": "at least serious (MAIS3+)", "fatal": "fatal"}
 IMPACTS = {FRONTAL: "struck in front", REAR: "struck from behind"}
@@ -45,17 +45,7 @@ def fig32_injuries(
 
     Small strokes show the medians if only one pair of risk curves is used instead of all.
 
-    Parameters
-    ----------
-    injuries, injuries_by_curve
-        Tables ``injuries.csv`` and ``injuries_by_curve.csv`` of a study.
-    source
-        Description of the data.
-
-    Returns
-    -------
-    figure, data
-        The figure, and the rows of both tables that it shows.
+    The figure, and the rows of both tables that it shows.
     """
     rows = best_known(injuries)
     rows = rows[rows["median"] > 0].assign(level=lambda of: pd.Categorical(of["level"], LEVELS, ordered=True))
@@ -95,11 +85,8 @@ def _in_rows(by_curve: pd.DataFrame, injuries: pd.DataFrame, rows: pd.DataFrame)
 def fig33_risk_curves() -> tuple[Figure, pd.DataFrame]:
     """Draw all published curves of the risk of injury against the change of speed in the crash, delta-v.
 
-    Returns
-    -------
-    figure, data
-        The figure has a panel for each level of injury and side of the impact. The columns of the data are
-        level, impact (front or rear), source, delta_v_km_h and probability.
+    The figure has a panel for each level of injury and side of the impact. The columns of the data are level,
+    impact (front or rear), source, delta_v_km_h and probability.
     """
     curves = {(level, impact): published_curves(level, impact) for level in LEVELS for impact in IMPACTS}
     sources = sorted({name for found in curves.values() for name in found})

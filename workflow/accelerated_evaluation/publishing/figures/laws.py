@@ -17,8 +17,8 @@ from accelerated_evaluation.publishing.figures.dot_chart import (
     spaced,
 )
 from accelerated_evaluation.publishing.figures.style import COLUMN_WIDTH, note_source, paper_style
-from accelerated_evaluation.publishing.names import in_words
 from accelerated_evaluation.publishing.published import figure
+from accelerated_evaluation.publishing.tables.display import in_words
 
 DEFENDED, PAPER = "#08306b", "#b2182b"
 REGIONS = {
@@ -36,19 +36,9 @@ def fig21_scores(laws: pd.DataFrame, source: str) -> tuple[Figure, pd.DataFrame]
 
     Laws that the records contradict have hollow markers.
 
-    Parameters
-    ----------
-    laws
-        ``laws.csv`` of a study.
-    source
-        Description of the data.
-
-    Returns
-    -------
-    figure, data
-        The first panels show the differences [nats] in the `REGIONS`, and the third one the largest
-        difference of all regions in standard errors. The fourth panel shows the weights. The data are the
-        table itself, with a column ``below_...`` for each of the first panels.
+    The first panels show the differences [nats] in the `REGIONS`, and the third one the largest difference of
+    all regions in standard errors. The fourth panel shows the weights. The data are the table itself, with a
+    column ``below_...`` for each of the first panels.
     """
     single = laws["law"] != MIXTURE
     below = {region: laws.loc[single, region].max() - laws[region] for region in REGIONS}
@@ -100,17 +90,7 @@ def fig22_calibration(calibration: pd.DataFrame, source: str) -> tuple[Figure, p
 
     Counts by host speed are in the table ``calibration.csv``, but not in the figure.
 
-    Parameters
-    ----------
-    calibration
-        ``calibration.csv`` of a study.
-    source
-        Description of the data.
-
-    Returns
-    -------
-    figure, data
-        The figure, and the rows of ``calibration`` that it shows.
+    The figure, and the rows of ``calibration`` that it shows.
     """
     calibration = calibration[calibration["counted"] != HOST]
     calibration = calibration.assign(what=calibration["counted"].map(COUNTED))
@@ -168,21 +148,7 @@ def fig23_answer(
     Further rows show the probability with a single threshold of the laws' tails, and with other treatments of
     the records (``data_quality.csv``).
 
-    Parameters
-    ----------
-    answer, answer_thresholds, data_quality
-        Tables of a study: the probability and its intervals by event, by threshold of the tails, and by
-        treatment of the records.
-    paper_interval
-        The paper's 80 % interval (section VI.C).
-    source
-        Description of the data.
-
-    Returns
-    -------
-    figure, data
-        The figure, and a table with a row for each row of the figure: the columns of the tables, group and
-        name.
+    The figure, and a table with a row for each row of the figure: the columns of the tables, group and name.
     """
     crash = answer[answer["event"] == "crash"].assign(group="the answer", name="all laws, all draws")
     levels = answer_thresholds.assign(
@@ -206,17 +172,7 @@ def fig23_answer(
 
 
 def draw_nested(axes: Axes, y: Array, rows: pd.DataFrame) -> None:
-    """Draw 50, 80 and 95 % intervals over each other, the median as a stroke and the mean as a diamond.
-
-    Parameters
-    ----------
-    axes
-        The axes.
-    y
-        Coordinate of each row, shape (n,).
-    rows
-        Table with columns low50, high50 and so on, median, and probability (the mean).
-    """
+    """Draw 50, 80 and 95 % intervals over each other, the median as a stroke and the mean as a diamond."""
     for level, width in ((95, 0.8), (80, 2.2), (50, 4.5)):
         axes.hlines(
             y, rows[f"low{level}"], rows[f"high{level}"], color="#4292c6", linewidth=width, label=f"{level} %"
@@ -227,20 +183,7 @@ def draw_nested(axes: Axes, y: Array, rows: pd.DataFrame) -> None:
 
 @figure
 def fig25_vehicles(vehicles: pd.DataFrame, source: str) -> tuple[Figure, pd.DataFrame]:
-    """Draw the crash probability of each vehicle, and its ratio to that of the careful human.
-
-    Parameters
-    ----------
-    vehicles
-        ``vehicles.csv`` of a study. Vehicles whose crash map was rejected (not ``resolved``) are not drawn.
-    source
-        Description of the data.
-
-    Returns
-    -------
-    figure, data
-        The figure, and the table itself.
-    """
+    """Draw the crash probability of each vehicle, and its ratio to that of the careful human."""
     shown = vehicles[vehicles["resolved"]].sort_values("median", kind="stable")
     y = np.arange(len(shown))
     with paper_style():

@@ -1,4 +1,4 @@
-"""Figures 28 and 29, beyond the paper: the most probable crashes and the most critical records over time."""
+"""Figures 28, 29 and of lead motion, beyond the paper: probable crashes and critical records over time."""
 
 import matplotlib.pyplot as plt
 import numpy as np
@@ -6,14 +6,25 @@ import pandas as pd
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from accelerated_evaluation.publishing.figures.dot_chart import in_math
+from accelerated_evaluation.publishing.figures.dot_chart import (
+    FRAME,
+    ROW,
+    finish,
+    in_math,
+    in_ratios,
+    name_rows,
+    spaced,
+    write_beside,
+)
 from accelerated_evaluation.publishing.figures.style import (
     COLUMN_WIDTH,
+    PIECES,
     note_source,
     paper_style,
     say_no_crash,
 )
 from accelerated_evaluation.publishing.published import figure
+from accelerated_evaluation.publishing.tables.display import in_words
 
 CRASHES, RECORDS = 4, 6  # largest numbers of crashes and of records that are drawn
 COLUMNS = {CRASHES: 4, RECORDS: 3}  # columns of panels
@@ -28,19 +39,8 @@ def fig28_ways_to_crash(
 ) -> tuple[Figure, pd.DataFrame]:
     """Draw speeds and range over time for the most probable kinds of crashes, with the probability of each.
 
-    Parameters
-    ----------
-    happened, traces
-        ``encounters.csv`` and ``traces.csv`` of a study's folder ``happened``: the encounters, and the states
-        of both cars over time.
-    source
-        Description of the data.
-
-    Returns
-    -------
-    figure, data
-        The figure has a pair of panels for each of the `CRASHES` kinds with the largest probability. The data
-        have a row for each encounter and time.
+    The figure has a pair of panels for each of the `CRASHES` kinds with the largest probability. The data
+    have a row for each encounter and time.
     """
     crashes = happened[happened["kind"] == "crash"]
     shown = crashes.nlargest(CRASHES, "probability")
@@ -60,19 +60,8 @@ def fig29_nearest_records(
 
     These records come nearest to a crash when the vehicle is simulated in them.
 
-    Parameters
-    ----------
-    happened, traces
-        ``encounters.csv`` and ``traces.csv`` of a study's folder ``happened``: the encounters, and the states
-        of both cars over time.
-    source
-        Description of the data.
-
-    Returns
-    -------
-    figure, data
-        The figure has a pair of panels for each of the first `RECORDS` records. The data have a row for each
-        record and time.
+    The figure has a pair of panels for each of the first `RECORDS` records. The data have a row for each
+    record and time.
     """
     shown = happened[happened["kind"] == "record"].head(RECORDS)
     titles = [
@@ -164,3 +153,38 @@ def _draw_one(upper: Axes, lower: Axes, trace: pd.DataFrame, row: dict, title: s
 def _say_unknown(axes: Axes) -> None:
     text = "the states of this vehicle are not known, only the outcomes"
     axes.text(0.5, 0.5, text, transform=axes.transAxes, ha="center", va="center", color="#555555")
+
+
+GROUPS = {"closing": "cut-ins whose gap closes", "opening": "cut-ins whose gap opens"}
+NORMAL_90 = 1.645  # half-width of the 90 % interval of the standard normal distribution
+
+
+@figure
+def fig34_lead_motion(lead_motion: pd.DataFrame, source: str) -> tuple[Figure, pd.DataFrame]:
+    """Draw the crash probabilities with a lead vehicle that keeps its speed, and with one that changes it.
+
+    The figure, and the rows of ``lead_motion`` in its order.
+    """
+    rows = pd.concat([lead_motion[lead_motion["gap"] == gap] for gap in GROUPS], ignore_index=True)
+    rows = rows.assign(group=rows["gap"].map(GROUPS))
+    y = spaced(rows["group"], 1.6)
+    with paper_style():
+        drawn, axes = plt.subplots(figsize=(2 * COLUMN_WIDTH, FRAME + ROW * (len(rows) + 6)))
+        look = {"linestyle": "none", "markersize": 3.5}
+        still = rows["constant"].where(rows["constant"] > 0)
+        axes.plot(still, y, marker="s", color="black", label="lead vehicle keeps its speed", **look)
+        crashed = (rows["moving"] > 0).to_numpy()
+        moving, reach = rows["moving"][crashed], NORMAL_90 * rows["standard_error"][crashed]
+        bars = [np.minimum(reach, 0.9 * moving), reach]
+        label = "lead vehicle changes its speed, 90 % interval"
+        axes.errorbar(
+            moving, y[crashed], xerr=bars, marker="o", color=PIECES[0], elinewidth=0.8, label=label, **look
+        )
+        limit = rows["high95"][~crashed]
+        axes.plot(limit, y[~crashed], marker="<", color=PIECES[0], label="no crash: 95 % limit", **look)
+        axes.set(xscale="log", xlabel="crash probability of a cut-in")
+        name_rows(axes, y, rows["group"], in_words(rows["vehicle"]))
+        has_factor = rows["factor"].notna().to_numpy()
+        write_beside(axes, y[has_factor], in_ratios(rows["factor"][has_factor]), "× constant")
+        finish(drawn, axes, f"{source}; lead motion with the statistics of NGSIM")
+    return drawn, rows.drop(columns="group")

@@ -9,7 +9,7 @@ from matplotlib.figure import Figure
 
 from accelerated_evaluation.base.arrays import Array
 from accelerated_evaluation.laws.distributions import Described, Empirical, unit_to_power
-from accelerated_evaluation.laws.paper.independent import IndependentLaw
+from accelerated_evaluation.laws.paper.models import IndependentLaw
 from accelerated_evaluation.publishing.figures.curves import (
     INVERSE_RANGE,
     INVERSE_TTC,
@@ -44,21 +44,9 @@ def fig04_inverse_range_fit(
 ) -> tuple[Figure, pd.DataFrame]:
     """Draw piecewise fits of R^-1 with two and with three pieces, for all segments (paper, figure 4).
 
-    Parameters
-    ----------
-    encounters
-        Encounter table, with one row for each recorded cut-in.
-    two_pieces, three_pieces
-        The piecewise models, with two and three pieces of R^-1.
-    source
-        Description of the data.
-
-    Returns
-    -------
-    figure, data
-        The first panel shows densities of the body (the part below the tail), the second survival functions,
-        with marks at the knots. The data contain everything that is drawn, with columns panel, curve,
-        inverse_range_per_m, bin_width_per_m, count, density_m, is_knot and survival.
+    The first panel shows densities of the body (the part below the tail), the second survival functions, with
+    marks at the knots. The data contain everything that is drawn, with columns panel, curve,
+    inverse_range_per_m, bin_width_per_m, count, density_m, is_knot and survival.
     """
     laws = two_pieces.inverse_range, three_pieces.inverse_range
     styles = (
@@ -77,23 +65,9 @@ def fig05_inverse_ttc_fit(
 ) -> tuple[Figure, pd.DataFrame]:
     """Draw the piecewise fit of TTC^-1 in one segment, with the components of its body (paper, figure 5).
 
-    Parameters
-    ----------
-    encounters
-        Encounter table, with one row for each recorded cut-in.
-    piecewise
-        A piecewise model.
-    segment
-        Segment of v_L; the paper shows the second one.
-    source
-        Description of the data.
-
-    Returns
-    -------
-    figure, data
-        The first panel shows densities of the body (the part below the tail), the second survival functions,
-        with marks at the knots. The columns of the data are panel, curve, inverse_ttc_per_s, bin_width_per_s,
-        count, density_s, is_knot and survival.
+    The first panel shows densities of the body (the part below the tail), the second survival functions, with
+    marks at the knots. The columns of the data are panel, curve, inverse_ttc_per_s, bin_width_per_s, count,
+    density_s, is_knot and survival.
     """
     law = piecewise.inverse_ttc[segment]
     curves = {f"piecewise ({len(law.components)} pieces)": Curve(law, style_of("piecewise"))}
@@ -112,20 +86,8 @@ def fig06_inverse_range_comparison(
 
     The records are shown as a histogram.
 
-    Parameters
-    ----------
-    encounters
-        Encounter table, with one row for each recorded cut-in.
-    piecewise, single
-        The piecewise and the single parametric model.
-    source
-        Description of the data.
-
-    Returns
-    -------
-    figure, data
-        The first panel shows densities of the body, the second survival functions. The columns of the data
-        are panel, curve, inverse_range_per_m, bin_width_per_m, count, density_m, is_knot and survival.
+    The first panel shows densities of the body, the second survival functions. The columns of the data are
+    panel, curve, inverse_range_per_m, bin_width_per_m, count, density_m, is_knot and survival.
     """
     curves = _compared(piecewise.inverse_range, single.inverse_range)
     return _fit_figure(encounters["inverse_range"].to_numpy(), curves, INVERSE_RANGE, source)
@@ -139,22 +101,8 @@ def fig07_inverse_ttc_comparison(
 
     The records are shown as a histogram.
 
-    Parameters
-    ----------
-    encounters
-        Encounter table, with one row for each recorded cut-in.
-    piecewise, single
-        The piecewise and the single parametric model.
-    segment
-        Segment of v_L; the paper shows the second one.
-    source
-        Description of the data.
-
-    Returns
-    -------
-    figure, data
-        The first panel shows densities of the body, the second survival functions. The columns of the data
-        are panel, curve, inverse_ttc_per_s, bin_width_per_s, count, density_s, is_knot and survival.
+    The first panel shows densities of the body, the second survival functions. The columns of the data are
+    panel, curve, inverse_ttc_per_s, bin_width_per_s, count, density_s, is_knot and survival.
     """
     curves = _compared(piecewise.inverse_ttc[segment], single.inverse_ttc[segment])
     return _fit_figure(_inverse_ttc(encounters, segment), curves, INVERSE_TTC, source, segment)

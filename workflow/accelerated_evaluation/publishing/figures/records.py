@@ -12,7 +12,7 @@ from matplotlib.ticker import MaxNLocator
 
 from accelerated_evaluation.publishing.figures.style import COLUMN_WIDTH, PIECES, note_source, paper_style
 from accelerated_evaluation.publishing.published import figure
-from accelerated_evaluation.records.checks.sizes import CELL
+from accelerated_evaluation.records.checks.units import CELL
 from accelerated_evaluation.records.segments import MINIMUM_ROWS
 
 LARGEST_NARROW = 8  # largest number of cells along an axis of a figure for one column
@@ -28,18 +28,8 @@ DRAWN = {
 def fig26_sample_size(encounters: pd.DataFrame, source: str) -> tuple[Figure, pd.DataFrame]:
     """Draw the number of records by lead speed and range, and mark cells with too few records for a fit.
 
-    Parameters
-    ----------
-    encounters
-        Encounter table, with one row for each recorded cut-in.
-    source
-        Description of the data.
-
-    Returns
-    -------
-    figure, data
-        The figure has cells of 5 m/s by 10 m, or less at the upper ends, with their counts. The data contain
-        lower and upper edges and count of all cells.
+    The figure has cells of 5 m/s by 10 m, or less at the upper ends, with their counts. The data contain
+    lower and upper edges and count of all cells.
     """
     names = ("lead_speed", "range")
     edges = [_edges(encounters[name], step) for name, step in zip(names, CELL, strict=True)]
@@ -96,18 +86,8 @@ def _write_counts(axes: Axes, count: np.ndarray, edges: list[np.ndarray]) -> Non
 def fig27_row_order(encounters: pd.DataFrame, source: str) -> tuple[Figure, pd.DataFrame]:
     """Draw median and 95 % quantile of lead speed, range and TTC^-1 in blocks of consecutive rows.
 
-    Parameters
-    ----------
-    encounters
-        Encounter table, whose rows are in the order of the records.
-    source
-        Description of the data.
-
-    Returns
-    -------
-    figure, data
-        The figure has a panel for each quantity, in which each value is divided by that of all rows. The data
-        contain, for each block, its first and last row, and median and 95 % quantile of each quantity.
+    The figure has a panel for each quantity, in which each value is divided by that of all rows. The data
+    contain, for each block, its first and last row, and median and 95 % quantile of each quantity.
     """
     blocks = np.array_split(np.arange(len(encounters)), min(BLOCKS, max(len(encounters) // 20, 1)))
     rows = [_digest(encounters.iloc[block], block) for block in blocks]

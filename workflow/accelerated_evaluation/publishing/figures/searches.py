@@ -12,7 +12,7 @@ from matplotlib.figure import Figure
 from matplotlib.ticker import MaxNLocator
 
 from accelerated_evaluation.laws.distributions import PiecewiseMixture
-from accelerated_evaluation.laws.paper.independent import IndependentLaw
+from accelerated_evaluation.laws.paper.models import IndependentLaw
 from accelerated_evaluation.publishing.figures.style import COLUMN_WIDTH, PIECES, note_source, paper_style
 from accelerated_evaluation.publishing.published import figure
 
@@ -34,20 +34,8 @@ def fig08_thresholds(trace: pd.DataFrame, segment: str, source: str) -> tuple[Fi
     A relaxed event is a time to collision or a range below a threshold. The search lowers the thresholds
     until the event is the crash.
 
-    Parameters
-    ----------
-    trace
-        ``cross_entropy_trace.csv`` of a study.
-    segment
-        Segment of v_L, whose piecewise searches are drawn, that of the first seed in front.
-    source
-        Description of the data.
-
-    Returns
-    -------
-    figure, data
-        The figure shows the threshold of TTC on its left scale and that of the range, t_R, on its right
-        scale. The columns of the data are seed, iteration, threshold_ttc_s, threshold_range_m and events.
+    The figure shows the threshold of TTC on its left scale and that of the range, t_R, on its right scale.
+    The columns of the data are seed, iteration, threshold_ttc_s, threshold_range_m and events.
     """
     rows = _piecewise(trace, segment)
     ratio = (rows["threshold_range_m"] / rows["threshold_ttc_s"]).max()
@@ -88,21 +76,8 @@ def fig09_inverse_range_parameters(
 
     The tilt theta of a piece multiplies its density at x by exp(theta x), up to a constant.
 
-    Parameters
-    ----------
-    trace
-        ``cross_entropy_trace.csv`` of a study.
-    segment
-        Segment of v_L, whose piecewise searches are drawn, that of the first seed in front.
-    source
-        Description of the data.
-
-    Returns
-    -------
-    figure, data
-        The figure shows the weights above the tilts of each piece, with open markers where a tilt was not
-        updated. The columns of the data are seed, iteration, piece,
-        from_per_m, weight and theta_m.
+    The figure shows the weights above the tilts of each piece, with open markers where a tilt was not
+    updated. The columns of the data are seed, iteration, piece, from_per_m, weight and theta_m.
     """
     return _parameters(trace, segment, "inverse_range", source)
 
@@ -115,21 +90,8 @@ def fig10_inverse_ttc_parameters(
 
     The tilt theta of a piece multiplies its density at x by exp(theta x), up to a constant.
 
-    Parameters
-    ----------
-    trace
-        ``cross_entropy_trace.csv`` of a study.
-    segment
-        Segment of v_L, whose piecewise searches are drawn, that of the first seed in front.
-    source
-        Description of the data.
-
-    Returns
-    -------
-    figure, data
-        The figure shows the weights above the tilts of each piece, with open markers where a tilt was not
-        updated. The columns of the data are seed, iteration, piece,
-        from_per_s, weight and theta_s.
+    The figure shows the weights above the tilts of each piece, with open markers where a tilt was not
+    updated. The columns of the data are seed, iteration, piece, from_per_s, weight and theta_s.
     """
     return _parameters(trace, segment, "inverse_ttc", source)
 
@@ -190,22 +152,8 @@ def fig11_inverse_ttc_density(
 ) -> tuple[Figure, pd.DataFrame]:
     """Draw densities of TTC^-1 at some iterations of a search, from f to the final f* (paper, figure 11).
 
-    Parameters
-    ----------
-    trace
-        ``cross_entropy_trace.csv`` of a study. The search with the smallest seed is drawn.
-    piecewise
-        The piecewise model f, from whose pieces the densities of the iterations are computed.
-    segment
-        Segment of v_L.
-    source
-        Description of the data.
-
-    Returns
-    -------
-    figure, data
-        The figure shows later iterations in darker colours. The columns of the data are iteration,
-        inverse_ttc_per_s and density_s.
+    The figure shows later iterations in darker colours. The columns of the data are iteration,
+    inverse_ttc_per_s and density_s.
     """
     table = _density_table(_piecewise(trace, segment), piecewise.inverse_ttc[segment])
     chosen = table["iteration"].unique()

@@ -19,7 +19,7 @@ from matplotlib.figure import Figure
 
 from accelerated_evaluation.base.files import atomic_path, write_csv
 from accelerated_evaluation.methods import METHODS
-from accelerated_evaluation.publishing.tables.formats import reproducible
+from accelerated_evaluation.publishing.tables.display import reproducible
 
 COLUMN_WIDTH = 3.5  # [in], one column of an IEEE journal
 FORMATS = ("png", "pdf", "svg")
@@ -98,13 +98,8 @@ def paper_style() -> Iterator[None]:
 def note_source(figure: Figure, source: str) -> None:
     """Write a note on the data in small print below a figure; the layout reserves space for it.
 
-    Parameters
-    ----------
-    figure
-        The figure.
-    source
-        Description of the data, such as "Safety Pilot Model Deployment (real events)". The note replaces the
-        figure's common label of x, so label the axes individually.
+    ``source``: description of the data, such as "Safety Pilot Model Deployment (real events)". The note
+    replaces the figure's common label of x, so label the axes individually.
     """
     # Without the backslash, Matplotlib would take a dollar sign for the start of a formula.
     figure.supxlabel(f"Data: {source}".replace("$", r"\$"), x=0.99, ha="right", fontsize=6, color="#555555")
@@ -124,16 +119,7 @@ def save_figure(
 ) -> Figure:
     """Save a figure as PDF, SVG and PNG, and its data as CSV in the same folder; return it for display.
 
-    Parameters
-    ----------
-    figure
-        The figure.
-    data
-        Tidy table of everything that is drawn, units in the column names.
-    folder, name
-        Files are called ``folder/name.pdf`` and so on.
-    metadata
-        Metadata of the files, by format and key.
+    ``data``: tidy table of everything that is drawn, units in the column names.
     """
     undated = {"png": {}, "pdf": {"CreationDate": None}, "svg": {"Date": None}}
     if _print is not None:

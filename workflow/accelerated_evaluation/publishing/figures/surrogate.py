@@ -25,7 +25,7 @@ from accelerated_evaluation.publishing.figures.dot_chart import (
 )
 from accelerated_evaluation.publishing.figures.style import COLUMN_WIDTH, note_source, paper_style, style_of
 from accelerated_evaluation.publishing.published import figure
-from accelerated_evaluation.publishing.tables.surrogate import PHASES, side_by_side
+from accelerated_evaluation.publishing.tables.sampled import PHASES, side_by_side
 
 # Names of the shares of simulations in the figure.
 QUANTITIES = {"simulations": "all simulations", "of the estimate": "those of the estimate"}
@@ -48,23 +48,11 @@ def fig19_surrogate_runs(
     One replicate is drawn in normal scores, the standard normal coordinates of the law; for all replicates
     the shares of the segments are drawn.
 
-    Parameters
-    ----------
-    runs, exact
-        ``surrogate_runs.csv`` and ``exact.csv`` of a study.
-    shares
-        Share of each segment in the lane changes; the paper's methods divide their simulations in the same
-        way.
-    source
-        Description of the data.
-
-    Returns
-    -------
-    figure, data
-        Panel (a) shows every simulation of the first replicate over all segments. Panel (b) enlarges the part
-        with the crashes of the phases learn and estimate. Their data are run, phase, segment,
-        z_range, z_closing_speed and event. Panel (c) shows, for each segment, the shares of lane
-        changes, simulations of all replicates, and crashes: segment, quantity and share.
+    ``shares``: share of each segment in the lane changes; the paper's methods divide their simulations in the
+    same way. Panel (a) shows every simulation of the first replicate over all segments. Panel (b) enlarges
+    the part with the crashes of the phases learn and estimate. Their data are run, phase, segment, z_range,
+    z_closing_speed and event. Panel (c) shows, for each segment, the shares of lane changes, simulations of
+    all replicates, and crashes: segment, quantity and share.
     """
     runs = runs[runs["scope"] == "all"]
     shown = runs.loc[runs["replicate"] == 0, ["run", "phase", "segment", *SCORES, "event"]]
@@ -94,18 +82,8 @@ def fig19_surrogate_runs(
 def fig20_methods(replicates: pd.DataFrame, exact: pd.DataFrame, source: str) -> tuple[Figure, pd.DataFrame]:
     """Draw the number of simulations and the estimate of every replicate of every method, over all segments.
 
-    Parameters
-    ----------
-    replicates, exact
-        The estimates of all methods, and ``exact.csv`` of a study.
-    source
-        Description of the data.
-
-    Returns
-    -------
-    figure, data
-        A row for each replicate: method, replicate, the simulations spent on ``learning``, on ``estimating``
-        and ``together``; probability, ci_low, ci_high and ``to_exact``, the ratio to the exact probability.
+    A row for each replicate: method, replicate, the simulations spent on ``learning``, on ``estimating`` and
+    ``together``; probability, ci_low, ci_high and ``to_exact``, the ratio to the exact probability.
     """
     truth = exact.set_index("segment").loc["all"]
     data = side_by_side(replicates, "all")

@@ -9,7 +9,7 @@ from typing import Any
 
 import pandas as pd
 
-from accelerated_evaluation.laws.paper.independent import IndependentLaw
+from accelerated_evaluation.laws.paper.models import IndependentLaw
 from accelerated_evaluation.publishing.published import table
 from accelerated_evaluation.publishing.tables.paper_claims import (
     ABOVE,
@@ -19,6 +19,7 @@ from accelerated_evaluation.publishing.tables.paper_claims import (
     STATED,
     Claim,
 )
+from accelerated_evaluation.publishing.tables.readings import Evidence, statements
 from accelerated_evaluation.publishing.tables.searches import search_totals, searched_parameters
 from accelerated_evaluation.publishing.tables.spreads import (
     Mean,
@@ -29,7 +30,6 @@ from accelerated_evaluation.publishing.tables.spreads import (
     pooled_probability,
     sample_size,
 )
-from accelerated_evaluation.publishing.tables.statements import Evidence, statements
 from accelerated_evaluation.records.sources import describe
 
 # Settings that a study must have in common with the paper; otherwise their numbers are not comparable.

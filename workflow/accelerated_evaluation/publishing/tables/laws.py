@@ -6,7 +6,7 @@ from accelerated_evaluation.answer.calibration import HOST
 from accelerated_evaluation.answer.lead_motion import motion_budget
 from accelerated_evaluation.answer.posterior import LEVELS
 from accelerated_evaluation.publishing.published import result_table, table
-from accelerated_evaluation.publishing.tables.formats import readable
+from accelerated_evaluation.publishing.tables.display import readable
 from accelerated_evaluation.records.verdict import Verdict
 
 DIGITS = 2  # significant digits of probabilities, which are enough for their wide intervals

@@ -1,4 +1,4 @@
-"""Readable tables of fitted models and candidate families."""
+"""Readable tables of the records and their checks, of fitted models, and of candidate families."""
 
 import json
 from collections.abc import Iterator, Mapping, Sequence
@@ -6,9 +6,25 @@ from collections.abc import Iterator, Mapping, Sequence
 import pandas as pd
 
 from accelerated_evaluation.laws.distributions import Distribution, Empirical, Mixture, unit_to_power
-from accelerated_evaluation.laws.paper.independent import UNITS, IndependentLaw
-from accelerated_evaluation.publishing.published import table
-from accelerated_evaluation.publishing.tables.formats import reproducible_value
+from accelerated_evaluation.laws.paper.models import UNITS, IndependentLaw
+from accelerated_evaluation.publishing.published import result_table, table
+from accelerated_evaluation.publishing.tables.display import reproducible_value
+
+
+@table("encounters_account")
+def account_table(account: pd.DataFrame) -> pd.DataFrame:
+    """Return the account of the records, one row for each filter, for publication without changes."""
+    return account
+
+
+def _what_was_seen(report: pd.DataFrame) -> pd.DataFrame:
+    """Return the columns that fit on a page; notebook 12 shows the others for checks that are not fine."""
+    return report[["check", "verdict", "looked_at", "seen"]]
+
+
+# The report on the records.
+records_report_table = result_table("records_report", digits=3, digest=_what_was_seen)
+
 
 PARAMETER_DIGITS = 5  # significant digits of fitted parameters, of which the eighth depends on the processor
 SYMBOLS = {"inverse_range": "R⁻¹", "inverse_ttc": "TTC⁻¹"}

@@ -4,9 +4,9 @@ import math
 
 import pandas as pd
 
-from accelerated_evaluation.laws.paper.independent import IndependentLaw
+from accelerated_evaluation.laws.paper.models import IndependentLaw
 from accelerated_evaluation.publishing.published import table
-from accelerated_evaluation.publishing.tables.paper_numbers import (
+from accelerated_evaluation.publishing.tables.paper_claims import (
     PAPER_PARAMETERS,
     PAPER_RATIOS,
     PAPER_SEARCHES,

@@ -1,8 +1,9 @@
-"""Summaries of the Cross-Entropy searches: simulations, changed parameters and the last iteration."""
+"""Summaries of the Cross-Entropy searches, and the coverage of the intervals."""
 
 import pandas as pd
 
-from accelerated_evaluation.publishing.published import result_table
+from accelerated_evaluation.methods.coverage import LEVELS
+from accelerated_evaluation.publishing.published import result_table, table
 
 
 def search_totals(trace: pd.DataFrame) -> pd.Series:
@@ -74,3 +75,16 @@ def updates_digest(repeated_searches: pd.DataFrame) -> pd.DataFrame:
 
 # The searches with more seeds and more updates; readers are shown the `updates_digest`.
 repeated_searches_table = result_table("repeated_searches", digits=3, digest=updates_digest)
+
+
+COVERAGE_COLUMNS = (
+    *("method", "stopping", "replicates", "bias", "cov_true", "cov_reported"),
+    *(f"coverage{level}" for level in LEVELS),
+)
+
+
+@table("coverage", digits=3)
+def coverage_table(coverage: pd.DataFrame) -> pd.DataFrame:
+    """Return the table of the coverage of intervals, with the columns that contain the coverage first."""
+    others = [name for name in coverage.columns if name not in COVERAGE_COLUMNS]
+    return coverage[[*COVERAGE_COLUMNS, *others]]

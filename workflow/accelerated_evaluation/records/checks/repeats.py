@@ -1,4 +1,4 @@
-"""Checks whether each row is a different cut-in: repeated and nearly repeated rows, and stuck sensors.
+"""Checks whether each row is a different cut-in, and of the number of drivers or devices.
 
 The number of equal values that occur by chance depends on the resolution of the records, which is unknown. It
 is estimated from pairs of rows that are so far apart in the record that they belong to different cut-ins.
@@ -9,6 +9,7 @@ import pandas as pd
 from scipy.stats import poisson
 
 from accelerated_evaluation.base.randomness import child_generator
+from accelerated_evaluation.base.tables import CLUSTER
 from accelerated_evaluation.records.checks import (
     CHECKS,
     FINE,
@@ -18,7 +19,27 @@ from accelerated_evaluation.records.checks import (
     Finding,
     Records,
     by_share,
+    needs,
 )
+
+FEW_CLUSTERS = 20  # effective number of clusters below which bootstrap intervals over clusters are too short
+
+
+@CHECKS.add("clusters")
+@needs(CLUSTER)
+def clusters(records: Records) -> Finding:
+    """Check by their effective number, n² / Σ n_k², whether the records belong to enough clusters."""
+    sizes = records.fitted[CLUSTER].value_counts().to_numpy(float)
+    effective = float(sizes.sum() ** 2 / (sizes**2).sum()) if sizes.size else 0.0
+    return Finding(
+        WARNING if effective < FEW_CLUSTERS else FINE,
+        "clusters, such as drivers or devices, that share the fitted records",
+        f"{sizes.size:,} clusters, equivalent to {effective:.1f} of equal size",
+        effective,
+        "The records of one cluster are similar, so a few clusters contain little information about other "
+        "clusters. Expect wide intervals. Records of more clusters reduce them most.",
+    )
+
 
 RESOLUTION = {"m/s": 0.1, "m": 0.2}  # of automotive radars; variables in other units must be equal
 FAR = (0.23, 0.31, 0.43)  # distances between rows of different cut-ins, as shares of the length of the record

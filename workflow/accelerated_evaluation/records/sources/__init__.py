@@ -2,7 +2,7 @@
 
 A source is a function ``read(settings)`` with the decorator `source`, which states the keys of its section.
 The function takes its section of the configuration, ``data.<name>``, and returns the unfiltered records:
-three columns as `encounter_table.complete` takes them, and an index ``row`` that counts from 1. Further
+three columns as `segments.complete` takes them, and an index ``row`` that counts from 1. Further
 columns may say where in the original data a record was found; they are not used in computations. The section
 has the keys ``description``, ``path`` and ``outlier_rows``, and any other key that the source needs, such as
 ``exposure``.
@@ -93,7 +93,7 @@ def source(
 def read_source(data: Mapping[str, Any], generator: np.random.Generator) -> pd.DataFrame:
     """Read the records of the configured source, or a random sample of them in the order of the source.
 
-    The columns are those of `encounter_table.complete`, and the index ``row`` counts the rows of the source
+    The columns are those of `segments.complete`, and the index ``row`` counts the rows of the source
     from 1. ``attrs["exposure"]`` contains the kilometres and hours in which all records were made, if they
     are known; they are unknown for a sample. InputError is raised if the source cannot be read, or has fewer
     records than the size of the sample.

@@ -8,9 +8,9 @@ from typing import TYPE_CHECKING, Any
 import pandas as pd
 from tqdm import tqdm
 
+from accelerated_evaluation.base.arrays import SPEED
 from accelerated_evaluation.base.errors import InputError
 from accelerated_evaluation.base.sections import choice, listed, number, section
-from accelerated_evaluation.base.units import SPEED
 from accelerated_evaluation.records.ingest import Account
 from accelerated_evaluation.records.recordings.cut_ins import (
     RULE,

@@ -6,10 +6,10 @@ from typing import Any
 
 import pandas as pd
 
+from accelerated_evaluation.base.arrays import INVERSE_LENGTH, INVERSE_TIME, LENGTH, SPEED, TIME
 from accelerated_evaluation.base.errors import InputError
 from accelerated_evaluation.base.sections import Check, Schema, choice, section, text
 from accelerated_evaluation.base.tables import read_csv, read_parquet, require_file
-from accelerated_evaluation.base.units import INVERSE_LENGTH, INVERSE_TIME, LENGTH, SPEED, TIME
 from accelerated_evaluation.records.sources import exposure, source
 
 # For each quantity: the quantities that its column may contain (itself or its inverse), and their units.

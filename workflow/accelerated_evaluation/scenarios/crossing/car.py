@@ -9,7 +9,6 @@ import pandas as pd
 from numpy.typing import ArrayLike
 
 from accelerated_evaluation.base.arrays import Array
-from accelerated_evaluation.scenarios.compiled import simulate_in_slices
 from accelerated_evaluation.scenarios.crossing import CrossingOutcomes
 from accelerated_evaluation.scenarios.crossing.kernel import (
     TICK,
@@ -18,7 +17,7 @@ from accelerated_evaluation.scenarios.crossing.kernel import (
     simulate_slice,
     trace_run,
 )
-from accelerated_evaluation.scenarios.parameters import AccAebParameters, parameter_error
+from accelerated_evaluation.scenarios.parameters import AccAebParameters, parameter_error, simulate_in_slices
 from accelerated_evaluation.scenarios.protocol import Scenario
 
 KMH = 0.2777777777778  # [m/s], rounded as in the authors' model

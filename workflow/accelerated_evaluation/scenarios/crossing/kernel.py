@@ -31,7 +31,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from accelerated_evaluation.scenarios.compiled import compiled
+from accelerated_evaluation.scenarios.parameters import compiled
 
 TICK = 0.1  # [s], period of the controller's clock, and time between the points of the target's velocity
 

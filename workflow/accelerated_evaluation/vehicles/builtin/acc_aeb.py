@@ -9,9 +9,8 @@ from numpy.typing import ArrayLike
 from accelerated_evaluation.scenarios.parameters import AccAebParameters, parameter_error
 from accelerated_evaluation.vehicles.builtin.kernel import STEP, Car, simulate_slice
 from accelerated_evaluation.vehicles.builtin.traces import trace_car
-from accelerated_evaluation.vehicles.checks import checked_encounters
 from accelerated_evaluation.vehicles.moving import CompiledVehicle, checked_motion
-from accelerated_evaluation.vehicles.protocol import VEHICLES
+from accelerated_evaluation.vehicles.protocol import VEHICLES, checked_encounters
 
 KMH = 1 / 3.6  # [m/s]
 # Time to collision at which a 2011 Volvo V60 brakes: linear in the speed through two points, then constant.

@@ -11,8 +11,8 @@ from accelerated_evaluation.scenarios.parameters import check_number, parameter_
 from accelerated_evaluation.vehicles.builtin.driver_kernel import STEP, follow_slice
 from accelerated_evaluation.vehicles.builtin.driver_numbers import Driver
 from accelerated_evaluation.vehicles.builtin.traces import trace_driver
-from accelerated_evaluation.vehicles.checks import checked_encounters
 from accelerated_evaluation.vehicles.moving import CompiledVehicle, checked_motion
+from accelerated_evaluation.vehicles.protocol import checked_encounters
 
 G = 9.81  # [m/s^2], as in JRC-FSM
 

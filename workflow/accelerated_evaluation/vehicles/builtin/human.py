@@ -16,9 +16,8 @@ from accelerated_evaluation.vehicles.builtin import human_kernel
 from accelerated_evaluation.vehicles.builtin.human_kernel import SWERVE, HumanNumbers
 from accelerated_evaluation.vehicles.builtin.human_population import Population
 from accelerated_evaluation.vehicles.builtin.traces import trace_human
-from accelerated_evaluation.vehicles.checks import checked_encounters
 from accelerated_evaluation.vehicles.moving import checked_lead_speeds, checked_motion, kept_speeds
-from accelerated_evaluation.vehicles.protocol import VEHICLES, Outcomes
+from accelerated_evaluation.vehicles.protocol import VEHICLES, Outcomes, checked_encounters
 
 URGENCY = 0.25  # [1/s], inverse time to collision of ``critical_response``
 

@@ -14,7 +14,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from accelerated_evaluation.scenarios.compiled import compiled
+from accelerated_evaluation.scenarios.parameters import compiled
 
 # The traits of a driver, which differ from driver to driver:
 # - RESPONSE: factor of the response time;

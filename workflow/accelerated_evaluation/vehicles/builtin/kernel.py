@@ -16,7 +16,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from accelerated_evaluation.scenarios.compiled import compiled
+from accelerated_evaluation.scenarios.parameters import compiled
 
 STEP = 0.1  # [s]; it is a part of the model, because smaller steps change outcomes
 STEPS = 80  # number of steps, for 8 s

@@ -3,9 +3,11 @@
 import os
 import sys
 import warnings
+from abc import ABC, abstractmethod
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass, field
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -15,9 +17,32 @@ from accelerated_evaluation.base.arrays import Array
 from accelerated_evaluation.base.errors import InputError, StudyError
 from accelerated_evaluation.scenarios.cut_in import CUT_IN
 from accelerated_evaluation.scenarios.protocol import Scenario
-from accelerated_evaluation.vehicles.checks import checked_outcomes, outcome_error
 from accelerated_evaluation.vehicles.moving import checked_lead_speeds, require_motion, takes_motion
-from accelerated_evaluation.vehicles.protocol import Vehicle, repeats_itself
+from accelerated_evaluation.vehicles.protocol import Vehicle, checked_outcomes, outcome_error, repeats_itself
+
+BATCH_TIME_LIMIT = 600.0  # [s], default of the longest time for a batch
+
+
+class ForeignVehicle(ABC):
+    """Base class of a vehicle that is an external program; its outcomes are checked and stored."""
+
+    time_limit: float = BATCH_TIME_LIMIT  # longest time for a batch [s]
+    scenario: Scenario = CUT_IN
+
+    @property
+    @abstractmethod
+    def name(self) -> str:
+        """Name of the vehicle in messages."""
+
+    @property
+    @abstractmethod
+    def files(self) -> list[Path]:
+        """Files that define the vehicle; if their contents change, stored outcomes are not used any more."""
+
+    @abstractmethod
+    def simulate(self, *columns: ArrayLike) -> Any:  # noqa: ANN401
+        """Return the outcomes of n encounters, given the scenario's variables, each of shape (n,)."""
+
 
 REPEATED = 4  # number of encounters of the first batch that are simulated again, each twice
 TOLERANCE = 1e-5  # tolerance for repeated outcomes of an encounter, because rounding may depend on the batch

@@ -23,7 +23,7 @@ from accelerated_evaluation.base.errors import InputError
 from accelerated_evaluation.laws.motion import SPEED_COLUMNS, STATES
 from accelerated_evaluation.scenarios.parameters import parameter_error
 from accelerated_evaluation.scenarios.protocol import FLAG, Scenario
-from accelerated_evaluation.vehicles.external.foreign import ForeignVehicle
+from accelerated_evaluation.vehicles.external.checked import ForeignVehicle
 from accelerated_evaluation.vehicles.moving import checked_lead_speeds
 from accelerated_evaluation.vehicles.protocol import VEHICLES
 

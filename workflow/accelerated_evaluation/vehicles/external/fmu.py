@@ -17,8 +17,8 @@ from accelerated_evaluation.laws.motion import STEP
 from accelerated_evaluation.scenarios.cut_in import CUT_IN, Outcomes
 from accelerated_evaluation.scenarios.parameters import check_number, parameter_error
 from accelerated_evaluation.vehicles.builtin.traces import COLUMNS
+from accelerated_evaluation.vehicles.external.checked import ForeignVehicle
 from accelerated_evaluation.vehicles.external.fmi import Model, State
-from accelerated_evaluation.vehicles.external.foreign import ForeignVehicle
 from accelerated_evaluation.vehicles.moving import checked_lead_speeds
 from accelerated_evaluation.vehicles.protocol import VEHICLES
 

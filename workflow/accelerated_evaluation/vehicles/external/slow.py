@@ -17,19 +17,23 @@ from accelerated_evaluation.base.arrays import Array
 from accelerated_evaluation.base.errors import InputError
 from accelerated_evaluation.scenarios.cut_in import CUT_IN
 from accelerated_evaluation.scenarios.protocol import Scenario
-from accelerated_evaluation.vehicles.checks import outcome_error
 from accelerated_evaluation.vehicles.external.checked import (
     CheckedVehicle,
+    ForeignVehicle,
     after_repetition,
     error_in_words,
 )
-from accelerated_evaluation.vehicles.external.elsewhere import Elsewhere
-from accelerated_evaluation.vehicles.external.foreign import ForeignVehicle
 from accelerated_evaluation.vehicles.external.store import Encounter, Request, Store, store_of
-from accelerated_evaluation.vehicles.external.workers import Processes, Workers, simulate_batch, workers_of
+from accelerated_evaluation.vehicles.external.workers import (
+    Elsewhere,
+    Processes,
+    Workers,
+    simulate_batch,
+    workers_of,
+)
 from accelerated_evaluation.vehicles.loading import load_vehicle, section_files, vehicles_of
 from accelerated_evaluation.vehicles.moving import checked_lead_speeds, motion_error, takes_motion
-from accelerated_evaluation.vehicles.protocol import Vehicle
+from accelerated_evaluation.vehicles.protocol import Vehicle, outcome_error
 
 AT_ONCE = 50_000  # number of encounters that are looked up together, which limits the memory
 

@@ -1,4 +1,4 @@
-"""Workers that simulate batches of encounters: processes on this machine, or workers of a Dask cluster."""
+"""Workers that simulate batches of encounters, and the comparison of a vehicle with itself in them."""
 
 import ctypes
 import faulthandler
@@ -12,7 +12,7 @@ import threading
 from collections.abc import Callable, Iterator, Mapping
 from concurrent.futures import Executor, Future, ProcessPoolExecutor
 from contextlib import ExitStack, contextmanager, redirect_stderr, redirect_stdout
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from functools import cache
 from multiprocessing import get_context, parent_process
 from queue import SimpleQueue
@@ -21,12 +21,18 @@ from typing import Any, TextIO
 import numpy as np
 
 from accelerated_evaluation.base.arrays import Array
-from accelerated_evaluation.base.errors import InputError
+from accelerated_evaluation.base.errors import InputError, StudyError
 from accelerated_evaluation.scenarios import SCENARIOS
-from accelerated_evaluation.vehicles.external.checked import CheckedVehicle, error_in_words
+from accelerated_evaluation.scenarios.protocol import Event, Scenario
+from accelerated_evaluation.vehicles.external.checked import (
+    CheckedVehicle,
+    ForeignVehicle,
+    difference_in,
+    error_in_words,
+)
 from accelerated_evaluation.vehicles.external.command import RUNNING, end_group
-from accelerated_evaluation.vehicles.external.foreign import ForeignVehicle
 from accelerated_evaluation.vehicles.loading import load_vehicle
+from accelerated_evaluation.vehicles.protocol import outcome_error
 
 PROCESSES = "processes"
 CLUSTERS = {"dask": ("distributed", "LocalCluster"), "slurm": ("dask_jobqueue", "SLURMCluster")}
@@ -241,3 +247,53 @@ def printed_to(file: TextIO, *streams: int) -> Iterator[None]:
         for stream, copy in zip(streams, kept, strict=True):
             os.dup2(copy, stream)
             os.close(copy)
+
+
+COMPARED = 4  # number of runs with the event, and number of others, that are repeated one by one
+TIME_LIMIT = 3600.0  # [s], longest time for the repetition of a batch of a vehicle that is not stored
+
+
+@dataclass(frozen=True)
+class Elsewhere:
+    """A copy of a user's vehicle in another process."""
+
+    name: str
+    parameters: Mapping[str, Any]
+    scenario: Scenario
+    executor: Executor = field(repr=False)  # with the other process, which loads the vehicle itself
+
+    def __call__(self, encounters: Array) -> Any:  # noqa: ANN401
+        """Return the outcomes of encounters, shape (d, n), which are simulated in reverse order."""
+        work = self.name, dict(self.parameters), encounters[:, ::-1], TIME_LIMIT, self.scenario.name
+        try:
+            outcomes = self.executor.submit(simulate_batch, *work).result()
+        except StudyError:
+            raise
+        except Exception as error:  # executors raise various errors for a process that died
+            shown = self.scenario.described_batch(encounters)
+            seen = f"in another process, {error_in_words(error)}"
+            raise outcome_error(self.name, shown, seen, "outcomes", "Correct the vehicle.") from error
+        return self.scenario.outcomes_of(outcomes[:, ::-1])
+
+
+def difference_elsewhere(vehicle: Any, encounters: Array, outcomes: Any, event: Event) -> InputError | None:  # noqa: ANN401
+    """Simulate runs of an estimate again in another process, and return the error of the first difference.
+
+    The last runs with the event and the last runs without it are repeated one by one. If the vehicle is not
+    stored, because it is fast, all runs are repeated once more in one batch. The result is None without a
+    difference, for outcomes that are stated to be random, and for vehicles of the project, which have no
+    method ``repeat``.
+    """
+    if not hasattr(vehicle, "repeat") or vehicle.deterministic is False or not encounters.shape[1]:
+        return None
+    happened = event.happens(outcomes)
+    alone = [row for kind in (happened, ~happened) for row in np.flatnonzero(kind)[: -COMPARED - 1 : -1]]
+    batches = [np.array([row]) for row in alone]
+    if isinstance(vehicle, CheckedVehicle):
+        batches.append(np.arange(len(happened)))
+    for rows in batches:
+        again = vehicle.repeat(*encounters[:, rows])
+        found = difference_in(again, rows, encounters, outcomes, vehicle.name, vehicle.scenario)
+        if found is not None:
+            return found
+    return None

@@ -6,7 +6,7 @@ from typing import ClassVar
 
 from accelerated_evaluation.laws import FITS, LAWS
 from accelerated_evaluation.laws.distributions import BoundedExponential, Pareto
-from accelerated_evaluation.laws.paper.independent import IndependentLaw, recorded_lead_speeds
+from accelerated_evaluation.laws.paper.models import IndependentLaw, recorded_lead_speeds
 
 
 @LAWS.add("toy_law")

@@ -1,1 +1,0 @@
-"""Archives of a study: provenance, RO-Crate and a folder for a LaTeX paper."""
