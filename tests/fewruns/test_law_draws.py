@@ -95,6 +95,15 @@ def of_counts(events, draws):
     return LawDraws(np.zeros((draws, 1)), np.arange(draws) < events).interval(0.2)
 
 
+def test_the_ends_are_those_of_clopper_and_pearson():
+    low, high = of_counts(2, 50)
+    assert binom.sf(1, 50, low) == pytest.approx(0.1)
+    assert binom.cdf(2, 50, high) == pytest.approx(0.1)
+    assert of_counts(0, 50)[0] == 0
+    assert of_counts(5, 5)[1] == 1
+    assert of_counts(0, 0) == (0, 1)
+
+
 def of_normal(events, draws):
     share = events / draws
     reach = 1.2816 * np.sqrt(share * (1 - share) / draws)

@@ -97,10 +97,10 @@ def test_sentences_name_what_the_runs_cannot_exclude():
     assert "more than 2.0% of the runs near the event" in chance_in_words(known)
     assert "counted by plain simulation" in chance_in_words(known | {"counted": 1})
     assert "drift: " in chance_in_words(known | {"drift": 1})
-    known |= {"differed": 3, "unseen_lapses": 0.03, "unseen_lapses_monotone": 0.01}
+    known |= {"differed": 3, "unseen_lapses": 0.03}
     words = chance_in_words(known)
     assert "draws of the law itself: 300, of which 4 ended in the event" in words
-    assert "rare lapses can add up to 0.03 without any assumption" in words
+    assert "rare lapses can add up to 0.03 (95% confidence, without any assumption" in words
     for absent in ("exclude", "counted", "drift"):
         assert absent not in words
     assert "at least 12,345 draws" in chance_in_words(known | {"settling_runs": 12_345.0})

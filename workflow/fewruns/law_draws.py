@@ -42,16 +42,11 @@ class LawDraws:
 
     def interval(self, alpha: float) -> tuple[float, float]:
         """Return the ends of the interval of Clopper and Pearson for P(event), of level 100 (1 - alpha) %."""
-        counts = np.array([self.events, len(self) - self.events])
-        missed, high = upper_limit(counts[::-1], len(self), alpha / 2)
-        return 1 - float(missed), float(high)
+        events, others = self.events, len(self) - self.events
+        low = float(betaincinv(events, others + 1, alpha / 2)) if events else 0.0
+        return low, float(betaincinv(events + 1, others, 1 - alpha / 2)) if others else 1.0
 
     def contradict(self, probability: float) -> bool:
         """Return whether the events are improbable even if the estimate is too low by `AGREEMENT`."""
         events, allowed = self.events, min(AGREEMENT * probability, 1.0)
         return events > 0 and bool(bdtrc(events - 1, len(self), allowed) < CONTRADICTION)
-
-
-def upper_limit(events: Array, count: Array | int, alpha: float) -> Array:
-    """Return one-sided upper limits (Clopper and Pearson) of k probabilities, from events and trials."""
-    return np.where(events < count, betaincinv(events + 1, np.maximum(count - events, 1), 1 - alpha), 1.0)

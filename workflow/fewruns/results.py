@@ -21,7 +21,6 @@ from fewruns.combining import (
 from fewruns.constants import NOISY_USABLE, UNSEEN_ALPHA, USABLE
 from fewruns.cover import Cover
 from fewruns.estimates import Estimate, Stopping
-from fewruns.lapses import monotone_bound
 from fewruns.progress import Progress
 from fewruns.two_phase import reach_of
 from fewruns.weights import effective_number, largest_pareto_k, pareto_k
@@ -71,20 +70,20 @@ def estimate(
 
 
 def with_lapses(found: Estimate, progress: Progress, stopping: Stopping) -> Estimate:
-    """Return the estimate of a system that may lapse: counted, or with a bound on the events of lapses.
-
-    The draws of the law bound their probability without an assumption. The interval includes this bound.
-    """
-    draws = progress.law_draws
-    if is_counted(progress):
+    """Return an estimate whose interval also includes the bound on the probability that lapses can add."""
+    if not (bound := unseen_lapses(progress)):
         return found
-    bound = draws.interval(2 * UNSEEN_ALPHA)[1]
-    monotone = monotone_bound(progress.z, progress.happened, found.probability)
-    own = {"unseen_lapses": bound, "unseen_lapses_monotone": min(monotone, bound)}
+    own = {"unseen_lapses": bound}
     if found.probability > 0:  # draws without an event that would reduce the bound to this share of it
         own["settling_runs"] = -math.log(UNSEEN_ALPHA) / (stopping.beta * found.probability)
     sampled = found.high if found.probability > 0 else 0.0
     return replace(found, high=max(sampled, bound), diagnostics={**found.diagnostics, **own})
+
+
+def unseen_lapses(progress: Progress) -> float:
+    """Return a bound on the probability that lapses add; 0 if there are none, or if they are counted."""
+    is_unseen = may_lapse(progress) and not is_counted(progress)
+    return progress.law_draws.interval(2 * UNSEEN_ALPHA)[1] if is_unseen else 0.0
 
 
 def may_lapse(progress: Progress) -> bool:

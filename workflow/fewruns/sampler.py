@@ -43,7 +43,6 @@ from fewruns.constants import (
     RELEARN,
     START,
     STEP,
-    UNSEEN_ALPHA,
 )
 from fewruns.cover import Cover
 from fewruns.directions import learn_directions
@@ -275,8 +274,7 @@ class Sampler:
     @property
     def unseen_lapses(self) -> float:
         """A bound on the probability that lapses add to an estimate; 0 without lapses, or if they count."""
-        is_unseen = self.may_lapse and not self.is_counted
-        return self.progress.law_draws.interval(2 * UNSEEN_ALPHA)[1] if is_unseen else 0.0
+        return results.unseen_lapses(self.progress)
 
     def repeats_wanted(self, *, certify: bool) -> int:
         """Return how many repetitions are still required; ``certify`` adds those for convergence."""
@@ -325,7 +323,7 @@ class Sampler:
         """
         found = results.estimate(self.progress, self.batch_size, stopping, self.certificate)
         found = replace(found, converged=self.has_converged(stopping))
-        return results.with_lapses(found, self.progress, stopping) if self.may_lapse else found
+        return results.with_lapses(found, self.progress, stopping)
 
     # ---- design of a batch
 

@@ -233,11 +233,9 @@ def chance_in_words(diagnostics: Mapping[str, float]) -> str:
             "with the number of its runs. The estimate mixes its states and has no meaning"
         )
     if not math.isnan(bound := diagnostics.get("unseen_lapses", math.nan)):
-        monotone = diagnostics["unseen_lapses_monotone"]
         lines.append(
-            f"rare lapses can add up to {bound:.1g} without any assumption, and up to {monotone:.1g} if "
-            f"harder encounters are not less prone to them ({CONFIDENCE}); the interval includes the first "
-            "bound, and the estimate has not converged"
+            f"rare lapses can add up to {bound:.1g} ({CONFIDENCE}, without any assumption about where they "
+            "happen); the interval includes this bound, and the estimate has not converged"
         )
     if not math.isnan(runs := diagnostics.get("settling_runs", math.nan)):
         lines.append(
