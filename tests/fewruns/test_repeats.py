@@ -92,7 +92,9 @@ def test_noise_converges_after_pairs_of_repeats_and_a_drift_never_does():
     for seed in range(3):
         found = estimate(noisy(0.0, np.random.default_rng(seed)), seed)
         assert found.converged
-        assert found.diagnostics["repeats"] == found.diagnostics["differed"] == 2 * DRIFT_PAIRS
+        assert (
+            found.diagnostics["repeats"] == found.diagnostics["differed"] == FIRST_REPEATS + 2 * DRIFT_PAIRS
+        )
         assert 0.5 < found.probability / ndtr(-LEVEL / np.hypot(1, 0.1)) < 2
         faded = estimate(noisy(0.002, np.random.default_rng(seed)), seed)
         assert faded.diagnostics["drift"]
@@ -145,14 +147,16 @@ def test_repeats_are_of_events_first_then_of_what_came_near_and_of_each_run_in_t
     z, happened = rng.normal(size=(6, 2)), score < 0
     known = Repeats.none()
     first = choose_repeats(z, happened, score, known, 3)
-    assert first.repeated.tolist() == [1, 0, 2]
+    assert first.repeated.tolist() == [1, 2, 3]  # the first ones are of both kinds
     np.testing.assert_array_equal(first.z, z[first.repeated])
-    flags = happened[first.repeated]
-    known = known.extended(first, flags, flags, score[first.repeated])
-    assert choose_repeats(z, happened, score, known, 3).repeated.tolist() == [3, 4, 1]
-    assert choose_repeats(z, happened, score, known, 2, in_pairs=True).repeated.tolist() == [1, 0]
-    assert 5 not in choose_repeats(z, happened, score, known, 30).repeated
-    assert choose_repeats(z[:2], happened[:2], score[:2], Repeats.none(), 4).repeated.tolist() == [1, 0, 1, 0]
+    flags, nothing = happened[first.repeated], np.zeros(3, bool)
+    steady = known.extended(first, flags, nothing, score[first.repeated])
+    assert choose_repeats(z, happened, score, steady, 3).repeated.tolist() == [0, 4, 1]
+    assert 5 not in choose_repeats(z, happened, score, steady, 30).repeated
+    noisy = known.extended(first, flags, ~nothing, score[first.repeated])
+    assert choose_repeats(z, happened, score, noisy, 3).repeated.tolist() == [4, 2, 3]
+    assert choose_repeats(z, happened, score, noisy, 3, in_pairs=True).repeated.tolist() == [2, 3, 1]
+    assert choose_repeats(z[:2], happened[:2], score[:2], steady, 4).repeated.tolist() == [0, 1, 0, 1]
 
 
 def test_rounding_is_no_difference():

@@ -63,10 +63,13 @@ class Repeats:
 
     @property
     def drift(self) -> bool:
-        """Whether late repetitions differ from early ones in one direction more often than by chance."""
+        """Whether late repetitions differ from early ones in one direction more often than by chance.
+
+        The scores of two events say too little about how close they were to the boundary.
+        """
         first, last = self.pairs
-        by_flag = self.happened[first].astype(float) - self.happened[last]
-        change = np.where(by_flag, by_flag, self.score[last] - self.score[first])
+        early, late = self.happened[first], self.happened[last]
+        change = np.where(early | late, early.astype(float) - late, self.score[last] - self.score[first])
         up, down = np.count_nonzero(change > 0), np.count_nonzero(change < 0)
         return bool(2 * bdtr(min(up, down), up + down, 0.5) < DRIFT)
 
@@ -82,27 +85,26 @@ def end_differently(happened: Flags, score: Array, again: Flags, score_again: Ar
 
 
 def choose_repeats(
-    z: Array,
-    happened: Flags,
-    score: Array,
-    known: Repeats,
-    count: int,
-    *,
-    in_pairs: bool = False,
+    z: Array, happened: Flags, score: Array, known: Repeats, count: int, *, in_pairs: bool = False
 ) -> RepeatBatch:
     """Return ``count`` runs to repeat next, those that were repeated least often, and of these events first.
 
     An event that a lapse has caused hardly ever happens again, so that the repetition of each event finds the
     lapses among all runs. Then come the runs that were nearest to the event by their scores. Runs with an
-    infinite score are repeated only if all runs without the event are of this kind. With ``in_pairs``, runs
-    that were repeated once are chosen, the earliest first.
+    infinite score are repeated only if all runs without the event are of this kind. Half of the very first
+    repetitions are without the event, and all that look for a drift if the outcomes of most runs are random,
+    because the scores of events may say little. With ``in_pairs``, runs that were repeated once are chosen.
     """
     times = np.bincount(known.repeated, minlength=len(z))
-    if in_pairs:
-        once = known.repeated[times[known.repeated] == 1][:count]
-        return RepeatBatch(z[once], once)
-    kind = np.flatnonzero(happened | (score < LARGEST_SCORE))
-    kind = np.arange(len(z)) if happened[kind].all() else kind
+    safe = ~happened & (score < LARGEST_SCORE)
+    kind = np.flatnonzero(happened | safe if safe.any() else np.ones(len(z), bool))
     nearness = np.where(happened, -score, score)  # smallest for the runs nearest to the boundary
-    chosen = np.resize(kind[np.lexsort((nearness[kind], ~happened[kind], times[kind]))], count)
+    ordered = kind[np.lexsort((nearness[kind], ~happened[kind], times[kind]))]
+    if in_pairs:
+        once = known.repeated[times[known.repeated] == 1]
+        ordered = once[np.argsort(happened[once], kind="stable")]
+    elif not len(known) or known.vary_often:
+        events, others = ordered[happened[ordered]], ordered[~happened[ordered]]
+        ordered = np.concatenate([events[: 0 if known.vary_often else count // 2], others, events])
+    chosen = np.resize(ordered, count)
     return RepeatBatch(z[chosen], chosen.astype(np.int64))

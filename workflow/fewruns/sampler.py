@@ -283,7 +283,7 @@ class Sampler:
             return 0
         if repeats.vary_often:
             is_later = certify or len(self.progress.z) > DRIFT_LAG * (repeats.repeated.max() + 1)
-            first = max(DRIFT_PAIRS - len(repeats), 0)
+            first = max(FIRST_REPEATS + DRIFT_PAIRS - len(repeats), 0)
             return first or (repeats.pairs_wanted if is_later else 0)
         if self.progress.chance and self.deterministic is None and len(repeats):
             return 0
@@ -345,7 +345,7 @@ class Sampler:
         if self._is_searching() or (certify and not results.is_certified(progress, self.certificate)):
             return None
         known = progress.z, progress.happened, progress.score, progress.repeats
-        in_pairs = progress.repeats.vary_often and len(progress.repeats) >= DRIFT_PAIRS
+        in_pairs = progress.repeats.vary_often and len(progress.repeats) >= FIRST_REPEATS + DRIFT_PAIRS
         return choose_repeats(*known, count, in_pairs=in_pairs)
 
     def _draws(self, *, certify: bool) -> PlainBatch | None:
