@@ -92,8 +92,9 @@ def choose_repeats(
     An event that a lapse has caused hardly ever happens again, so that the repetition of each event finds the
     lapses among all runs. Then come the runs that were nearest to the event by their scores. Runs with an
     infinite score are repeated only if all runs without the event are of this kind. Half of the very first
-    repetitions are without the event, and all that look for a drift if the outcomes of most runs are random,
-    because the scores of events may say little. With ``in_pairs``, runs that were repeated once are chosen.
+    repetitions are without the event. If the outcomes of most runs are random, all are that look for a drift,
+    evenly from near to far, because the scores of events may say little. With ``in_pairs``, runs that were
+    repeated once are chosen.
     """
     times = np.bincount(known.repeated, minlength=len(z))
     safe = ~happened & (score < LARGEST_SCORE)
@@ -103,8 +104,11 @@ def choose_repeats(
     if in_pairs:
         once = known.repeated[times[known.repeated] == 1]
         ordered = once[np.argsort(happened[once], kind="stable")]
-    elif not len(known) or known.vary_often:
+    elif known.vary_often:
+        never = ordered[~happened[ordered] & (times[ordered] == 0)]
+        ordered = np.append(never[:: max(len(never) // DRIFT_PAIRS, 1)], ordered)
+    elif not len(known):
         events, others = ordered[happened[ordered]], ordered[~happened[ordered]]
-        ordered = np.concatenate([events[: 0 if known.vary_often else count // 2], others, events])
+        ordered = np.concatenate([events[: count // 2], others, events])
     chosen = np.resize(ordered, count)
     return RepeatBatch(z[chosen], chosen.astype(np.int64))
