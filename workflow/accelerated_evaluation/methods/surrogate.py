@@ -138,8 +138,8 @@ class Surrogate(Method):
         """Return the estimated probability of the event, from as few simulations as possible.
 
         A few dozen events are enough for this method, so ``minimum_events`` of the stopping rule should be 1.
-        The runs also end, without convergence, if the vehicle may fail in a few of its runs. If a saved state
-        is resumed, its own generator is used; InputError is raised if it belongs to another problem.
+        A vehicle that may fail in a few of its runs uses all simulations. If a saved state is resumed, its own
+        generator is used; InputError is raised if it belongs to another problem.
         """
         own = _rules_of(problem) | {"batch_size": self.batch_size, "predecessor": self.predecessor}
         return estimate_problem(problem, generator, stopping, self.state_file, self.on_batch, **own)
