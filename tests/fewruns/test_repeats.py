@@ -113,8 +113,8 @@ def test_a_steady_system_seems_to_drift_as_rarely_as_stated(graded):
         if not graded:
             known = Repeats.none().extended(RepeatBatch(np.zeros((10, 2)), runs), up, up, 0.0 * runs)
         again = known.extended(RepeatBatch(np.zeros((10, 2)), runs), happened, nothing, score)
-        assert known.pairs_wanted == DRIFT_PAIRS
-        assert again.pairs_wanted == 0
+        assert known.pairs_wanted(1) == DRIFT_PAIRS == again.pairs_wanted(2)
+        assert again.pairs_wanted(1) == 0
         assert not known.drift
         alarm += again.drift * binom.pmf(rises, DRIFT_PAIRS, 0.5)
     assert 0.9 * DRIFT < alarm <= DRIFT
@@ -155,7 +155,7 @@ def test_repeats_are_of_events_first_then_of_what_came_near_and_of_each_run_in_t
     assert 5 not in choose_repeats(z, happened, score, steady, 30).repeated
     noisy = known.extended(first, flags, ~nothing, score[first.repeated])
     assert choose_repeats(z, happened, score, noisy, 2).repeated.tolist() == [4, 0]
-    assert choose_repeats(z, happened, score, noisy, 3, in_pairs=True).repeated.tolist() == [2, 3, 1]
+    assert choose_repeats(z, happened, score, noisy, 3, rounds=1).repeated.tolist() == [2, 3, 1]
     assert choose_repeats(z[:2], happened[:2], score[:2], steady, 4).repeated.tolist() == [0, 1, 0, 1]
 
 

@@ -272,8 +272,8 @@ ENOUGH_DRAWS = 100
 # are as unequal as 9 and 1 of 10, whose probability is at most DRIFT.
 DRIFT_PAIRS, DRIFT = 10, 0.022
 
-# The late repetitions are due before convergence, or as soon as there are this many times as many runs as at
-# the early ones.
+# Late repetitions are due before convergence, and as soon as there are this many times as many runs as at the
+# early ones.
 DRIFT_LAG = 4
 
 # Events among these draws contradict the estimate if so many of them would have a probability below this.

@@ -55,28 +55,32 @@ class Repeats:
         first = np.unique(self.repeated, return_index=True)[1]
         return first, len(self) - 1 - np.unique(self.repeated[::-1], return_index=True)[1]
 
-    @property
-    def pairs_wanted(self) -> int:
-        """Number of runs that still have to be repeated a second time, to see whether the system drifts."""
-        first, last = self.pairs
-        return max(min(DRIFT_PAIRS, len(first)) - np.count_nonzero(last > first), 0)
+    def pairs_wanted(self, rounds: int) -> int:
+        """Return how many runs still have to be repeated, so that enough have ``rounds`` late repetitions."""
+        times = np.unique(self.repeated, return_counts=True)[1]
+        return max(min(DRIFT_PAIRS, len(times)) - np.count_nonzero(times > rounds), 0)
 
     @property
     def drift(self) -> bool:
         """Whether late repetitions differ from early ones in one direction more often than by chance.
 
-        The scores of two events say too little about how close they were to the boundary.
+        The pairs are also checked without those of two events, whose scores may say little.
         """
         first, last = self.pairs
         early, late = self.happened[first], self.happened[last]
-        change = np.where(early | late, early.astype(float) - late, self.score[last] - self.score[first])
-        up, down = np.count_nonzero(change > 0), np.count_nonzero(change < 0)
-        return bool(2 * bdtr(min(up, down), up + down, 0.5) < DRIFT)
+        change = np.where(early != late, early.astype(float) - late, self.score[last] - self.score[first])
+        return _is_one_way(change) or _is_one_way(change[~(early & late)])
 
     @property
     def vary_often(self) -> bool:
         """Whether at least the share `OFTEN` of the repetitions differ, as for a system with noise."""
         return len(self) > 0 and bool(self.differed.mean() >= OFTEN)
+
+
+def _is_one_way(change: Array) -> bool:
+    """Return whether more of the changes have the same sign than by chance, by a sign test."""
+    up, down = np.count_nonzero(change > 0), np.count_nonzero(change < 0)
+    return bool(2 * bdtr(min(up, down), up + down, 0.5) < DRIFT)
 
 
 def end_differently(happened: Flags, score: Array, again: Flags, score_again: Array) -> Flags:
@@ -85,7 +89,7 @@ def end_differently(happened: Flags, score: Array, again: Flags, score_again: Ar
 
 
 def choose_repeats(
-    z: Array, happened: Flags, score: Array, known: Repeats, count: int, *, in_pairs: bool = False
+    z: Array, happened: Flags, score: Array, known: Repeats, count: int, *, rounds: int = 0
 ) -> RepeatBatch:
     """Return ``count`` runs to repeat next, those that were repeated least often, and of these events first.
 
@@ -93,17 +97,18 @@ def choose_repeats(
     lapses among all runs. Then come the runs that were nearest to the event by their scores. Runs with an
     infinite score are repeated only if all runs without the event are of this kind. Half of the very first
     repetitions are without the event. If the outcomes of most runs are random, all are that look for a drift,
-    evenly from near to far, because the scores of events may say little. With ``in_pairs``, runs that were
-    repeated once are chosen.
+    evenly from near to far, because the scores of events may say little. With ``rounds``, runs are repeated
+    that have no more than so many repetitions.
     """
     times = np.bincount(known.repeated, minlength=len(z))
     safe = ~happened & (score < LARGEST_SCORE)
     kind = np.flatnonzero(happened | safe if safe.any() else np.ones(len(z), bool))
     nearness = np.where(happened, -score, score)  # smallest for the runs nearest to the boundary
     ordered = kind[np.lexsort((nearness[kind], ~happened[kind], times[kind]))]
-    if in_pairs:
-        once = known.repeated[times[known.repeated] == 1]
-        ordered = once[np.argsort(happened[once], kind="stable")]
+    if rounds:
+        again = known.repeated[np.sort(known.pairs[0])]
+        again = again[times[again] <= rounds]
+        ordered = again[np.lexsort((-times[again], happened[again]))]
     elif known.vary_often:
         never = ordered[~happened[ordered] & (times[ordered] == 0)]
         ordered = np.append(never[:: max(len(never) // DRIFT_PAIRS, 1)], ordered)

@@ -282,13 +282,17 @@ class Sampler:
         if self.deterministic is True:
             return 0
         if repeats.vary_often:
-            is_later = certify or len(self.progress.z) > DRIFT_LAG * (repeats.repeated.max() + 1)
             first = max(FIRST_REPEATS + DRIFT_PAIRS - len(repeats), 0)
-            return first or (repeats.pairs_wanted if is_later else 0)
+            return first or repeats.pairs_wanted(self._late_repeats(certify=certify))
         if self.progress.chance and self.deterministic is None and len(repeats):
             return 0
         wanted = self.enough_repeats if certify and not self.progress.chance else FIRST_REPEATS
         return max(wanted - len(repeats), 0)
+
+    def _late_repeats(self, *, certify: bool) -> int:
+        """Return how often the runs that show a drift should have been repeated after the early repeats."""
+        runs = self.progress.repeats.repeated[: FIRST_REPEATS + DRIFT_PAIRS]
+        return int(certify) + (len(self.progress.z) > DRIFT_LAG * (runs.max() + 1))
 
     def _draws_wanted(self) -> int:
         """Return how many draws of the law are still wanted before an estimate can have converged."""
@@ -345,8 +349,9 @@ class Sampler:
         if self._is_searching() or (certify and not results.is_certified(progress, self.certificate)):
             return None
         known = progress.z, progress.happened, progress.score, progress.repeats
-        in_pairs = progress.repeats.vary_often and len(progress.repeats) >= FIRST_REPEATS + DRIFT_PAIRS
-        return choose_repeats(*known, count, in_pairs=in_pairs)
+        is_late = progress.repeats.vary_often and len(progress.repeats) >= FIRST_REPEATS + DRIFT_PAIRS
+        rounds = self._late_repeats(certify=certify) if is_late else 0
+        return choose_repeats(*known, count, rounds=rounds)
 
     def _draws(self, *, certify: bool) -> PlainBatch | None:
         """Draw from the law itself, as the last check or because of lapses; None while this is not due."""

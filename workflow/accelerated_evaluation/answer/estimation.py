@@ -142,7 +142,11 @@ class Estimated:
             yield in_words(beyond[beyond["replicate"] == number], scenario)
         yield from budget_in_words(answer.budget())
         yield f"law of {scenario.noun}s: {answer.draws.proposal.description}"
-        verdict = "converged" if answer.converged else "not converged"
+        assumptions = assumption_in_words(estimate.diagnostics)
+        assumed = (
+            ", if there are no rare lapses," if assumptions and not estimate.diagnostics["counted"] else ""
+        )
+        verdict = f"converged{assumed}" if answer.converged else "not converged"
         counts = f"{estimate.simulations:,} simulations, {estimate.events:,} of them with the event"
         yield f"{verdict} after {counts}"
         if answer.notes["not_ended"]:
@@ -159,7 +163,7 @@ class Estimated:
             yield unseen_in_words(estimate.probability, estimate.diagnostics)
             yield chance_in_words(estimate.diagnostics)
         else:
-            yield from assumption_in_words(estimate.diagnostics)
+            yield from assumptions
 
     def _probabilities(self, answer: Answer, *, verbose: bool) -> Iterator[str]:
         """Return the main event in words, and with ``verbose`` the other events."""

@@ -138,8 +138,8 @@ class Surrogate(Method):
         """Return the estimated probability of the event, from as few simulations as possible.
 
         A few dozen events are enough for this method, so ``minimum_events`` of the stopping rule should be 1.
-        A vehicle that may fail in a few of its runs uses all simulations. If a saved state is resumed, its own
-        generator is used; InputError is raised if it belongs to another problem.
+        A vehicle that may fail in a few of its runs uses all simulations. If a saved state is resumed, its
+        own generator is used; InputError is raised if it belongs to another problem.
         """
         own = _rules_of(problem) | {"batch_size": self.batch_size, "predecessor": self.predecessor}
         return estimate_problem(problem, generator, stopping, self.state_file, self.on_batch, **own)
@@ -212,8 +212,8 @@ def assumption_in_words(diagnostics: Mapping[str, float]) -> list[str]:
         return []
     return [
         f"{repeats} repeats without a difference exclude ({CONFIDENCE}) that more than "
-        f"{1 - UNSEEN_ALPHA ** (1 / repeats):.1%} of the runs near the event end differently by chance. That "
-        "there are no rarer lapses is an assumption"
+        f"{1 - UNSEEN_ALPHA ** (1 / repeats):.1%} of the runs near the event end differently by chance. A "
+        "vehicle with rarer lapses can pass this check, and its probability may then be much larger"
     ]
 
 

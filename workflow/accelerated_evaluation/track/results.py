@@ -268,7 +268,9 @@ def _estimate(found: Estimate, noun: str) -> str:
 
 def _advice(status: Status) -> str:
     if status.may_stop:
-        return "yes, if there is no unseen part (no recorded encounter was driven, as a check)"
+        found = status.estimate.diagnostics
+        rare = " and the car has no rare lapses" if found["repeats"] and not found["differed"] else ""
+        return f"yes, if there is no unseen part{rare} (no recorded encounter was driven, as a check)"
     if "unseen_lapses" in status.estimate.diagnostics:
         return "no; these runs cannot exclude rare lapses, see the lines above"
     if status.estimate.diagnostics["drift"]:
