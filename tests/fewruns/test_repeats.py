@@ -145,18 +145,24 @@ def test_repeats_are_of_events_first_then_of_what_came_near_and_of_each_run_in_t
     rng = np.random.default_rng(0)
     score = np.array([-2.0, -1.0, 1.0, 2.0, 3.0, np.finfo(float).max])
     z, happened = rng.normal(size=(6, 2)), score < 0
-    known = Repeats.none()
-    first = choose_repeats(z, happened, score, known, 3)
+    known, unexpected = Repeats.none(), np.zeros(6, bool)
+    first = choose_repeats(z, happened, score, known, 3, unexpected)
     assert first.repeated.tolist() == [1, 2, 3]  # the first ones are of both kinds
     np.testing.assert_array_equal(first.z, z[first.repeated])
     flags, nothing = happened[first.repeated], np.zeros(3, bool)
     steady = known.extended(first, flags, nothing, score[first.repeated])
-    assert choose_repeats(z, happened, score, steady, 3).repeated.tolist() == [0, 4, 1]
-    assert 5 not in choose_repeats(z, happened, score, steady, 30).repeated
+    assert choose_repeats(z, happened, score, steady, 3, unexpected).repeated.tolist() == [0, 4, 1]
+    assert choose_repeats(z, happened, score, steady, 2, happened).repeated.tolist() == [4, 2]
+    assert 5 not in choose_repeats(z, happened, score, steady, 30, unexpected).repeated
     noisy = known.extended(first, flags, ~nothing, score[first.repeated])
-    assert choose_repeats(z, happened, score, noisy, 2).repeated.tolist() == [4, 0]
-    assert choose_repeats(z, happened, score, noisy, 3, rounds=1).repeated.tolist() == [2, 3, 1]
-    assert choose_repeats(z[:2], happened[:2], score[:2], steady, 4).repeated.tolist() == [0, 1, 0, 1]
+    assert choose_repeats(z, happened, score, noisy, 2, unexpected).repeated.tolist() == [4, 0]
+    assert choose_repeats(z, happened, score, noisy, 3, unexpected, rounds=1).repeated.tolist() == [2, 3, 1]
+    assert choose_repeats(z[:2], happened[:2], score[:2], steady, 4, unexpected[:2]).repeated.tolist() == [
+        0,
+        1,
+        0,
+        1,
+    ]
 
 
 def test_rounding_is_no_difference():

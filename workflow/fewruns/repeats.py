@@ -89,12 +89,20 @@ def end_differently(happened: Flags, score: Array, again: Flags, score_again: Ar
 
 
 def choose_repeats(
-    z: Array, happened: Flags, score: Array, known: Repeats, count: int, *, rounds: int = 0
+    z: Array,
+    happened: Flags,
+    score: Array,
+    known: Repeats,
+    count: int,
+    expected: Flags,
+    *,
+    rounds: int = 0,
 ) -> RepeatBatch:
     """Return ``count`` runs to repeat next, those that were repeated least often, and of these events first.
 
     An event that a lapse has caused hardly ever happens again, so that the repetition of each event finds the
-    lapses among all runs. Then come the runs that were nearest to the event by their scores. Runs with an
+    lapses among all runs. Events that were ``expected`` before they happened are not repeated, because a lapse
+    would not show there. Then come the runs that were nearest to the event by their scores. Runs with an
     infinite score are repeated only if all runs without the event are of this kind. Half of the very first
     repetitions are without the event. If the outcomes of most runs are random, all are that look for a drift,
     evenly from near to far, because the scores of events may say little. With ``rounds``, runs are repeated
@@ -102,7 +110,7 @@ def choose_repeats(
     """
     times = np.bincount(known.repeated, minlength=len(z))
     safe = ~happened & (score < LARGEST_SCORE)
-    kind = np.flatnonzero(happened | safe if safe.any() else np.ones(len(z), bool))
+    kind = np.flatnonzero(safe | (happened & ~expected) if safe.any() else np.ones(len(z), bool))
     nearness = np.where(happened, -score, score)  # smallest for the runs nearest to the boundary
     ordered = kind[np.lexsort((nearness[kind], ~happened[kind], times[kind]))]
     if rounds:

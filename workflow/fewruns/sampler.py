@@ -348,10 +348,12 @@ class Sampler:
             return None
         if self._is_searching() or (certify and not results.is_certified(progress, self.certificate)):
             return None
+        expected = np.zeros(len(progress.z), bool)
+        expected[len(progress.z) - len(progress.foreseen) :] = progress.foreseen.max(axis=1, initial=0) > 0.5
         known = progress.z, progress.happened, progress.score, progress.repeats
         is_late = progress.repeats.vary_often and len(progress.repeats) >= FIRST_REPEATS + DRIFT_PAIRS
         rounds = self._late_repeats(certify=certify) if is_late else 0
-        return choose_repeats(*known, count, rounds=rounds)
+        return choose_repeats(*known, count, expected, rounds=rounds)
 
     def _draws(self, *, certify: bool) -> PlainBatch | None:
         """Draw from the law itself, as the last check or because of lapses; None while this is not due."""
