@@ -259,8 +259,8 @@ LARGEST_SCORE = float(np.finfo(float).max)
 FIRST_REPEATS = 5
 
 # If this number of repetitions has shown no difference, the system is treated as deterministic. They exclude,
-# with 95 % confidence, that more than 1 - 0.05^(1/200) = 1.5 % of the runs near the event end differently when
-# they are repeated. With 150 of 250 checks, cars whose brakes fail in 1 % of their runs often passed.
+# with 95 % confidence, that more than 1 - 0.05^(1/200) = 1.5 % of the runs near the event end differently
+# when they are repeated. With 150 of 250 checks, cars whose brakes fail in 1 % of their runs often passed.
 ENOUGH_REPEATS = 200
 
 # If this number of draws of the law itself agrees with the estimate, the system is treated as one without

@@ -101,7 +101,7 @@ def choose_repeats(
     """Return ``count`` runs to repeat next, those that were repeated least often, and of these events first.
 
     An event that a lapse has caused hardly ever happens again, so that the repetition of each event finds the
-    lapses among all runs. Events that were ``expected`` before they happened are not repeated, because a lapse
+    lapses among all runs. Events that were ``expected`` before they happened are not repeated, because lapses
     would not show there. Then come the runs that were nearest to the event by their scores. Runs with an
     infinite score are repeated only if all runs without the event are of this kind. Half of the very first
     repetitions are without the event. If the outcomes of most runs are random, all are that look for a drift,
