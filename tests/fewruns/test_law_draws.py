@@ -22,7 +22,7 @@ def system(stripes):
     return SystemProblem(respond, 2, fingerprint="stripes")
 
 
-def sampler_of(event, *, repeats=5, draws=ENOUGH_DRAWS, seed=0):
+def sampler_of(event, *, repeats=5, draws=150, seed=0):
     return Sampler(
         2,
         np.random.default_rng(seed),
