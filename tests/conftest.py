@@ -16,8 +16,7 @@ os.environ["OPENBLAS_NUM_THREADS"] = "1"
 import numpy as np
 import pandas as pd
 import pytest
-from accelerated_evaluation.scenarios import SCENARIOS
-from accelerated_evaluation.vehicles import load_vehicle
+from accelerated_evaluation import SCENARIOS, load_vehicle
 
 # A user's Python keeps what it prints in buffers. Machines that test often switch that off, and hide errors.
 os.environ.pop("PYTHONUNBUFFERED", None)
@@ -43,7 +42,7 @@ WITH_TOYS = ("config/smoke.yaml", "config/toys.yaml")
 
 LEFT_OUT = """\
 The tests marked browser, slurm and crate: pytest -m "browser or slurm or crate"
-Whole studies, the benchmarks' own tests and the installed wheel: make test-studies"""
+Whole studies and other long tests, the benchmarks' own and the installed wheel: make test-studies"""
 
 
 def pytest_terminal_summary(terminalreporter, config):

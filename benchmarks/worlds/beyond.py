@@ -2,7 +2,7 @@
 
 Each of them contradicts one assumption of the family, and is otherwise the world `exponential`. Its crash
 probability is the sum of the probabilities of the same intervals of the map by which the answer is computed;
-`tests/unit/test_benchmark_worlds.py` compares it with the share of crashes among simulated cut-ins.
+`benchmarks/tests/test_benchmark_worlds.py` compares it with the share of crashes among simulated cut-ins.
 """
 
 from collections.abc import Sequence

@@ -21,12 +21,12 @@ def noisy_half_space(spread, generator, distance=3.5):
 def test_noise_costs_runs_but_is_estimated():
     """Where p goes from 0 to 1 within a tenth of the range, intervals cover, and none is far off."""
     found, truths = [], []
-    for seed in range(6):
+    for seed in range(4):
         problem, truth = noisy_half_space(0.1, np.random.default_rng((7, seed)))
         found.append(estimate(problem, seed))
         truths.append(truth)
     assert all(each.converged for each in found)
-    assert sum(each.covers(truth) for each, truth in zip(found, truths, strict=True)) >= 3
+    assert sum(each.covers(truth) for each, truth in zip(found, truths, strict=True)) >= 2
     ratios = [each.probability / truth for each, truth in zip(found, truths, strict=True)]
     assert 0.5 < min(ratios) < max(ratios) < 2
 

@@ -2,10 +2,10 @@
 
 import numpy as np
 import pytest
-from fewruns import Sampler, SystemProblem
+from fewruns import SystemProblem
 from fewruns.constants import CONTRADICTION, ENOUGH_DRAWS
 from fewruns.law_draws import LawDraws
-from sampler_checks import STOPPING, resumed, saved
+from sampler_checks import STOPPING, new_sampler, resumed, saved
 from scipy.special import ndtr
 from scipy.stats import binom
 
@@ -22,16 +22,9 @@ def system(stripes):
     return SystemProblem(respond, 2, fingerprint="stripes")
 
 
-def sampler_of(event, *, repeats=5, draws=150, seed=0):
-    return Sampler(
-        2,
-        np.random.default_rng(seed),
-        5,
-        fingerprint=event.fingerprint,
-        deterministic=event.deterministic,
-        enough_repeats=repeats,
-        enough_draws=draws,
-    )
+def sampler_of(*, draws=150, seed=0):
+    settings = {"deterministic": None, "enough_repeats": 5, "enough_draws": draws}
+    return new_sampler(seed=seed, batch_size=5, **settings)
 
 
 def step(sampler, event):
@@ -47,19 +40,19 @@ def drive(sampler, event, most=1000):
 def test_stripes_that_no_run_has_met_are_found_by_draws_of_the_law():
     truth, event, silent = STRIPES + (1 - STRIPES) * ndtr(-LEVEL), system(STRIPES), 0
     for seed in range(2):
-        found = drive(sampler_of(event, seed=seed), event)
+        found = drive(sampler_of(seed=seed), event)
         assert found.diagnostics["counted"]
         assert found.events == found.diagnostics["law_events"]
         assert 0.5 < found.probability / truth < 2
         assert found.high - found.low <= 0.4 * found.probability or not found.converged
-        without = drive(sampler_of(event, draws=0, seed=seed), event, 400)
+        without = drive(sampler_of(draws=0, seed=seed), event, 400)
         silent += without.converged and without.high < truth / 10
     assert silent  # the wrong variant
 
 
 def test_a_system_without_stripes_costs_the_draws_alone():
     event = system(0)
-    plain, found = (drive(sampler_of(event, draws=draws), event) for draws in (0, ENOUGH_DRAWS))
+    plain, found = (drive(sampler_of(draws=draws), event) for draws in (0, ENOUGH_DRAWS))
     assert plain.converged
     assert found.converged
     assert found.simulations == plain.simulations + ENOUGH_DRAWS == len(found.tables["runs"])
@@ -71,7 +64,7 @@ def test_a_system_without_stripes_costs_the_draws_alone():
 
 def test_a_state_keeps_the_draws():
     event = system(0)
-    sampler = sampler_of(event, draws=30)
+    sampler = sampler_of(draws=30)
     while len(sampler.progress.law_draws) < 10:
         step(sampler, event)
     sampler.ask(certify=True)

@@ -17,7 +17,7 @@ from sampler_checks import (
 )
 from scipy.stats import ttest_1samp
 
-SEEDS = 8
+SEEDS = 5
 
 
 def runs_of(event, seed=100):
@@ -26,9 +26,8 @@ def runs_of(event, seed=100):
     return Predecessor(progress.z, progress.happened)
 
 
-def successors(predecessor, event=None, seeds=SEEDS):
-    event = half_plane() if event is None else event
-    return [estimate(event, seed, predecessor=predecessor, upper_set=True) for seed in range(seeds)]
+def successors(predecessor, seeds=SEEDS):
+    return [estimate(half_plane(), seed, predecessor=predecessor, upper_set=True) for seed in range(seeds)]
 
 
 def ratios(results):
@@ -47,14 +46,14 @@ def test_the_runs_of_a_like_vehicle_save_half_and_do_not_mislead(like):
     assert ttest_1samp(ratios(like), 1).pvalue > 0.01
     assert np.sqrt(np.mean((ratios(like) - 1) ** 2)) < 0.25
     # The predecessor's own probability, which is .41 of the truth, would be a wrong answer.
-    assert ttest_1samp(ratios(like) - 0.41, 0).pvalue < 1e-6
+    assert ttest_1samp(ratios(like), 0.41).pvalue < 1e-3
     spent = [np.mean([result.simulations for result in results]) for results in (like, alone)]
     assert spent[0] < 0.7 * spent[1]
 
 
 def test_a_predecessor_that_is_not_alike_costs_runs_and_not_the_truth(like):
     other = standard_normal_event(lambda z: 4 - z @ [0.0, 1.0])
-    results = successors(runs_of(other))
+    results = successors(runs_of(other), seeds=3)
     assert (np.abs(np.log(ratios(results))) < np.log(2)).all()
     mean = [np.mean([result.simulations for result in part]) for part in (results, like)]
     assert mean[0] > mean[1]
@@ -72,7 +71,8 @@ def test_the_state_keeps_the_predecessor():
     event, predecessor = half_plane(), runs_of(half_plane(4.2))
     whole = Sampler(2, np.random.default_rng(3), 5, fingerprint="x", predecessor=predecessor)
     whole.tell(*event.evaluate(whole.ask()))
-    ends = [drive(sampler, event) for sampler in (resumed(whole), whole)]
+    few = replace(STOPPING, maximum_simulations=60)
+    ends = [drive(sampler, event, few) for sampler in (resumed(whole), whole)]
     assert numbers(ends[0].result) == numbers(ends[1].result)
     np.testing.assert_array_equal(ends[0].sampler.progress.z, ends[1].sampler.progress.z)
 

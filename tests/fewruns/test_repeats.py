@@ -5,7 +5,7 @@ import pytest
 from fewruns import Sampler, SystemProblem
 from fewruns.constants import DRIFT, DRIFT_PAIRS, ENOUGH_REPEATS, FIRST_REPEATS
 from fewruns.repeats import RepeatBatch, Repeats, choose_repeats, end_differently
-from sampler_checks import STOPPING, estimate, resumed, saved
+from sampler_checks import STOPPING, estimate, new_sampler, resumed, saved
 from scipy.special import ndtr
 from scipy.stats import binom
 
@@ -23,16 +23,9 @@ def system(rate, generator, *, deterministic=None):
     return SystemProblem(respond, 2, fingerprint="lapses", deterministic=deterministic)
 
 
-def sampler_of(event, enough, seed=0):
-    return Sampler(
-        2,
-        np.random.default_rng(seed),
-        5,
-        fingerprint=event.fingerprint,
-        deterministic=event.deterministic,
-        enough_repeats=enough,
-        upper_set=True,
-    )
+def sampler_of(event, enough):
+    settings = {"deterministic": event.deterministic, "enough_repeats": enough, "upper_set": True}
+    return new_sampler(batch_size=5, **settings)
 
 
 def drive(sampler, event, most=400):

@@ -58,14 +58,15 @@ def test_the_function_of_every_batch_may_be_followed_and_its_state_resumed(tmp_p
 
 def test_the_loop_ends_when_its_own_criterion_and_the_certificate_are_met():
     rough, fine = new_sampler(), new_sampler()
-    for _ in run_batches(rough, half_plane(), STOPPING, lambda: len(rough.progress.estimates) >= 2):
+    event = half_plane(2.5)
+    for _ in run_batches(rough, event, STOPPING, lambda: len(rough.progress.estimates) >= 2):
         pass
-    for _ in run_batches(fine, half_plane(), STOPPING):
+    for _ in run_batches(fine, event, STOPPING):
         pass
     assert len(rough.progress.estimates) >= 2
     assert rough.is_settled()
     assert rough.simulations < fine.simulations
-    assert numbers(fine.estimate(STOPPING)) == numbers(of_problem(half_plane(), 0, batch_size=10))
+    assert numbers(fine.estimate(STOPPING)) == numbers(of_problem(event, 0, batch_size=10))
 
 
 def test_the_loop_may_be_left_and_never_exceeds_the_limit():

@@ -27,13 +27,16 @@ def probabilities(of):
 
 
 def is_unbiased(estimates, truth):
-    """Whether Student's t test lets the mean be the truth; 1e-4 is 4 standard errors of many estimates."""
-    return ttest_1samp(estimates, truth).pvalue > 1e-4
+    """Whether Student's t test lets the mean be the truth.
+
+    Twelve estimates, whose coefficient of variation is 0.1, show a bias of a fifth with certainty.
+    """
+    return ttest_1samp(estimates, truth).pvalue > 1e-3
 
 
 @pytest.fixture(scope="module")
 def half_planes():
-    return courses(half_plane(), 30)
+    return courses(half_plane(), 12)
 
 
 # ---- estimates
@@ -59,11 +62,11 @@ def test_half_plane_takes_few_simulations_and_is_covered(half_planes):
     covered = sum(result.low <= HALF_PLANE <= result.high for result in results)
     assert covered >= binom.ppf(1e-3, len(results), 1 - STOPPING.alpha)
     # the same intervals about 1.5 P would not do
-    assert sum(result.low <= 1.5 * HALF_PLANE <= result.high for result in results) < 16
+    assert sum(result.low <= 1.5 * HALF_PLANE <= result.high for result in results) < 6
 
 
 def test_the_smaller_of_two_regions_is_not_lost():
-    of = courses(two_half_planes(), 20)
+    of = courses(two_half_planes(), 12)
     estimates = probabilities(of)
     assert is_unbiased(estimates, either())
     assert not is_unbiased(estimates, TWO[0])
@@ -75,27 +78,19 @@ def test_the_smaller_of_two_regions_is_not_lost():
 
 
 def test_flags_alone_are_enough():
-    of = courses(half_plane(graded=False), 6)
-    assert is_unbiased(probabilities(of), HALF_PLANE)
+    of = courses(half_plane(graded=False), 2)
     assert (abs(np.log(probabilities(of) / HALF_PLANE)) < math.log(2)).all()
     assert all((course.sampler.progress.score == 0).all() for course in of)
 
 
-def test_batches_of_any_size():
-    of = courses(half_plane(), 4, batch_size=25)
-    assert is_unbiased(probabilities(of), HALF_PLANE)
-    assert all(course.result.simulations % 25 == 0 and course.result.converged for course in of)
-
-
 def test_half_of_everything():
-    of = courses(half_plane(0.0), 8)
-    assert is_unbiased(probabilities(of), 0.5)
+    of = courses(half_plane(0.0), 4)
     assert (abs(probabilities(of) / 0.5 - 1) < 0.5).all()
     assert all(0 <= course.result.low < course.result.high <= 1 for course in of)
 
 
 def test_a_probability_is_at_most_1():
-    found = [estimate(half_plane(-3.0), seed) for seed in range(4)]
+    found = [estimate(half_plane(-3.0), seed) for seed in range(2)]
     assert all(result.low <= result.probability <= result.high == 1 for result in found)
     assert all(abs(result.probability - norm.cdf(3.0)) < 0.2 for result in found)
 
@@ -108,11 +103,13 @@ def test_event_everywhere():
     assert result.low == pytest.approx(1 - bound_without_event(60, STOPPING.alpha))
 
 
-def test_large_batches_end_with_an_estimate():
+@pytest.mark.parametrize(("size", "dimension"), [(25, 2), pytest.param(500, 6, marks=pytest.mark.studies)])
+def test_large_batches_end_with_an_estimate(size, dimension):
     """Pools grow with the batch, or their own variance would outweigh what so many runs say."""
-    event = standard_normal_event(lambda z: 4.0 - z.sum(1) / math.sqrt(6), dimension=6)
-    found = estimate(event, 1, replace(STOPPING, maximum_simulations=4000), batch_size=500)
+    event = standard_normal_event(lambda z: 4.0 - z.sum(1) / math.sqrt(dimension), dimension=dimension)
+    found = estimate(event, 1, replace(STOPPING, maximum_simulations=4000), batch_size=size)
     assert found.converged
+    assert found.simulations % size == 0
     assert found.low / 1.5 < HALF_PLANE < found.high * 1.5
 
 
@@ -175,8 +172,8 @@ def test_the_estimate_tells_of_all_runs(half_planes):
 
 
 def test_minimum_events_are_waited_for():
-    plain = estimate(half_plane(), 0)
-    result = estimate(half_plane(), 0, replace(STOPPING, minimum_events=plain.events + 20))
+    plain = estimate(half_plane(2.0), 0)
+    result = estimate(half_plane(2.0), 0, replace(STOPPING, minimum_events=plain.events + 20))
     assert result.converged
     assert result.events >= plain.events + 20
     assert result.simulations > plain.simulations

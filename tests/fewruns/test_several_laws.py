@@ -172,7 +172,7 @@ def test_any_emphasis_leaves_the_estimate_right_and_attracts_runs(samplers):
         sampler.emphasis = aside
         return drive(sampler, half_plane(LEVEL)).sampler
 
-    emphasised = [driven(seed) for seed in range(20)]
+    emphasised = [driven(seed) for seed in range(12)]
     estimates = [laws().estimate(sampler).probabilities for sampler in emphasised]
     assert standardised(estimates).max() < 4.5
     shares = [
@@ -180,7 +180,7 @@ def test_any_emphasis_leaves_the_estimate_right_and_attracts_runs(samplers):
         for part in (emphasised, samplers)
         for sampler in part
     ]
-    assert np.mean(shares[:20]) > np.mean(shares[20:]) + 0.2
+    assert np.mean(shares[:12]) > np.mean(shares[12:]) + 0.2
 
 
 def noisy(generator):

@@ -5,16 +5,7 @@ from dataclasses import dataclass
 import numpy as np
 import pytest
 from fewruns import combining, pools, selection, two_phase
-from fewruns.constants import (
-    AGREEMENT,
-    BEST,
-    EVEN,
-    FLOOR,
-    KEPT,
-    REACH,
-    USABLE,
-    WORTHLESS,
-)
+from fewruns.constants import AGREEMENT, BEST, EVEN, FLOOR, KEPT, REACH, USABLE, WORTHLESS
 from sampler_checks import drive, half_plane, new_sampler
 from scipy import stats
 
@@ -176,11 +167,7 @@ def test_difference_estimator_is_exactly_unbiased(pool):
     mean, error = mean_estimate(pi, g, (w @ g) / 12)
     assert error < 0.02 * truth
     assert abs(mean - truth) <= error
-    for wrong in (
-        (np.full(12, 4 / 12), g, (w @ g) / 12),
-        (pi, g, 0.0),
-        (pi, np.zeros(12), (w @ g) / 12),
-    ):
+    for wrong in ((np.full(12, 4 / 12), g, (w @ g) / 12), (pi, g, 0.0), (pi, np.zeros(12), (w @ g) / 12)):
         mean, error = mean_estimate(*wrong)
         assert abs(mean - truth) > 3 * error
 

@@ -5,14 +5,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from fewruns.wide_laws import (
-    REACH,
-    KernelMixture,
-    draw_wide,
-    log_normal,
-    log_normal_to_wide,
-    truncated,
-)
+from fewruns.wide_laws import REACH, KernelMixture, draw_wide, log_normal, log_normal_to_wide, truncated
 from scipy.stats import chi2, kstest, multivariate_t
 
 SIZE = 20_000

@@ -5,8 +5,7 @@ from itertools import pairwise
 
 import numpy as np
 import pandas as pd
-from accelerated_evaluation.records.sources import SOURCES
-from accelerated_evaluation.study.configuration import load
+from accelerated_evaluation import SOURCES, load
 
 RATE = 25
 MOMENT = 75  # frame of the change of lane

@@ -4,9 +4,8 @@ from dataclasses import replace
 
 import numpy as np
 import pandas as pd
-from accelerated_evaluation import cli
+from accelerated_evaluation import cli, write_law
 from accelerated_evaluation.laws.distributions import BoundedExponential, Empirical
-from accelerated_evaluation.laws.files import write_law
 from accelerated_evaluation.laws.paper.models import IndependentLaw
 from accelerated_evaluation.records.segments import complete, write_encounters
 from scipy.stats import norm

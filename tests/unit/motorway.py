@@ -1,7 +1,11 @@
 """Cut-ins as on a motorway: lead speeds of 20 to 45 m/s and ranges up to 150 m."""
 
+from pathlib import Path
+
 import numpy as np
 import pandas as pd
+import pytest
+from accelerated_evaluation import load
 
 CONFIGURATION = """\
 study: motorway
@@ -25,3 +29,13 @@ def motorway_table(size: int = 12_000, seed: int = 7) -> pd.DataFrame:
     closing_speed = generator.exponential(0.5 + 0.022 * range_)
     columns = {"v_lead": 3.6 * lead_speed, "gap": range_, "range_rate": -closing_speed}
     return pd.DataFrame(columns).round(4)
+
+
+@pytest.fixture(name="motorway")
+def motorway_(tmp_path, monkeypatch):
+    """Return the stated configuration of the generated motorway, whose table lies in the working folder."""
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "data").mkdir()
+    motorway_table().to_csv("data/motorway.csv", index=False)
+    Path("motorway.yaml").write_text(CONFIGURATION)
+    return load(["motorway.yaml"])

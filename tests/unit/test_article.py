@@ -9,13 +9,12 @@ from pathlib import Path
 import numpy as np
 import pytest
 import typst
-from accelerated_evaluation.base.errors import InputError, StudyError
+from accelerated_evaluation import InputError, StudyError, load, resolved
 from accelerated_evaluation.base.files import write_json
 from accelerated_evaluation.publishing.article.pdf import Sources, compile_text, numbers_of, write_article
 from accelerated_evaluation.publishing.article.tables import TEXT, Tables, plain, shown_figures
 from accelerated_evaluation.publishing.book.catalogue import number, percent, unbroken
 from accelerated_evaluation.publishing.study import Study
-from accelerated_evaluation.study.configuration import load, resolved
 from scipy.stats import poisson
 
 ROOT = Path(__file__).resolve().parents[2]

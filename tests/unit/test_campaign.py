@@ -9,14 +9,10 @@ from pathlib import Path
 import numpy as np
 import pandas as pd
 import pytest
-from accelerated_evaluation import cli
-from accelerated_evaluation.base.randomness import child_generator
-from accelerated_evaluation.methods import METHODS, Estimate, Stopping
-from accelerated_evaluation.methods.problem import Problem
-from accelerated_evaluation.scenarios.cut_in import CUT_IN
+from accelerated_evaluation import CUT_IN, Problem, Stopping, child_generator, cli, load_vehicle
+from accelerated_evaluation.methods import METHODS, Estimate
 from accelerated_evaluation.track.campaign_file import read_campaign, write_campaign
 from accelerated_evaluation.track.results import forecast, read_results, status_of
-from accelerated_evaluation.vehicles import load_vehicle
 from fewruns import state as sampler_state
 from fewruns.combining import interval
 from law_folder import LAW, begin_campaign, write_law_folder

@@ -4,10 +4,8 @@ import re
 
 import numpy as np
 import pytest
-from accelerated_evaluation import cli
+from accelerated_evaluation import InputError, cli, write_law
 from accelerated_evaluation.answer.by_few_runs import laws_of
-from accelerated_evaluation.base.errors import InputError
-from accelerated_evaluation.laws.files import write_law
 from accelerated_evaluation.records.segments import write_encounters
 from accelerated_evaluation.track.campaign import Campaign
 from accelerated_evaluation.track.campaign_file import (

@@ -5,20 +5,14 @@ import sys
 from pathlib import Path
 from types import SimpleNamespace
 
+import accelerated_evaluation as ae
 import numpy as np
 import pandas as pd
 import pytest
-from accelerated_evaluation.answer.answer import Answer
-from accelerated_evaluation.answer.estimation import Estimated, Request
-from accelerated_evaluation.answer.posterior import SampledPosterior
-from accelerated_evaluation.laws.draws import as_draws
-from accelerated_evaluation.methods import METHODS, Stopping
+from accelerated_evaluation.methods import METHODS
 from accelerated_evaluation.methods.cross_entropy.method import CrossEntropyMethod
-from accelerated_evaluation.methods.problem import Problem
 from accelerated_evaluation.methods.surrogate import Surrogate
-from accelerated_evaluation.scenarios.cut_in import CUT_IN
 from accelerated_evaluation.track.weighted_set import draw_weighted_set
-from accelerated_evaluation.vehicles import load_vehicle
 from accelerated_evaluation.vehicles.protocol import CRASH
 from fewruns import SystemProblem
 from law_folder import LAW as CUT_INS
@@ -34,7 +28,7 @@ import chance
 from chance import Careless, Lapsing, Shaken, Unbraked, least_runs, table
 
 DRAWN_BY_LAW = [name for name in METHODS if issubclass(METHODS[name], CrossEntropyMethod)]
-STOPPING = Stopping(minimum_events=1, maximum_simulations=1000)
+STOPPING = ae.Stopping(minimum_events=1, maximum_simulations=1000)
 
 
 class Never(Corner):
@@ -60,7 +54,7 @@ def noisy_half_space(spread, generator, *, deterministic=False, distance=3.5):
 
 @pytest.mark.parametrize("name", DRAWN_BY_LAW)
 def test_importance_sampling_estimates_the_mean_over_chance(name):
-    found = estimates(name, Problem(CUT_IN, LAW, lapsing(0.6)))
+    found = estimates(name, ae.Problem(ae.CUT_IN, LAW, lapsing(0.6)))
     assert fits(found, 0.4 * exact())
     assert not fits(found, exact())  # of the vehicle that never lapses
 
@@ -68,7 +62,7 @@ def test_importance_sampling_estimates_the_mean_over_chance(name):
 def test_crude_monte_carlo_estimates_the_mean_over_chance():
     problem, truth = noisy_half_space(1.0, np.random.default_rng(2), distance=1.5)
     found = [
-        METHODS["crude"]().estimate(problem, Stopping(minimum_events=100), np.random.default_rng(seed))
+        METHODS["crude"]().estimate(problem, ae.Stopping(minimum_events=100), np.random.default_rng(seed))
         for seed in range(20)
     ]
     assert sum(each.covers(truth) for each in found) >= binom.ppf(1e-3, 20, 0.8)
@@ -77,7 +71,7 @@ def test_crude_monte_carlo_estimates_the_mean_over_chance():
 
 def test_the_recipe_of_an_export_estimates_the_mean_over_chance(tmp_path):
     sets = [draw_weighted_set(CUT_INS, 300, 1.5, np.random.default_rng(seed)) for seed in range(60)]
-    cars = [load_vehicle(name) for name in ("acc_aeb", "acc_only")]
+    cars = [ae.load_vehicle(name) for name in ("acc_aeb", "acc_only")]
     (own, own_error), (other, other_error) = map(exact_by_map, cars)
     car = Lapsing(*cars, 0.3, np.random.default_rng(3))
     found = [follow(drawn, car, tmp_path) for drawn in sets]
@@ -90,11 +84,11 @@ def test_the_recipe_of_an_export_estimates_the_mean_over_chance(tmp_path):
 
 def test_a_vehicle_that_crashes_in_thin_stripes_gets_no_number_that_claims_to_be_right():
     """From a distance the stripes look like chance, although the vehicle repeats itself."""
-    vehicle = load_vehicle("reg157")
+    vehicle = ae.load_vehicle("reg157")
     assert vehicle.deterministic
-    problem = Problem(CUT_IN, CUT_INS, vehicle)
+    problem = ae.Problem(ae.CUT_IN, CUT_INS, vehicle)
     assert problem.deterministic is False
-    limited = Stopping(minimum_events=1, maximum_simulations=150)
+    limited = ae.Stopping(minimum_events=1, maximum_simulations=150)
     found = Surrogate().estimate(problem, limited, np.random.default_rng(1))
     assert not found.converged
     assert found.diagnostics["differed"] == 0
@@ -102,16 +96,16 @@ def test_a_vehicle_that_crashes_in_thin_stripes_gets_no_number_that_claims_to_be
 
 
 def test_a_replicate_without_an_estimate_is_described_next_to_one_with_an_estimate():
-    problem = Problem(CUT_IN, LAW, Corner())
-    few = Stopping(minimum_events=1, maximum_simulations=10)
+    problem = ae.Problem(ae.CUT_IN, LAW, Corner())
+    few = ae.Stopping(minimum_events=1, maximum_simulations=10)
     notes = {"estimate": Surrogate().estimate(problem, few, np.random.default_rng(1)), "not_ended": 0}
-    own = SampledPosterior(np.geomspace(1e-7, 1e-6, 20), np.arange(20) % 2, np.full(20, 0.1), 10)
+    own = ae.SampledPosterior(np.geomspace(1e-7, 1e-6, 20), np.arange(20) % 2, np.full(20, 0.1), 10)
     answers = [
-        Answer(problem, as_draws(LAW), {CRASH: posterior}, converged=posterior is not None, notes=notes)
+        ae.Answer(problem, ae.as_draws(LAW), {CRASH: posterior}, converged=posterior is not None, notes=notes)
         for posterior in (own, None)
     ]
     silent = SimpleNamespace(stop_lines=list, warning_lines=list, doubts=[], in_words="", per_km=None)
-    found = Estimated(answers, silent, silent, None, {}, Request(replicates=2), silent)
+    found = ae.Estimated(answers, silent, silent, None, {}, ae.Request(replicates=2), silent)
     lines = found.lines()
     detailed = found.lines(verbose=True)
     assert set(lines) < set(detailed)
@@ -134,13 +128,13 @@ def test_the_cars_of_the_benchmark_lapse_as_often_as_they_say():
     cut_ins = np.full(n, 20.0), np.full(n, 30.0), np.full(n, 6.0)
     error = 4 * math.sqrt(rate * (1 - rate) / n)
     for car in (
-        Careless(load_vehicle("acc_aeb"), rate, np.random.default_rng(1)),
-        Lapsing(load_vehicle("acc_aeb"), Unbraked(), rate, np.random.default_rng(2)),
+        Careless(ae.load_vehicle("acc_aeb"), rate, np.random.default_rng(1)),
+        Lapsing(ae.load_vehicle("acc_aeb"), Unbraked(), rate, np.random.default_rng(2)),
     ):
         outcomes = car.simulate(*cut_ins)
         assert abs(outcomes.crash.mean() - rate) < error
         assert (outcomes.min_range[outcomes.crash] <= 0).all()
-    slow = Careless(load_vehicle("acc_aeb"), rate, np.random.default_rng(1))
+    slow = Careless(ae.load_vehicle("acc_aeb"), rate, np.random.default_rng(1))
     assert not slow.simulate(*cut_ins[:2], np.full(n, 4.0)).crash.any()
     event = SystemProblem(lambda z: (z[:, 0] > 1.0, None), 2)
     happened, _ = Shaken(event, 0.5, np.random.default_rng(3)).evaluate(

@@ -5,20 +5,14 @@ from dataclasses import replace
 from functools import cache
 from pathlib import Path
 
+import accelerated_evaluation as ae
 import numpy as np
 import pandas as pd
 import pytest
 from accelerated_evaluation import cli
 from accelerated_evaluation.answer import estimation
-from accelerated_evaluation.answer.choice import choose_draws
 from accelerated_evaluation.answer.estimate_tables import estimate_tables
-from accelerated_evaluation.answer.estimation import Request, estimate
-from accelerated_evaluation.answer.fitted_records import FittedRecords, read_records
-from accelerated_evaluation.base.errors import InputError
-from accelerated_evaluation.laws.files import read_law, write_law
 from accelerated_evaluation.laws.smooth.splines import Support
-from accelerated_evaluation.scenarios.cut_in import CUT_IN
-from accelerated_evaluation.study.configuration import load, resolved
 from motorway import CONFIGURATION, motorway_table
 
 LIMIT = 0.35  # [1/s]
@@ -42,7 +36,7 @@ def folder(tmp_path_factory):
     """Return a folder with the generated motorway, its configuration and a car."""
     folder = tmp_path_factory.mktemp("motorway")
     (folder / "data").mkdir()
-    motorway_table().to_csv(folder / "data/motorway.csv", index=False)
+    motorway_table(4000).to_csv(folder / "data/motorway.csv", index=False)
     (folder / "car.py").write_text(CAR)
     (folder / "motorway.yaml").write_text(
         CONFIGURATION + "vehicle: {name: car.py:Car, deterministic: true}\n"
@@ -57,13 +51,13 @@ def chosen():
     @cache
     def fitted(choice):
         config = few_draws()
-        return choose_draws(choice, read_records(config), config).proposal
+        return ae.choose_draws(choice, ae.read_records(config), config).proposal
 
     return fitted
 
 
 def few_draws():
-    config = resolved(load(["motorway.yaml"]))
+    config = ae.resolved(ae.load(["motorway.yaml"]))
     return config | {"answer": config["answer"] | {"draws": 20}}
 
 
@@ -90,7 +84,7 @@ def crash_probability(law):
 
 @pytest.mark.parametrize("choice", ["answer", "paper"])
 def test_the_estimate_is_of_the_law_that_was_chosen(config, chosen, choice):
-    found = estimate(config, Request(law=choice))
+    found = ae.estimate(config, ae.Request(law=choice))
     tables = estimate_tables(found.answers, found.records)
     row = tables["estimate"].iloc[0]
     exact = crash_probability(found.answers[0].draws.proposal)
@@ -104,13 +98,13 @@ def test_the_estimate_is_of_the_law_that_was_chosen(config, chosen, choice):
 
 
 def test_a_law_file_of_a_study_is_taken_and_of_other_records_refused(config, chosen, tmp_path):
-    records, law = read_records(config), chosen("hazard")
-    write_law(tmp_path / "law.json", law, records.table)
-    read = choose_draws(str(tmp_path / "law.json"), records, config)
+    records, law = ae.read_records(config), chosen("hazard")
+    ae.write_law(tmp_path / "law.json", law, records.table)
+    read = ae.choose_draws(str(tmp_path / "law.json"), records, config)
     assert read.proposal.content() == law.content()
     others = replace(records, table=records.table.iloc[:-1])
-    with pytest.raises(InputError, match="expected the table to which the law was fitted"):
-        choose_draws(str(tmp_path / "law.json"), others, config)
+    with pytest.raises(ae.InputError, match="expected the table to which the law was fitted"):
+        ae.choose_draws(str(tmp_path / "law.json"), others, config)
 
 
 def test_the_command_says_the_law_and_what_the_interval_is(config, capsys):
@@ -125,7 +119,7 @@ def test_the_command_says_the_law_and_what_the_interval_is(config, capsys):
     assert found["law"].tolist() == ["mean of 20 draws of exponential 0.9"]
     bounds = f"{found['unseen_mode'][0]:.1g} if a half-space, {found['unseen_any'][0]:.1g} if of any shape"
     assert f"no run has met: at most {bounds} (95% confidence)" in printed
-    assert read_law(folder / "law.json", read_records(config).table).draws.size == 20
+    assert ae.read_law(folder / "law.json", ae.read_records(config).table).draws.size == 20
     beyond = pd.read_csv(folder / "extrapolation.csv")
     assert beyond["part"].tolist()[:4] == ["all", "recorded", "near", "far"]
     assert beyond["share"][1:4].sum() == pytest.approx(1)
@@ -146,10 +140,12 @@ def test_laws_that_cannot_be_used(config, capsys, choice, message):
 
 
 def test_a_threshold_that_too_few_records_exceed_is_told(config):
-    records = read_records(config)
+    records = ae.read_records(config)
     few = records.table.iloc[:: len(records.table) // 300]
-    with pytest.raises(InputError, match="fewer than ten of the"):
-        choose_draws("two kinds 0.995", FittedRecords.of(CUT_IN, few, Support.configured(config)), config)
+    with pytest.raises(ae.InputError, match="fewer than ten of the"):
+        ae.choose_draws(
+            "two kinds 0.995", ae.FittedRecords.of(ae.CUT_IN, few, Support.configured(config)), config
+        )
 
 
 @pytest.mark.parametrize(

@@ -6,9 +6,7 @@ import time
 
 import numpy as np
 import pytest
-from accelerated_evaluation import cli
-from accelerated_evaluation.base.errors import InputError
-from accelerated_evaluation.vehicles import load_vehicle
+from accelerated_evaluation import InputError, cli, load_vehicle
 from accelerated_evaluation.vehicles.protocol import OUTCOMES
 
 # A host that keeps its speed for 8 s, in the standard library alone, so that it starts quickly.

@@ -7,8 +7,8 @@ from types import SimpleNamespace
 import numpy as np
 import pandas as pd
 import pytest
+from accelerated_evaluation import InputError, Posterior, SampledPosterior, compare
 from accelerated_evaluation.answer.comparison import (
-    compare,
     compare_estimates,
     draws_table,
     posterior_of,
@@ -16,9 +16,8 @@ from accelerated_evaluation.answer.comparison import (
     vehicle_row,
     vehicle_table,
 )
-from accelerated_evaluation.answer.posterior import Posterior, SampledPosterior, answer_row
+from accelerated_evaluation.answer.posterior import answer_row
 from accelerated_evaluation.answer.study_tables import UNDER_TEST
-from accelerated_evaluation.base.errors import InputError
 from scipy.stats import norm
 
 SIZE = 3000

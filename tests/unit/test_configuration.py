@@ -224,10 +224,7 @@ INCONSISTENT = {
     "quantiles": ({f"{THREE}__quantiles": [0.9, 0.5]}, "quantiles in increasing order"),
     "knots": ({f"{THREE}__values": [0.1, 0.05]}, "knots in increasing order"),
     "knots out of range": ({f"{THREE}__values": [0.01, 0.05]}, "knots above 1 / range_max"),
-    "no knots": (
-        {"models__inverse_ttc__knots__method": "values"},
-        "as the method is values",
-    ),
+    "no knots": ({"models__inverse_ttc__knots__method": "values"}, "as the method is values"),
     "grid": ({f"{THREE}__profile__low": 0.999}, "low below high"),
     "weights": (
         {"cross_entropy__minimum_weight": 0.34, "models__inverse_range__variant": "three_pieces"},

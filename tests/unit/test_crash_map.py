@@ -5,10 +5,9 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from accelerated_evaluation.base.errors import InputError
-from accelerated_evaluation.crash_map.mapping import HALVINGS, map_crashes
-from accelerated_evaluation.crash_map.maps import Grid, read_crash_map, write_crash_map
-from accelerated_evaluation.scenarios.cut_in import CUT_IN
+from accelerated_evaluation import CUT_IN, Grid, InputError, map_crashes
+from accelerated_evaluation.crash_map.mapping import HALVINGS
+from accelerated_evaluation.crash_map.maps import read_crash_map, write_crash_map
 from accelerated_evaluation.vehicles import AccAeb
 from accelerated_evaluation.vehicles.protocol import CRASH
 from wall_car import WallCar

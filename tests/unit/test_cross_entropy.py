@@ -6,27 +6,15 @@ import math
 import numpy as np
 import pandas as pd
 import pytest
+from accelerated_evaluation import CUT_IN, Problem
 from accelerated_evaluation.laws import Factors
-from accelerated_evaluation.laws.distributions import (
-    BoundedExponential,
-    Empirical,
-)
+from accelerated_evaluation.laws.distributions import BoundedExponential, Empirical
 from accelerated_evaluation.laws.paper.models import IndependentLaw
 from accelerated_evaluation.methods import METHODS
-from accelerated_evaluation.methods.cross_entropy.families import (
-    LARGE,
-    PiecewiseFamily,
-)
-from accelerated_evaluation.methods.cross_entropy.levels import (
-    SearchSettings,
-    Shift,
-    draw_level,
-    event_score,
-)
+from accelerated_evaluation.methods.cross_entropy.families import LARGE, PiecewiseFamily
+from accelerated_evaluation.methods.cross_entropy.levels import SearchSettings, Shift, draw_level, event_score
 from accelerated_evaluation.methods.cross_entropy.search import search
 from accelerated_evaluation.methods.importance_sampling import Sample
-from accelerated_evaluation.methods.problem import Problem
-from accelerated_evaluation.scenarios.cut_in import CUT_IN
 from accelerated_evaluation.vehicles import AccAeb, Outcomes
 from toy_segment import CONFIG, PAPERS, SETTINGS, F, Toy, before, families, found, toy
 

@@ -9,8 +9,7 @@ import numpy as np
 import pandas as pd
 import plain_crossing
 import pytest
-from accelerated_evaluation.base.errors import InputError
-from accelerated_evaluation.scenarios import SCENARIOS
+from accelerated_evaluation import SCENARIOS, InputError
 from accelerated_evaluation.scenarios.crossing import kernel
 from accelerated_evaluation.scenarios.left_turn.vehicle import LeftTurnCar
 from accelerated_evaluation.scenarios.pedestrian import CREEPING
@@ -149,8 +148,7 @@ def test_the_acc_does_not_accelerate_at_the_top_speed():
 
 
 @pytest.mark.parametrize(
-    ("speed", "threshold"),
-    [(30, 0.955), (11.2, 0.955), (11.0, 0.726159), (4.16667, 0.49), (2.0, 0.415117)],
+    ("speed", "threshold"), [(30, 0.955), (11.2, 0.955), (11.0, 0.726159), (4.16667, 0.49), (2.0, 0.415117)]
 )
 def test_the_aeb_brakes_below_its_threshold(speed, threshold):
     for factor, brakes in ((0.999, True), (1.001, False)):

@@ -5,6 +5,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 import pytest
+from accelerated_evaluation import CUT_IN, Problem
 from accelerated_evaluation.base.files import write_csv
 from accelerated_evaluation.laws.distributions import BoundedExponential, Empirical
 from accelerated_evaluation.laws.paper.models import IndependentLaw
@@ -15,8 +16,6 @@ from accelerated_evaluation.methods.crude import (
     fingerprint,
     simulate_batches,
 )
-from accelerated_evaluation.methods.problem import Problem
-from accelerated_evaluation.scenarios.cut_in import CUT_IN
 from accelerated_evaluation.vehicles.protocol import Outcomes
 
 THRESHOLD = 0.3

@@ -12,9 +12,7 @@ from pathlib import Path
 import numpy as np
 import pandas as pd
 import pytest
-from accelerated_evaluation import cli
-from accelerated_evaluation.base.errors import InputError
-from accelerated_evaluation.laws.files import read_law
+from accelerated_evaluation import InputError, cli, read_law
 from accelerated_evaluation.records.segments import read_encounters
 from fewruns.typed_json import checksum
 from hypothesis import HealthCheck, assume, given, settings

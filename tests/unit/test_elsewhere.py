@@ -4,8 +4,7 @@ from functools import partial
 
 import numpy as np
 import pytest
-from accelerated_evaluation.scenarios.cut_in import CUT_IN
-from accelerated_evaluation.vehicles import load_vehicle
+from accelerated_evaluation import CUT_IN, load_vehicle
 from accelerated_evaluation.vehicles.external.watched import WatchedVehicle
 from accelerated_evaluation.vehicles.external.workers import Elsewhere, Processes, difference_elsewhere
 from accelerated_evaluation.vehicles.protocol import CRASH

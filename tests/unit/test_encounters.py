@@ -5,7 +5,7 @@ from pathlib import Path
 import numpy as np
 import pandas as pd
 import pytest
-from accelerated_evaluation.base.errors import InputError
+from accelerated_evaluation import SOURCES, InputError, load
 from accelerated_evaluation.base.sections import default_of, number
 from accelerated_evaluation.base.tables import read_csv
 from accelerated_evaluation.records.ingest import Account, ingest, opening_cut_ins
@@ -22,8 +22,7 @@ from accelerated_evaluation.records.segments import (
     tau_interval,
     write_encounters,
 )
-from accelerated_evaluation.records.sources import SOURCES, describe, read_source, source, spmd, table
-from accelerated_evaluation.study.configuration import load
+from accelerated_evaluation.records.sources import describe, read_source, source, spmd, table
 from scipy.stats import binom, kendalltau
 
 REPOSITORY = Path(__file__).resolve().parents[2]
@@ -386,14 +385,8 @@ def test_a_very_wide_header_is_refused_in_few_words(tmp_path):
 @pytest.mark.parametrize(
     ("changes", "message"),
     [
-        (
-            {"lead_speed": {"name": "v", "unit": "m/s"}},
-            r"column 'v': seen only the columns 'lead_speed'",
-        ),
-        (
-            {"range": {"name": "range", "unit": "furlong"}},
-            "range.unit: seen 'furlong'; expected one of m",
-        ),
+        ({"lead_speed": {"name": "v", "unit": "m/s"}}, r"column 'v': seen only the columns 'lead_speed'"),
+        ({"range": {"name": "range", "unit": "furlong"}}, "range.unit: seen 'furlong'; expected one of m"),
         (
             {"closing": {"name": "closing_speed", "quantity": "ttc", "unit": "m/s"}},
             "expected one of s, ms, 1/s",
@@ -413,11 +406,7 @@ def test_table_refuses_a_mapping_that_does_not_fit(csv_config, changes, message)
         ("empty.csv", b"", "cannot be read"),
         ("latin.csv", b"lead_speed,range,caf\xe9\n1,2,3\n", "cannot be read"),
         ("ragged.csv", (CSV_HEADER + "1,2,3\n1,2,3,4\n").encode(), "cannot be read"),
-        (
-            "shifted.csv",
-            (CSV_HEADER + "1,2,3,4\n1,2,3,4\n").encode(),
-            "more cells in a row than",
-        ),
+        ("shifted.csv", (CSV_HEADER + "1,2,3,4\n1,2,3,4\n").encode(), "more cells in a row than"),
         ("damaged.parquet", b"PAR1", "cannot be read"),
         ("events.xlsx", b"x", "name ending in '.xlsx'"),
     ],
@@ -631,12 +620,7 @@ def test_opening_cut_ins_are_kept_within_the_limits_of_the_closing_ones(csv_conf
     assert list(opening.columns) == list(NUMBERS)
     assert (
         opening[["lead_speed", "range", "closing_speed"]].to_numpy().tolist()
-        == [
-            [10, 40, -3],
-            [20, 50, 0],
-            [10, 40, -3],
-            [10, 40, -3],
-        ][: len(opening)]
+        == [[10, 40, -3], [20, 50, 0], [10, 40, -3], [10, 40, -3]][: len(opening)]
     )
     assert len(opening) == (3 if config["data"]["repeated_rows"] == "drop" else 4)
     closing = ingest(raw, config, Account.of(raw))

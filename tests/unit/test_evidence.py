@@ -7,9 +7,8 @@ from types import SimpleNamespace
 import numpy as np
 import pandas as pd
 import pytest
+from accelerated_evaluation import CUT_IN, Answer, FewRuns, Posterior, Problem, as_draws, load_vehicle
 from accelerated_evaluation.answer import evidence as evidence_module
-from accelerated_evaluation.answer.answer import Answer
-from accelerated_evaluation.answer.by_few_runs import FewRuns
 from accelerated_evaluation.answer.evidence import (
     Evidence,
     checked_answers,
@@ -17,13 +16,10 @@ from accelerated_evaluation.answer.evidence import (
     known_runs,
     replays_of,
 )
-from accelerated_evaluation.answer.posterior import Posterior
 from accelerated_evaluation.answer.replays import FOLLOWED, LEVEL, SIZES, replay
-from accelerated_evaluation.laws.draws import as_draws
-from accelerated_evaluation.methods.problem import Problem, normal_scores
-from accelerated_evaluation.scenarios.cut_in import CUT_IN
+from accelerated_evaluation.methods.problem import normal_scores
 from accelerated_evaluation.scenarios.left_turn import LEFT_TURN
-from accelerated_evaluation.vehicles import Outcomes, load_vehicle
+from accelerated_evaluation.vehicles import Outcomes
 from accelerated_evaluation.vehicles.external.watched import WatchedVehicle
 from accelerated_evaluation.vehicles.protocol import CRASH
 from fewruns.predecessor import Predecessor
@@ -95,11 +91,11 @@ def test_the_p_value_is_that_of_the_most_surprising_stratum_or_of_all_events():
 def test_a_right_estimate_is_rarely_contradicted(probability):
     """The event is where it is most surprising: in the stratum with the largest share of replays."""
     probabilities = []
-    for seed in range(300):
+    for seed in range(200):
         found = replayed(lambda x: x[0] < probability, seed)
         probabilities.append(found.p_value(probability))
         assert found.p_value(probability / 100) <= found.p_value(probability)
-    assert np.mean(np.array(probabilities) < LEVEL) <= LEVEL + 3 * np.sqrt(LEVEL / 300)
+    assert np.mean(np.array(probabilities) < LEVEL) <= LEVEL + 3 * np.sqrt(LEVEL / 200)
 
 
 class Blind:
@@ -160,7 +156,7 @@ def test_a_difference_in_another_process_is_a_doubt():
 
 @pytest.mark.parametrize("name", ["cut-ins", "left turns"])
 def test_normal_scores_are_the_inverse_of_the_map_of_a_law(name):
-    z = np.random.default_rng(3).standard_normal((200, 3))
+    z = np.random.default_rng(3).standard_normal((50, 3))
     points = {"cut-ins": LAW, "left turns": left_turn_law()}[name].from_normal_scores
     x = points(z)
     found, is_found = normal_scores(points, x)
@@ -173,7 +169,7 @@ def test_normal_scores_are_the_inverse_of_the_map_of_a_law(name):
 
 def test_replays_with_events_guide_the_sampler_and_others_do_not():
     points = left_turn_law().from_normal_scores
-    x = points(np.random.default_rng(4).standard_normal((2_000, 3)))
+    x = points(np.random.default_rng(4).standard_normal((1_000, 3)))
     vehicle = WatchedVehicle(load_vehicle("acc_aeb", LEFT_TURN), LEFT_TURN)
     replays = replays_of(vehicle, x, LEFT_TURN.events[0], np.random.default_rng(1))
     known = known_runs(replays, points)

@@ -6,14 +6,8 @@ from pathlib import Path
 import numpy as np
 import pandas as pd
 import pytest
-from accelerated_evaluation.base.errors import InputError
-from accelerated_evaluation.crash_map.exact import (
-    ALL,
-    capped_intervals,
-    exact_probabilities,
-    exact_table,
-)
-from accelerated_evaluation.crash_map.mapping import map_crashes
+from accelerated_evaluation import CUT_IN, InputError, Problem, map_crashes
+from accelerated_evaluation.crash_map.exact import ALL, capped_intervals, exact_probabilities, exact_table
 from accelerated_evaluation.crash_map.maps import Intervals
 from accelerated_evaluation.laws import Factors
 from accelerated_evaluation.laws.distributions import (
@@ -26,8 +20,6 @@ from accelerated_evaluation.laws.distributions import (
 from accelerated_evaluation.laws.distributions.pareto import interval_probability
 from accelerated_evaluation.laws.paper.models import IndependentLaw
 from accelerated_evaluation.methods.importance_sampling import Sample
-from accelerated_evaluation.methods.problem import Problem
-from accelerated_evaluation.scenarios.cut_in import CUT_IN
 from accelerated_evaluation.vehicles import AccAeb, Outcomes
 from accelerated_evaluation.vehicles.protocol import CRASH, events_from
 from wall_car import GRID, RANGE_LAWS, TTC_LAWS, WallCar, integral, law_of

@@ -34,31 +34,23 @@ def run(path, *cells, command=RUN, **metadata):
     )
 
 
-def test_processes_can_be_spawned_after_a_notebook(tmp_path):
-    finished = run(tmp_path / "n.ipynb", "print(number)", command=RUN + SPAWN)
-    assert finished.returncode == 0, finished.stderr
-
-
-def test_outputs_of_all_kinds_are_kept(tmp_path):
+def test_outputs_of_all_kinds_are_kept_and_texts_filled_in_where_they_stand(tmp_path):
+    """After the notebook, the process can spawn others."""
     path = tmp_path / "n.ipynb"
     figure = "import matplotlib.pyplot as plt\nplt.plot([1, number])\nplt.show()"
     markdown = (
         "from IPython.display import Markdown, display\ndisplay(Markdown('first'))\nMarkdown('**last**')"
     )
-    finished = run(path, "print(number)", figure, markdown)
+    texts = "*First* {{ number }}.", "*Then* {{ number }}."
+    cells = texts[0], "print(number)", figure, markdown, "number = 3", texts[1]
+    finished = run(path, *cells, command=RUN + SPAWN)
     assert finished.returncode == 0, finished.stderr
     executed = nbformat.read(f"{path}.executed.ipynb", as_version=4)
     nbformat.validate(executed)
-    printed, drawn, written = [cell.outputs for cell in executed.cells if cell.cell_type == "code"][-3:]
+    printed, drawn, written = [cell.outputs for cell in executed.cells if cell.cell_type == "code"][-4:-1]
     assert [output.text for output in printed] == ["2\n"]
     assert [output.data["image/png"][:5] for output in drawn] == ["iVBOR"]
     assert [output.data["text/markdown"] for output in written] == ["first", "**last**"]
-
-
-def test_texts_are_filled_in_where_they_stand(tmp_path):
-    finished = run(tmp_path / "n.ipynb", "*First* {{ number }}.", "number = 3", "*Then* {{ number }}.")
-    assert finished.returncode == 0, finished.stderr
-    executed = nbformat.read(tmp_path / "n.ipynb.executed.ipynb", as_version=4)
     texts = [cell.source for cell in executed.cells if cell.cell_type == "markdown"]
     assert texts == ["*First* 2.", "*Then* 3."]
 

@@ -9,17 +9,12 @@ from xml.etree import ElementTree
 import numpy as np
 import pandas as pd
 import pytest
-from accelerated_evaluation import cli
-from accelerated_evaluation.base.errors import InputError
+from accelerated_evaluation import Grid, InputError, cli, load_vehicle, map_crashes, read_law
 from accelerated_evaluation.crash_map.exact import ALL, exact_probabilities
-from accelerated_evaluation.crash_map.mapping import map_crashes
-from accelerated_evaluation.crash_map.maps import Grid
-from accelerated_evaluation.laws.files import read_law
 from accelerated_evaluation.laws.motion import SPEED_COLUMNS
 from accelerated_evaluation.records.segments import read_encounters
 from accelerated_evaluation.track.export import page, table_of
 from accelerated_evaluation.track.weighted_set import SHELLS, draw_weighted_set
-from accelerated_evaluation.vehicles import load_vehicle
 from law_folder import LAW, write_law_folder
 
 SIZE = 300

@@ -5,7 +5,7 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
-from accelerated_evaluation.answer.answer import Answer, Crashes
+from accelerated_evaluation import CUT_IN, Answer, Crashes, Posterior
 from accelerated_evaluation.answer.extrapolation import (
     ALL,
     CAP,
@@ -25,10 +25,8 @@ from accelerated_evaluation.answer.extrapolation import (
     speed_limits,
 )
 from accelerated_evaluation.answer.map_tables import dispersion, level_factors, near_miss_table
-from accelerated_evaluation.answer.posterior import Posterior
 from accelerated_evaluation.crash_map.lines import CrashLines, divided
 from accelerated_evaluation.laws.smooth.conditional import Places
-from accelerated_evaluation.scenarios.cut_in import CUT_IN
 
 # Lead speed, range and closing speed of four records.
 RECORDS = np.array([[10.0, 20.0, 5.0], [10.5, 22.0, 8.0], [20.0, 50.0, 12.0], [30.0, 52.0, 3.0]])

@@ -6,15 +6,14 @@ import math
 import numpy as np
 import pandas as pd
 import pytest
+from accelerated_evaluation import Grid, Stopping, map_crashes
 from accelerated_evaluation.crash_map.exact_variance import impact_speed_table, severity_table
-from accelerated_evaluation.crash_map.mapping import map_crashes
-from accelerated_evaluation.crash_map.maps import Grid
 from accelerated_evaluation.crash_map.sensitivity import Levels, study_sensitivity
 from accelerated_evaluation.crash_map.uncertainty import bootstrap_probabilities, uncertainty_budget
 from accelerated_evaluation.laws import Factors
 from accelerated_evaluation.laws.distributions import BoundedExponential
 from accelerated_evaluation.laws.paper.piecewise import EXPONENTIAL
-from accelerated_evaluation.methods import METHODS, Stopping
+from accelerated_evaluation.methods import METHODS
 from accelerated_evaluation.methods.coverage import coverage_replicates, coverage_table
 from accelerated_evaluation.methods.cross_entropy.search import Proposals
 from accelerated_evaluation.methods.importance_sampling import bound_without_event

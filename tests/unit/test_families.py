@@ -5,9 +5,7 @@ import math
 
 import numpy as np
 import pytest
-from accelerated_evaluation.laws.distributions import (
-    BoundedExponential,
-)
+from accelerated_evaluation.laws.distributions import BoundedExponential
 from accelerated_evaluation.methods.cross_entropy.families import (
     PiecewiseFamily,
     SingleFamily,

@@ -4,10 +4,9 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from accelerated_evaluation import InputError, LawStudy
 from accelerated_evaluation.answer import smooth_family as family_file
-from accelerated_evaluation.answer.law_study import LawStudy
 from accelerated_evaluation.answer.smooth_family import SmoothFamily, fit_or_read, read_family, write_family
-from accelerated_evaluation.base.errors import InputError
 from accelerated_evaluation.laws.smooth.family import MEMBERS, DistinctRecords
 from accelerated_evaluation.laws.smooth.splines import SUPPORT
 

@@ -8,9 +8,8 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from accelerated_evaluation.base.errors import InputError
+from accelerated_evaluation import InputError, load_vehicle
 from accelerated_evaluation.laws.motion import MOTIONS, draw_lead_speeds
-from accelerated_evaluation.vehicles import load_vehicle
 from accelerated_evaluation.vehicles.external.workers import Processes, simulate_batch
 from accelerated_evaluation.vehicles.protocol import OUTCOMES
 
@@ -185,10 +184,7 @@ def test_an_fmu_that_prints_or_ends_its_process_leaves_the_others_alone(fmus, ca
             {"inputs": {"range": {"name": "gap", "unit": "miles"}}},
             "inputs.range.unit: seen 'miles'; .* m, km,",
         ),
-        (
-            {"inputs": {"range": {"name": "gap", "unit": "ft"}}},
-            "seen ft; expected m, as the FMU declares",
-        ),
+        ({"inputs": {"range": {"name": "gap", "unit": "ft"}}}, "seen ft; expected m, as the FMU declares"),
         ({"inputs": {"range": {"name": "gap", "units": "m"}}}, "inputs.range: seen 'units'"),
         ({"inputs": {"range": "gap"}}, "inputs.range: seen 'gap'; expected a name and a unit"),
         ({"inputs": "gap"}, "vehicle parameter inputs: seen 'gap'; expected a mapping"),

@@ -5,11 +5,10 @@ from dataclasses import replace
 import numpy as np
 import pandas as pd
 import pytest
+from accelerated_evaluation import CUT_IN, Grid, LawStudy, Map, Problem, evaluate, map_crashes
 from accelerated_evaluation.answer import by_map
-from accelerated_evaluation.answer.answer import evaluate
-from accelerated_evaluation.answer.by_map import Map, masses_under, thinned
+from accelerated_evaluation.answer.by_map import masses_under, thinned
 from accelerated_evaluation.answer.comparison import is_resolved
-from accelerated_evaluation.answer.law_study import LawStudy
 from accelerated_evaluation.answer.likeliest_crashes import (
     PLACE,
     WAYS,
@@ -22,14 +21,11 @@ from accelerated_evaluation.answer.replays import CLOSING_SPEEDS, FORESEEN, prev
 from accelerated_evaluation.answer.smooth_family import SmoothFamily
 from accelerated_evaluation.crash_map.checked import sample_crashes
 from accelerated_evaluation.crash_map.lines import CrashLines
-from accelerated_evaluation.crash_map.mapping import map_crashes
-from accelerated_evaluation.crash_map.maps import Grid
 from accelerated_evaluation.laws.paper.models import recorded_lead_speeds
 from accelerated_evaluation.laws.smooth.conditional import Places
 from accelerated_evaluation.laws.smooth.dependent import DependentLaw
 from accelerated_evaluation.laws.smooth.family import DistinctRecords, Fitter, Member, members_at
 from accelerated_evaluation.laws.smooth.splines import SUPPORT
-from accelerated_evaluation.methods.problem import Problem
 from accelerated_evaluation.publishing.figures.counted import fig30_preventable
 from accelerated_evaluation.publishing.figures.likeliest_crashes import (
     CRASHES,
@@ -38,7 +34,6 @@ from accelerated_evaluation.publishing.figures.likeliest_crashes import (
     fig29_nearest_records,
 )
 from accelerated_evaluation.records.segments import complete
-from accelerated_evaluation.scenarios.cut_in import CUT_IN
 from accelerated_evaluation.vehicles import AccAeb, Outcomes
 
 SIZE, MEAN, RATE = 6000, 2.0, 0.3

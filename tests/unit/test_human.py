@@ -5,10 +5,9 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
-from accelerated_evaluation.base.errors import InputError
+from accelerated_evaluation import Grid, InputError, load_vehicle, map_crashes
 from accelerated_evaluation.crash_map.exact import exact_probabilities
-from accelerated_evaluation.crash_map.mapping import map_crashes
-from accelerated_evaluation.crash_map.maps import Grid, read_crash_map, write_crash_map
+from accelerated_evaluation.crash_map.maps import read_crash_map, write_crash_map
 from accelerated_evaluation.laws.distributions import BoundedExponential, Empirical
 from accelerated_evaluation.laws.paper.models import IndependentLaw
 from accelerated_evaluation.vehicles.builtin.human import Human
@@ -23,7 +22,6 @@ from accelerated_evaluation.vehicles.builtin.human_kernel import (
     TRAITS,
 )
 from accelerated_evaluation.vehicles.builtin.human_population import G, Population
-from accelerated_evaluation.vehicles.loading import load_vehicle
 from accelerated_evaluation.vehicles.protocol import RandomVehicle, repeats_itself
 
 GRID = Grid(5, 35, 75, 10, 30, 4, 45.0, 60)

@@ -6,10 +6,11 @@ from fractions import Fraction
 import numpy as np
 import pandas as pd
 import pytest
+from accelerated_evaluation import CUT_IN, Problem, Stopping
 from accelerated_evaluation.laws import Factors
 from accelerated_evaluation.laws.distributions import BoundedExponential, Empirical
 from accelerated_evaluation.laws.paper.models import IndependentLaw
-from accelerated_evaluation.methods import METHODS, Stopping
+from accelerated_evaluation.methods import METHODS
 from accelerated_evaluation.methods.cross_entropy.search import Proposals
 from accelerated_evaluation.methods.importance_sampling import (
     Running,
@@ -21,8 +22,6 @@ from accelerated_evaluation.methods.importance_sampling import (
     run_to_convergence,
     running,
 )
-from accelerated_evaluation.methods.problem import Problem
-from accelerated_evaluation.scenarios.cut_in import CUT_IN
 from accelerated_evaluation.vehicles import Outcomes
 from scipy import stats
 

@@ -12,9 +12,8 @@ from concurrent.futures import ThreadPoolExecutor
 import numpy as np
 import pandas as pd
 import pytest
-from accelerated_evaluation.base.errors import StudyError
+from accelerated_evaluation import StudyError, child_generator
 from accelerated_evaluation.base.files import atomic_path, read_json, write_csv, write_json, write_text
-from accelerated_evaluation.base.randomness import child_generator
 from accelerated_evaluation.study.jobs import LOGGER_VARIABLE, release_dead_locks
 
 

@@ -8,10 +8,7 @@ from operator import getitem
 
 import numpy as np
 import pytest
-from accelerated_evaluation.base.errors import InputError
-from accelerated_evaluation.laws import LAWS, Box
-from accelerated_evaluation.laws.files import read_law, write_law
-from accelerated_evaluation.laws.joint import JointLaw
+from accelerated_evaluation import LAWS, Box, InputError, JointLaw, read_law, write_law
 from accelerated_evaluation.laws.joint.copula import GaussianCopula, IndependentVariables
 from accelerated_evaluation.laws.joint.expectation_maximisation import _clustered, _maximised
 from accelerated_evaluation.laws.joint.kernel import KernelLaw

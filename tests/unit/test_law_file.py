@@ -3,12 +3,12 @@
 import json
 import math
 from dataclasses import replace
+from functools import cache
 
 import numpy as np
 import pandas as pd
 import pytest
-from accelerated_evaluation.base.errors import InputError
-from accelerated_evaluation.laws import LAWS, Box
+from accelerated_evaluation import LAWS, Box, DrawnLaws, InputError, read_law, write_law
 from accelerated_evaluation.laws.distributions import (
     BoundedExponential,
     BoundedNormal,
@@ -17,8 +17,7 @@ from accelerated_evaluation.laws.distributions import (
     Pareto,
     PiecewiseMixture,
 )
-from accelerated_evaluation.laws.draws import DrawnLaws, MixedDraws
-from accelerated_evaluation.laws.files import read_law, write_law
+from accelerated_evaluation.laws.draws import MixedDraws
 from accelerated_evaluation.laws.lead_speeds import WithLeadSpeeds
 from accelerated_evaluation.laws.paper.models import IndependentLaw
 from accelerated_evaluation.records.segments import complete
@@ -41,18 +40,23 @@ SPEEDS, OTHERS = Empirical([20.0, 7.0, 6.0, 30.0]), Empirical([20.0, 7.0, 6.0, 3
 JOINT = ("gaussian_copula", "independent_variables", "kernel", "truncated_normals")
 
 
+@cache
 def joint_law(kind, box=BOX):
     generator = np.random.default_rng(1)
     return LAWS[kind].fit(generator.uniform(box.lower, box.upper, (50, 2)), box, generator)
 
 
-def draws_of(names, lead_speeds=None):
-    """Return one draw of a joint law for each name, with the lead speeds of cut-ins if they are given."""
+@cache
+def drawn_laws(names):
+    """Return one draw of a joint law for each name."""
     laws = [joint_law("independent_variables", CUT_IN_BOX) for _ in names]
-    drawn = DrawnLaws.of(laws, names, np.random.default_rng(3))
-    if lead_speeds is None:
-        return drawn
-    with_speeds = [WithLeadSpeeds(law, lead_speeds) for law in laws]
+    return DrawnLaws.of(laws, names, np.random.default_rng(3))
+
+
+def draws_of(names, lead_speeds):
+    """Return draws that have the lead speeds of cut-ins too."""
+    drawn = drawn_laws(names)
+    with_speeds = [WithLeadSpeeds(law, lead_speeds) for law in drawn.laws]
     return replace(drawn, laws=with_speeds, proposal=WithLeadSpeeds(drawn.proposal, lead_speeds))
 
 
@@ -154,7 +158,7 @@ def test_laws_and_draws_with_lead_speeds_come_back_equal_with_their_table(tmp_pa
 
 
 def test_draws_of_a_scenario_come_back_equal_and_need_no_table(tmp_path):
-    drawn = draws_of(("one", "two"))
+    drawn = drawn_laws(("one", "two"))
     read, content = read_again(drawn, tmp_path, None)
     assert read.names == ("one", "two")
     assert "records" not in content

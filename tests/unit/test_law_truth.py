@@ -3,10 +3,10 @@
 from dataclasses import replace
 from types import SimpleNamespace
 
+import accelerated_evaluation as ae
 import numpy as np
 import pandas as pd
 import pytest
-from accelerated_evaluation.answer.answer import Answer, Replayed
 from accelerated_evaluation.answer.by_map import masses_under
 from accelerated_evaluation.answer.calibration import (
     expected_counts,
@@ -17,8 +17,7 @@ from accelerated_evaluation.answer.calibration import (
     with_limits,
 )
 from accelerated_evaluation.answer.comparison import is_resolved, vehicle_row, vehicle_table
-from accelerated_evaluation.answer.law_study import LawStudy
-from accelerated_evaluation.answer.posterior import Posterior, budget
+from accelerated_evaluation.answer.posterior import budget
 from accelerated_evaluation.answer.scores import (
     HeldOut,
     bootstrapped_weights,
@@ -32,9 +31,6 @@ from accelerated_evaluation.answer.scores import (
 from accelerated_evaluation.answer.smooth_family import SmoothFamily
 from accelerated_evaluation.crash_map.exact import ALL, exact_probabilities
 from accelerated_evaluation.crash_map.lines import CrashLines, crash_places
-from accelerated_evaluation.crash_map.mapping import map_crashes
-from accelerated_evaluation.crash_map.maps import Grid
-from accelerated_evaluation.laws.files import read_law, write_law
 from accelerated_evaluation.laws.paper.models import recorded_lead_speeds
 from accelerated_evaluation.laws.smooth.conditional import Places
 from accelerated_evaluation.laws.smooth.dependent import DependentLaw
@@ -90,7 +86,7 @@ def family(fitter):
 
 @pytest.fixture(scope="module")
 def crash_map():
-    return map_crashes(RateCar(), Grid(5, 35, 75, 6, 20, 2, 45.0, 120), [], np.random.default_rng(2))
+    return ae.map_crashes(RateCar(), ae.Grid(5, 35, 75, 6, 20, 2, 45.0, 120), [], np.random.default_rng(2))
 
 
 def crash_probability(mean=MEAN):
@@ -266,9 +262,9 @@ def test_thinned_lines_are_unbiased(crash_map, records, family):
 def test_the_posterior_holds_the_truth_and_its_budget_adds_up(crash_map, records, fitter, family):
     lines, none = CrashLines.of(crash_map, records.lead_speed), np.zeros((len(MEMBERS), 0))
     smooth = SmoothFamily(fitter, family, none, none)
-    study = LawStudy(smooth, np.full((80, len(MEMBERS)), 1 / len(MEMBERS)))
+    study = ae.LawStudy(smooth, np.full((80, len(MEMBERS)), 1 / len(MEMBERS)))
     draws = study.draws(np.random.default_rng(8))
-    posterior = Posterior(masses_under(lines, draws).sum(axis=1), draws.member)
+    posterior = ae.Posterior(masses_under(lines, draws).sum(axis=1), draws.member)
     low, high = posterior.interval(0.95)
     assert low < crash_probability() < high
     parts = budget(posterior, 0.1).set_index("source")
@@ -277,7 +273,7 @@ def test_the_posterior_holds_the_truth_and_its_budget_adds_up(crash_map, records
 
 
 def test_a_budget_without_data_error_blames_the_choice():
-    draws = Posterior(np.repeat([1e-6, 4e-6], 50), np.repeat([0, 1], 50))
+    draws = ae.Posterior(np.repeat([1e-6, 4e-6], 50), np.repeat([0, 1], 50))
     parts = budget(draws, 1e-9).set_index("source")["variance_share"]
     assert parts["choice of law"] == pytest.approx(1)
 
@@ -308,8 +304,8 @@ def test_coordinates_of_a_dependent_law_are_scores(law):
 
 
 def test_a_dependent_law_is_read_back_as_it_was_written(law, encounters, tmp_path):
-    write_law(tmp_path / "law.json", law, encounters)
-    again = read_law(tmp_path / "law.json", encounters)
+    ae.write_law(tmp_path / "law.json", law, encounters)
+    again = ae.read_law(tmp_path / "law.json", encounters)
     assert again == law
     assert again.digest == law.digest
     x = law.draw(50, np.random.default_rng(10))
@@ -336,8 +332,8 @@ def test_an_independent_tail_is_one_distribution(records):
 
 
 def test_the_study_car_has_crashes_at_short_range_first(records, family):
-    grid = Grid(5, 35, 75, 6, 12, 2, 45.0, 80)
-    crash_map = map_crashes(AccAeb(), grid, [], np.random.default_rng(11))
+    grid = ae.Grid(5, 35, 75, 6, 12, 2, 45.0, 80)
+    crash_map = ae.map_crashes(AccAeb(), grid, [], np.random.default_rng(11))
     lines = CrashLines.of(crash_map, records.lead_speed)
     nearest = lines.start[np.argsort(lines.places.range_[lines.row])]
     assert nearest[:20].mean() < nearest[-20:].mean()
@@ -345,12 +341,12 @@ def test_the_study_car_has_crashes_at_short_range_first(records, family):
 
 
 def test_a_map_that_misses_crashes_of_the_records_is_refused():
-    draws = Posterior(np.array([1e-5, 2e-5]), np.zeros(2, dtype=int))
-    rare = Posterior(np.array([1e-6, 4e-6]), np.zeros(2, dtype=int))
+    draws = ae.Posterior(np.array([1e-5, 2e-5]), np.zeros(2, dtype=int))
+    rare = ae.Posterior(np.array([1e-6, 4e-6]), np.zeros(2, dtype=int))
     posteriors, rows = {"tested": rare, "stripes": draws, "human": draws}, []
     for name, recorded in {"tested": 0, "stripes": 40, "human": 2}.items():
-        replayed = Replayed(np.arange(100_000) < recorded)
-        own = Answer(SimpleNamespace(event=CRASH), None, {CRASH: posteriors[name]}, replayed=replayed)
+        replayed = ae.Replayed(np.arange(100_000) < recorded)
+        own = ae.Answer(SimpleNamespace(event=CRASH), None, {CRASH: posteriors[name]}, replayed=replayed)
         rows.append(vehicle_row(name, own))
         posteriors[name] = own.posterior if is_resolved(own) else None
     table = vehicle_table(pd.DataFrame(rows), posteriors, {"": "human", "other_": "none"})

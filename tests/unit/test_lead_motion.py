@@ -2,9 +2,8 @@
 
 import numpy as np
 import pytest
-from accelerated_evaluation.base.errors import InputError
+from accelerated_evaluation import InputError, load_vehicle
 from accelerated_evaluation.laws.motion import MOTIONS, STATES, STEP, draw_lead_speeds
-from accelerated_evaluation.vehicles.loading import load_vehicle
 
 VEHICLES = ["acc_aeb", "acc_only", "cc_human", "fsm", "reg157", "rss"]
 

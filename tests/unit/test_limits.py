@@ -6,9 +6,8 @@ from pathlib import Path
 import numpy as np
 import pandas as pd
 import pytest
-from accelerated_evaluation import cli
+from accelerated_evaluation import SOURCES, InputError, cli, load, resolved
 from accelerated_evaluation.answer import estimation as alone
-from accelerated_evaluation.base.errors import InputError
 from accelerated_evaluation.laws.smooth.family import DistinctRecords, Fitter, members_at
 from accelerated_evaluation.laws.smooth.splines import Support
 from accelerated_evaluation.records.limits import (
@@ -21,21 +20,10 @@ from accelerated_evaluation.records.limits import (
     with_limits,
     with_values,
 )
-from accelerated_evaluation.records.sources import SOURCES
-from accelerated_evaluation.study.configuration import ConfigurationError, completed, load, resolved, validate
-from motorway import CONFIGURATION, motorway_table
+from accelerated_evaluation.study.configuration import ConfigurationError, completed, validate
+from motorway import motorway_, motorway_table  # noqa: F401
 
 ROOT = Path(__file__).resolve().parents[2]
-
-
-@pytest.fixture
-def motorway(tmp_path, monkeypatch):
-    """Return the stated configuration of the generated motorway, whose table lies in the working folder."""
-    monkeypatch.chdir(tmp_path)
-    (tmp_path / "data").mkdir()
-    motorway_table().to_csv("data/motorway.csv", index=False)
-    Path("motorway.yaml").write_text(CONFIGURATION)
-    return load(["motorway.yaml"])
 
 
 def test_the_paper_keeps_its_limits():

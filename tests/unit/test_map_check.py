@@ -3,13 +3,12 @@
 import numpy as np
 import pandas as pd
 import pytest
+from accelerated_evaluation import CUT_IN, Grid, load_vehicle, map_crashes
 from accelerated_evaluation.crash_map.checked import check_map, require_right_map
 from accelerated_evaluation.crash_map.exact import exact_probabilities
-from accelerated_evaluation.crash_map.mapping import map_crashes
-from accelerated_evaluation.crash_map.maps import CrashMap, Grid, Intervals
+from accelerated_evaluation.crash_map.maps import CrashMap, Intervals
 from accelerated_evaluation.publishing.tables.exact import contradictions
-from accelerated_evaluation.scenarios.cut_in import CUT_IN
-from accelerated_evaluation.vehicles import Outcomes, load_vehicle
+from accelerated_evaluation.vehicles import Outcomes
 from accelerated_evaluation.vehicles.protocol import CRASH
 from law_folder import LAW
 

@@ -7,14 +7,12 @@ import re
 import numpy as np
 import pandas as pd
 import pytest
+from accelerated_evaluation import CUT_IN, Problem, Stopping, load
 from accelerated_evaluation.laws.distributions import BoundedExponential, Empirical, PiecewiseMixture
 from accelerated_evaluation.laws.paper.models import IndependentLaw
-from accelerated_evaluation.methods import METHODS, Estimate, Method, Stopping, configured_stopping
+from accelerated_evaluation.methods import METHODS, Estimate, Method, configured_stopping
 from accelerated_evaluation.methods.cross_entropy.method import CrossEntropyMethod
 from accelerated_evaluation.methods.importance_sampling import draw_weights, estimate_from_weights
-from accelerated_evaluation.methods.problem import Problem
-from accelerated_evaluation.scenarios.cut_in import CUT_IN
-from accelerated_evaluation.study.configuration import load
 from accelerated_evaluation.vehicles import Outcomes
 from fewruns import SystemProblem
 from scipy.stats import binom
@@ -155,7 +153,7 @@ def check_shape(name, estimate):
 @pytest.mark.parametrize("name", METHODS)
 def test_one_stratum_is_estimated_alone(name):
     alone = PROBLEM.only("fast")
-    found = estimates(name, alone, runs=3)
+    found = estimates(name, alone, runs=2)
     assert all(abs(math.log(estimate.probability / exact(alone.law))) < 0.5 for estimate in found)
     assert sum(estimate.covers(exact(alone.law)) for estimate in found) >= 1
 

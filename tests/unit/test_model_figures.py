@@ -181,10 +181,7 @@ def test_concept_shows_f_and_its_acceleration(encounters):
     data = FIGURES["fig01_concept"](encounters)[1]
     laws = {"single": SINGLE, "piecewise": TWO}
     for method, model in laws.items():
-        for curve, law in {
-            "f": model.inverse_ttc["5-15"],
-            "f*": PROPOSALS[method]["5-15"].second,
-        }.items():
+        for curve, law in {"f": model.inverse_ttc["5-15"], "f*": PROPOSALS[method]["5-15"].second}.items():
             rows = data[(data["method"] == method) & (data["curve"] == curve)]
             np.testing.assert_array_equal(
                 rows["density_s"], np.exp(law.logpdf(rows["inverse_ttc_per_s"].to_numpy()))

@@ -6,6 +6,7 @@ from types import SimpleNamespace
 import numpy as np
 import pandas as pd
 import pytest
+from accelerated_evaluation import Grid, map_crashes
 from accelerated_evaluation.answer import lead_motion as module
 from accelerated_evaluation.answer.lead_motion import (
     MOTION,
@@ -15,8 +16,6 @@ from accelerated_evaluation.answer.lead_motion import (
     motion_budget,
     motion_table,
 )
-from accelerated_evaluation.crash_map.mapping import map_crashes
-from accelerated_evaluation.crash_map.maps import Grid
 from accelerated_evaluation.laws.motion import RAREST, STATES, STEP, draw_wide
 from accelerated_evaluation.laws.smooth.conditional import SpeedLaw, range_grid, speed_grid
 from accelerated_evaluation.laws.smooth.family import DistinctRecords

@@ -6,11 +6,9 @@ import sys
 import numpy as np
 import pandas as pd
 import pytest
-from accelerated_evaluation import cli
-from accelerated_evaluation.base.errors import InputError
+from accelerated_evaluation import InputError, cli, load_vehicle
 from accelerated_evaluation.laws.motion import MOTIONS, SPEED_COLUMNS, STATES, STEP, draw_lead_speeds
 from accelerated_evaluation.vehicles.external.slow import loaded_for
-from accelerated_evaluation.vehicles.loading import load_vehicle
 from accelerated_evaluation.vehicles.moving import takes_motion
 from accelerated_evaluation.vehicles.protocol import OUTCOMES
 

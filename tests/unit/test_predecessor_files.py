@@ -6,16 +6,12 @@ from pathlib import Path
 import numpy as np
 import pandas as pd
 import pytest
-from accelerated_evaluation import cli
-from accelerated_evaluation.base.errors import InputError
+from accelerated_evaluation import CUT_IN, InputError, Problem, cli, load_vehicle
 from accelerated_evaluation.base.files import write_csv
-from accelerated_evaluation.methods.problem import Problem
 from accelerated_evaluation.methods.study import with_encounters
 from accelerated_evaluation.methods.surrogate import read_predecessor
-from accelerated_evaluation.scenarios.cut_in import CUT_IN
 from accelerated_evaluation.track.campaign_file import read_campaign
 from accelerated_evaluation.track.results import status_of
-from accelerated_evaluation.vehicles import load_vehicle
 from law_folder import LAW, begin_campaign
 
 PROBLEM = Problem(CUT_IN, LAW, load_vehicle("acc_aeb"))

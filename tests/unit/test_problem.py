@@ -9,14 +9,13 @@ from pathlib import Path
 import mpmath
 import numpy as np
 import pytest
+from accelerated_evaluation import CUT_IN, Problem, load_vehicle
 from accelerated_evaluation.laws import Factors
 from accelerated_evaluation.laws.distributions import BoundedExponential, Empirical, Pareto
 from accelerated_evaluation.laws.paper.models import IndependentLaw
 from accelerated_evaluation.methods.importance_sampling import Sample
-from accelerated_evaluation.methods.problem import Problem
-from accelerated_evaluation.scenarios.cut_in import CUT_IN
 from accelerated_evaluation.scenarios.left_turn import LEFT_TURN
-from accelerated_evaluation.vehicles import AccAeb, Outcomes, load_vehicle
+from accelerated_evaluation.vehicles import AccAeb, Outcomes
 from accelerated_evaluation.vehicles.protocol import CRASH
 from fewruns.problems import SystemProblem, normal_score_quantile
 from normal_law import left_turn_law

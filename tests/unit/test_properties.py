@@ -10,6 +10,7 @@ from contextlib import suppress
 from functools import reduce
 from operator import getitem
 
+import fewruns
 import numpy as np
 import pandas as pd
 import pytest
@@ -23,8 +24,6 @@ from accelerated_evaluation.scenarios.parameters import required_names
 from accelerated_evaluation.study.configuration import ConfigurationError, load, read_yaml, validate
 from accelerated_evaluation.vehicles.external.checked import CheckedVehicle
 from accelerated_evaluation.vehicles.protocol import VEHICLES, Outcomes
-from fewruns import InputError as SamplerInputError
-from fewruns import read_state
 from fewruns.state import sampler_of
 from hypothesis import HealthCheck, assume, given, settings
 from hypothesis import strategies as st
@@ -86,8 +85,8 @@ def test_any_table_is_read_or_refused(tmp_path, header, rows, policy):
 def test_any_bytes_are_refused_as_table_state_and_configuration(tmp_path, content):
     with pytest.raises(InputError):
         taken(table(tmp_path, content))
-    with pytest.raises(SamplerInputError):
-        read_state(tmp_path / "mine.csv")
+    with pytest.raises(fewruns.InputError):
+        fewruns.read_state(tmp_path / "mine.csv")
     with suppress(InputError):
         read_yaml(tmp_path / "mine.csv")
 
@@ -240,5 +239,5 @@ def test_whatever_a_vehicle_gives_is_taken_or_refused(crash, min_range, min_ttc,
 @given(content=st.recursive(st.none() | st.integers() | st.text(max_size=9), st.lists, max_leaves=4))
 def test_no_json_but_a_state_is_taken_for_one(content):
     for odd in (content, {"format": content}, {"state": content, "checksum": content}):
-        with pytest.raises(SamplerInputError):
+        with pytest.raises(fewruns.InputError):
             sampler_of(json.loads(json.dumps(odd)), "state.json")

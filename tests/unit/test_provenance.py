@@ -8,13 +8,7 @@ import pandas as pd
 import pytest
 from accelerated_evaluation.publishing import provenance
 from accelerated_evaluation.publishing.figures.style import FORMATS
-from accelerated_evaluation.publishing.provenance import (
-    PARTS,
-    UNKNOWN,
-    commit_of,
-    origin_of,
-    provenance_of,
-)
+from accelerated_evaluation.publishing.provenance import PARTS, UNKNOWN, commit_of, origin_of, provenance_of
 from accelerated_evaluation.publishing.published import figure, show, table
 from accelerated_evaluation.publishing.study import Study
 from matplotlib.figure import Figure

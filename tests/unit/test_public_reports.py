@@ -10,11 +10,10 @@ from pathlib import Path
 import numpy as np
 import pandas as pd
 import pytest
-from accelerated_evaluation.base.errors import InputError
+from accelerated_evaluation import VEHICLES, InputError, Stopping, load_vehicle
 from accelerated_evaluation.laws.distributions import BoundedExponential, BoundedNormal
 from accelerated_evaluation.laws.paper.candidates import compare, fit_candidates
-from accelerated_evaluation.methods import METHODS, Stopping
-from accelerated_evaluation.vehicles import VEHICLES, load_vehicle
+from accelerated_evaluation.methods import METHODS
 from drone_checks import extract
 from scipy import stats
 from test_extreme_vehicles import From, before
@@ -239,6 +238,7 @@ def test_no_input_outside_of_the_law_is_simulated(batch_size):
 # ---------------------------------------------------------------- the computer
 
 
+@pytest.mark.studies
 def test_nothing_needs_a_writable_home(tmp_path):
     """A home folder on a read-only disk, and a package in a folder that is not writable either."""
     program = """

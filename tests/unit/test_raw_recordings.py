@@ -9,11 +9,10 @@ from pathlib import Path
 import numpy as np
 import pandas as pd
 import pytest
-from accelerated_evaluation.base.errors import InputError
+from accelerated_evaluation import SOURCES, InputError, load
 from accelerated_evaluation.cli import main
 from accelerated_evaluation.records.ingest import Account
-from accelerated_evaluation.records.sources import SOURCES, UNKNOWN, read_source, spmd_raw, table
-from accelerated_evaluation.study.configuration import load
+from accelerated_evaluation.records.sources import UNKNOWN, read_source, spmd_raw, table
 
 ROOT = Path(__file__).resolve().parents[2]
 HEADS = ROOT / "tests" / "data" / "safety_pilot"  # the first rows of the real files
@@ -423,10 +422,7 @@ def test_the_speed_of_the_real_host_is_in_kilometres_an_hour():
 
 @pytest.mark.parametrize(
     ("changes", "reported"),
-    [
-        ({"speed_unit": "m/s"}, "ratio 3.6.*speed_unit"),
-        ({"time_unit": 0.001}, "ratio 10.*time_unit"),
-    ],
+    [({"speed_unit": "m/s"}, "ratio 3.6.*speed_unit"), ({"time_unit": 0.001}, "ratio 10.*time_unit")],
 )
 def test_units_that_contradict_the_recordings_are_refused(recordings, changes, reported):
     with pytest.raises(InputError, match=reported):

@@ -6,7 +6,7 @@ from pathlib import Path
 import numpy as np
 import pandas as pd
 import pytest
-from accelerated_evaluation.base.errors import InputError
+from accelerated_evaluation import SOURCES, InputError, load, load_vehicle
 from accelerated_evaluation.base.tables import CLUSTER
 from accelerated_evaluation.records.checks import (
     CHECKS,
@@ -18,9 +18,6 @@ from accelerated_evaluation.records.checks import (
     inspect_records,
 )
 from accelerated_evaluation.records.segments import complete
-from accelerated_evaluation.records.sources import SOURCES
-from accelerated_evaluation.study.configuration import load
-from accelerated_evaluation.vehicles.loading import load_vehicle
 
 ROOT = Path(__file__).resolve().parents[2]
 PART = slice(30_000, 60_000)  # a part of the record, in its order

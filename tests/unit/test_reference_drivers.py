@@ -7,8 +7,7 @@ from types import ModuleType
 import numpy as np
 import plain_drivers
 import pytest
-from accelerated_evaluation.base.errors import InputError
-from accelerated_evaluation.vehicles import VEHICLES, load_vehicle
+from accelerated_evaluation import VEHICLES, InputError, load_vehicle
 from accelerated_evaluation.vehicles.builtin.driver_kernel import LANES
 from accelerated_evaluation.vehicles.protocol import OUTCOMES, checked_outcomes
 

@@ -4,9 +4,8 @@ import sys
 from collections.abc import Mapping
 
 import pytest
-from accelerated_evaluation.base.errors import InputError
+from accelerated_evaluation import LAWS, InputError, Law
 from accelerated_evaluation.base.registry import Registry
-from accelerated_evaluation.laws import LAWS, Law
 from accelerated_evaluation.methods import METHODS
 
 INIT = """

@@ -5,12 +5,10 @@ import math
 import numpy as np
 import pandas as pd
 import pytest
+from accelerated_evaluation import CUT_IN, Problem, map_crashes
 from accelerated_evaluation.crash_map.exact_variance import exact_variation
-from accelerated_evaluation.crash_map.mapping import map_crashes
 from accelerated_evaluation.methods.cross_entropy import search as repeated
 from accelerated_evaluation.methods.cross_entropy.search import parameter_change, repeated_searches
-from accelerated_evaluation.methods.problem import Problem
-from accelerated_evaluation.scenarios.cut_in import CUT_IN
 from toy_segment import SETTINGS
 from wall_car import GRID, RANGE_LAWS, TTC_LAWS, WallCar, law_of
 

@@ -3,9 +3,7 @@
 import numpy as np
 import pandas as pd
 import pytest
-from accelerated_evaluation import cli
-from accelerated_evaluation.scenarios import SCENARIOS
-from accelerated_evaluation.vehicles import load_vehicle
+from accelerated_evaluation import SCENARIOS, cli, load_vehicle
 from accelerated_evaluation.vehicles.builtin.traces import COLUMNS
 from accelerated_evaluation.vehicles.moving import lead_speeds_of
 from accelerated_evaluation.vehicles.protocol import OUTCOMES
@@ -104,10 +102,7 @@ def test_the_command(tmp_path, monkeypatch, capsys):
         (["20", "0", "8", "new.csv"], "row 0, column range: seen 0.0; expected a range above 0 m"),
         (["20", "9", "8", "new.csv", "--vehicle", "cc"], "vehicle: seen 'cc'; expected acc_aeb"),
         (["20", "9", "8", "new.csv", "--figure", "x.bmp"], "x.bmp: seen '.bmp'; expected .png, .pdf or .svg"),
-        (
-            ["20", "9", "8", "new.csv", "--vehicle", "mine.py:Car"],
-            "seen mine.py:Car; expected one whose",
-        ),
+        (["20", "9", "8", "new.csv", "--vehicle", "mine.py:Car"], "seen mine.py:Car; expected one whose"),
     ],
 )
 def test_bad_arguments(tmp_path, monkeypatch, capsys, arguments, message):

@@ -6,18 +6,14 @@ from pathlib import Path
 import numpy as np
 import pandas as pd
 import pytest
-from accelerated_evaluation import cli
-from accelerated_evaluation.laws.draws import DrawnLaws
-from accelerated_evaluation.laws.files import write_law
+from accelerated_evaluation import SCENARIOS, DrawnLaws, cli, load_vehicle, write_law
 from accelerated_evaluation.records.checks import inspect_records
-from accelerated_evaluation.scenarios import SCENARIOS
 from accelerated_evaluation.scenarios.left_turn import LEFT_TURN
 from accelerated_evaluation.scenarios.record_table import records_to_check
 from accelerated_evaluation.track import weighted_set
 from accelerated_evaluation.track.campaign_file import read_campaign, write_campaign
 from accelerated_evaluation.track.export import page, table_of
 from accelerated_evaluation.track.weighted_set import draw_scored_set
-from accelerated_evaluation.vehicles import load_vehicle
 from normal_law import left_turn_law
 
 ROOT = Path(__file__).resolve().parents[2]

@@ -5,8 +5,7 @@ from pathlib import Path
 import numpy as np
 import pandas as pd
 import pytest
-from accelerated_evaluation.base.errors import InputError
-from accelerated_evaluation.scenarios import SCENARIOS
+from accelerated_evaluation import SCENARIOS, InputError
 from accelerated_evaluation.scenarios.protocol import CLUSTER, FITTED
 from accelerated_evaluation.scenarios.record_table import OUTSIDE, REPEATED, account
 

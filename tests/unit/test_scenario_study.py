@@ -5,14 +5,11 @@ from pathlib import Path
 import numpy as np
 import pandas as pd
 import pytest
-from accelerated_evaluation import cli
+from accelerated_evaluation import InputError, cli, load_vehicle, write_law
 from accelerated_evaluation.answer.by_simulations import agreement, read_verdicts
 from accelerated_evaluation.answer.map_tables import Restricted
-from accelerated_evaluation.base.errors import InputError
-from accelerated_evaluation.laws.files import write_law
 from accelerated_evaluation.scenarios.left_turn import LEFT_TURN
 from accelerated_evaluation.scenarios.record_table import read_scenario_records, records_account
-from accelerated_evaluation.vehicles.loading import load_vehicle
 from normal_law import left_turn_law
 from scipy.stats import truncnorm
 
@@ -145,11 +142,9 @@ def test_records_to_which_no_law_can_be_fitted_are_named(tmp_path, monkeypatch, 
 
 def test_runs_that_do_not_end_are_counted_by_an_estimate(tmp_path, monkeypatch, capsys):
     monkeypatch.chdir(tmp_path)
-    Path("data").symlink_to(ROOT / "data")
-    Path("own.yaml").write_text(
-        "study: own\nscenario: {name: left_turn}\nvehicle: {parameters: {longest_run: 3}}\n"
-        "surrogate: {maximum_calls: 100}\n"
-    )
+    pd.read_parquet(ROOT / LEFT_TURN.records)[::4].to_parquet("few.parquet")
+    study = "study: own\nscenario: {name: left_turn, records: few.parquet}\nsurrogate: {maximum_calls: 100}\n"
+    Path("own.yaml").write_text(study + "vehicle: {parameters: {longest_run: 3}}\n")
     options = ["--config", "own.yaml", "--law", "gaussian_copula"]
     assert cli.main(["estimate", *options]) == 0
     lines = capsys.readouterr().out.splitlines()
@@ -157,6 +152,6 @@ def test_runs_that_do_not_end_are_counted_by_an_estimate(tmp_path, monkeypatch, 
     count = int(warning.split()[1].replace(",", ""))
     assert warning == f"warning: {count:,} runs did not end, and count as without the event"
     assert 1 <= count <= 500
-    Path("own.yaml").write_text("study: own\nscenario: {name: left_turn}\nsurrogate: {maximum_calls: 100}\n")
+    Path("own.yaml").write_text(study)
     assert cli.main(["estimate", *options]) == 0
     assert "did not end" not in capsys.readouterr().out

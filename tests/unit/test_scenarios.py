@@ -2,9 +2,7 @@
 
 import numpy as np
 import pytest
-from accelerated_evaluation.base.errors import InputError
-from accelerated_evaluation.scenarios import SCENARIOS
-from accelerated_evaluation.scenarios.cut_in import CUT_IN
+from accelerated_evaluation import CUT_IN, SCENARIOS, InputError
 
 
 @pytest.mark.parametrize("name", SCENARIOS)

@@ -5,9 +5,8 @@ from dataclasses import replace
 import numpy as np
 import pandas as pd
 import pytest
+from accelerated_evaluation import Grid, map_crashes
 from accelerated_evaluation.crash_map.exact import ALL, exact_probabilities
-from accelerated_evaluation.crash_map.mapping import map_crashes
-from accelerated_evaluation.crash_map.maps import Grid
 from accelerated_evaluation.crash_map.sensitivity import (
     Levels,
     Refit,

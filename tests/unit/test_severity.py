@@ -3,6 +3,7 @@
 import mpmath
 import numpy as np
 import pytest
+from accelerated_evaluation import CUT_IN, Problem, map_crashes
 from accelerated_evaluation.crash_map.exact import ALL, exact_probabilities
 from accelerated_evaluation.crash_map.exact_variance import (
     exact_variation,
@@ -11,12 +12,9 @@ from accelerated_evaluation.crash_map.exact_variance import (
     tail_decay,
     variation_table,
 )
-from accelerated_evaluation.crash_map.mapping import map_crashes
 from accelerated_evaluation.laws import Factors
 from accelerated_evaluation.laws.distributions import BoundedExponential, BoundedNormal, PiecewiseMixture
 from accelerated_evaluation.methods.importance_sampling import Sample
-from accelerated_evaluation.methods.problem import Problem
-from accelerated_evaluation.scenarios.cut_in import CUT_IN
 from accelerated_evaluation.vehicles.protocol import events_from
 from wall_car import GRID, LOWER, RANGE_LAWS, TTC_LAWS, WallCar, integral, law_of
 

@@ -6,19 +6,9 @@ import pandas as pd
 import pytest
 from accelerated_evaluation.base.errors import InputError
 from accelerated_evaluation.base.files import write_csv
-from accelerated_evaluation.study.configuration import load, read_yaml, resolved
+from accelerated_evaluation.study.configuration import read_yaml, resolved
 from accelerated_evaluation.vehicles.loading import section_files
-from motorway import CONFIGURATION, motorway_table
-
-
-@pytest.fixture
-def motorway(tmp_path, monkeypatch):
-    """Return a configuration of the generated motorway, without limits of its own."""
-    monkeypatch.chdir(tmp_path)
-    (tmp_path / "data").mkdir()
-    motorway_table().to_csv("data/motorway.csv", index=False)
-    (tmp_path / "motorway.yaml").write_text(CONFIGURATION)
-    return load(["motorway.yaml"])
+from motorway import motorway_  # noqa: F401
 
 
 @pytest.mark.parametrize(

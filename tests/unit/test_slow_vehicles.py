@@ -10,8 +10,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from accelerated_evaluation.base.errors import InputError
-from accelerated_evaluation.vehicles import load_vehicle
+from accelerated_evaluation import InputError, load_vehicle
 from accelerated_evaluation.vehicles.external.checked import CheckedVehicle
 from accelerated_evaluation.vehicles.external.slow import SlowVehicle, loaded_for
 from accelerated_evaluation.vehicles.external.store import Store, store_of
@@ -197,6 +196,7 @@ def test_a_car_that_hangs_or_ends_its_process(here, trouble, limit):
             run(car, RANGES[:2])
 
 
+@pytest.mark.studies
 def test_a_killed_run_goes_on_where_it_stopped(here):
     code = (
         "import numpy as np, test_slow_vehicles as t\n"
@@ -282,16 +282,8 @@ def test_which_vehicles_are_slow(here):
 @pytest.mark.parametrize(
     ("executor", "options", "message"),
     [
-        (
-            "proceses",
-            {},
-            "executor: seen 'proceses'; expected processes, dask, slurm, or the address",
-        ),
-        (
-            "tcp://127.0.0.1:9",
-            {"timeout": 0.2},
-            "simulations, 'tcp://127.*9': seen .*expected a cluster",
-        ),
+        ("proceses", {}, "executor: seen 'proceses'; expected processes, dask, slurm, or the address"),
+        ("tcp://127.0.0.1:9", {"timeout": 0.2}, "simulations, 'tcp://127.*9': seen .*expected a cluster"),
         ("dask", {"processes": False, "no_such_option": 1}, "simulations, 'dask': seen TypeError"),
         ("slurm", {}, "simulations, 'slurm': seen (no program sbatch|sbatch: )"),
     ],

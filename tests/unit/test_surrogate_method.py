@@ -4,9 +4,8 @@ import math
 
 import numpy as np
 import pytest
-from accelerated_evaluation.base.errors import InputError
+from accelerated_evaluation import CUT_IN, InputError, Problem, load_vehicle
 from accelerated_evaluation.methods import METHODS
-from accelerated_evaluation.methods.problem import Problem
 from accelerated_evaluation.methods.surrogate import (
     Surrogate,
     assumption_in_words,
@@ -16,9 +15,7 @@ from accelerated_evaluation.methods.surrogate import (
     unseen_in_words,
     weights_in_words,
 )
-from accelerated_evaluation.scenarios.cut_in import CUT_IN
 from accelerated_evaluation.scenarios.left_turn import LEFT_TURN
-from accelerated_evaluation.vehicles import load_vehicle
 from fewruns import Predecessor, Sampler, Stopping, SystemProblem, run_batches
 from fewruns.constants import ENOUGH_DRAWS
 from normal_law import left_turn_law

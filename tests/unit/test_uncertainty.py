@@ -3,8 +3,7 @@
 import numpy as np
 import pandas as pd
 import pytest
-from accelerated_evaluation.crash_map.mapping import map_crashes
-from accelerated_evaluation.crash_map.maps import Grid
+from accelerated_evaluation import Grid, map_crashes
 from accelerated_evaluation.crash_map.sensitivity import Levels, Refit
 from accelerated_evaluation.crash_map.uncertainty import (
     bootstrap_probabilities,

@@ -2,8 +2,7 @@
 
 import numpy as np
 import pytest
-from accelerated_evaluation.base.errors import InputError
-from accelerated_evaluation.vehicles import Vehicle, load_vehicle
+from accelerated_evaluation import InputError, Vehicle, load_vehicle
 from accelerated_evaluation.vehicles.external.checked import REPEATED
 
 USER_FILE = """
@@ -145,10 +144,7 @@ def test_users_own_vehicle(user_file):
         ),
         (("min_range", [-1, 11]), r"min_range\[1\] of .*: seen 11.0; expected at most the initial range"),
         (("min_range", [1, 1]), r"min_range\[0\] of .*: seen 1.0; expected 0 m or less where crash is true"),
-        (
-            ("min_range", [-1, -1]),
-            r"min_range\[1\] of .*: seen -1.0; expected above 0 m where crash is",
-        ),
+        (("min_range", [-1, -1]), r"min_range\[1\] of .*: seen -1.0; expected above 0 m where crash is"),
         (("min_ttc", [1, 0]), r"min_ttc\[1\] of .*: seen 0.0"),
         (("min_ttc", [1, np.nan]), r"min_ttc\[1\] of .*: seen nan"),
         (("impact_speed", [np.inf, 0]), r"impact_speed\[0\] of .*: seen inf"),

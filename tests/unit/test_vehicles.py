@@ -10,10 +10,9 @@ import numba.core.caching
 import numpy as np
 import pandas as pd
 import pytest
-from accelerated_evaluation import vehicles
-from accelerated_evaluation.base.errors import InputError
+from accelerated_evaluation import VEHICLES, InputError, Vehicle, load_vehicle, vehicles
 from accelerated_evaluation.scenarios.parameters import available_threads, required_names
-from accelerated_evaluation.vehicles import VEHICLES, AccAeb, Vehicle, load_vehicle
+from accelerated_evaluation.vehicles import AccAeb
 from accelerated_evaluation.vehicles.builtin import kernel
 from accelerated_evaluation.vehicles.protocol import INPUTS, OUTCOMES
 

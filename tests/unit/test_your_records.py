@@ -28,6 +28,7 @@ def configurations():
     return {block.split("\n")[0].removeprefix("# "): block for block in blocks("yaml")}
 
 
+@pytest.mark.studies
 def test_the_commands_of_the_guide_run_as_they_stand(project):
     folder = project.folder
     (folder / "benchmarks" / "recordings").symlink_to(ROOT / "benchmarks" / "recordings")

@@ -1,11 +1,11 @@
 """Bad input ends in one message, a status that is not 0, and no output left behind.
 
 Each test here is one way by which a message reaches the user through Snakemake: while it reads the
-configuration, before the first job, or from a job. The messages are tested with the library, in tests/unit.
+configuration, before the first job, or from a job. The messages are tested with the library, in tests/unit:
+test_configuration, test_preflight and test_encounters.
 """
 
 import pandas as pd
-import pytest
 import yaml
 
 
@@ -23,21 +23,11 @@ def message(run) -> str:
     return output
 
 
-def left_behind(project) -> list:
-    return [path for path in project.folder.glob("results/bad/*") if path.suffix in (".parquet", ".csv")]
-
-
 def table(project, name="events.csv", **columns):
     """Write a user's table and return the part of the configuration that names it."""
     good = {"lead_speed": [10.0] * 60, "range": [20.0] * 60, "closing_speed": [1.0] * 60}
     pd.DataFrame({**good, **columns}).to_csv(project.folder / name, index=False)
     return {"data": {"source": "table", "table": {"path": name}}}
-
-
-def test_a_row_that_cannot_be_used(project):
-    closing_speed = [1.0] * 30 + ["fast"] + [1.0] * 29
-    assert "fast" in message(study(project, **table(project, closing_speed=closing_speed)))
-    assert not left_behind(project)
 
 
 def test_a_job_that_fails_while_it_writes_runs_again_although_its_files_are_kept(project):
@@ -61,25 +51,10 @@ def test_missing_file(project):
     assert "nowhere.csv" in output
 
 
-def test_unknown_unit_and_unknown_key_are_told_at_once(project):
-    config = table(project)
-    config["data"]["table"]["columns"] = {"range": {"unit": "furlong"}}
-    config["cross_entropi"] = {"seeds": 3}
-    output = message(study(project, **config))
-    assert "furlong" in output
-    assert "cross_entropy" in output
-
-
-def test_a_file_that_is_not_the_recorded_one(project):
-    (project.folder / "cut_ins.parquet").write_bytes(b"no table")
-    output = message(study(project, data={"source": "spmd", "spmd": {"path": "cut_ins.parquet"}}))
-    assert "expected sha256" in output
-    assert not left_behind(project)
-
-
 def test_when_no_row_is_left_the_account_is_kept_beside_the_log(project):
     output = message(study(project, **table(project, closing_speed=[-1.0] * 60)))
     assert "none of which passed the filters (60 by closing" in output
+    assert not [path for path in project.folder.glob("results/bad/*") if path.suffix in (".parquet", ".csv")]
     account = pd.read_csv(project.folder / "results/bad/logs/ingest_encounters_account.csv")
     assert account.set_index("step").loc["closing", "rows_dropped"] == 60
 
@@ -92,16 +67,8 @@ def test_a_configuration_that_cannot_be_read_is_named(project):
     assert "'seed' twice in line 3" in last
 
 
-def test_braces_in_a_description_are_no_wildcards(project):
-    (project.folder / "braces.yaml").write_text("data: {spmd: {description: '{{ x }} {x} {'}}")
-    run = project.run("--dry-run", "--quiet", config="braces.yaml")
-    assert run.returncode == 0, run.stdout + run.stderr
-
-
-@pytest.mark.parametrize("other", ["config/pedestrian.yaml", "slow.yaml"])
-def test_a_study_without_the_figures_of_the_article_says_so(project, other):
-    (project.folder / "slow.yaml").write_text("study: slow\nsimulations: {slow: true}\n")
-    run = project.run("article", "--dry-run", config=other)
+def test_a_study_without_the_figures_of_the_article_says_so(project):
+    run = project.run("article", "--dry-run", config="config/pedestrian.yaml")
     assert run.returncode != 0
     assert "has no article, because it does not publish fig" in run.stdout + run.stderr
     assert not list(project.folder.glob("results/*/article*"))

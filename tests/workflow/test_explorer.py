@@ -4,19 +4,13 @@ import json
 import re
 from functools import partial
 
+import accelerated_evaluation as ae
 import numpy as np
 import pytest
 from accelerated_evaluation.answer.explored import DrawnLaws
-from accelerated_evaluation.answer.fitted_records import FittedRecords
-from accelerated_evaluation.answer.law_study import LawStudy
-from accelerated_evaluation.base.randomness import child_generator
 from accelerated_evaluation.crash_map.lines import CrashLines
-from accelerated_evaluation.crash_map.mapping import map_crashes
-from accelerated_evaluation.crash_map.maps import Grid
 from accelerated_evaluation.laws.smooth.splines import Support
 from accelerated_evaluation.records.segments import read_encounters
-from accelerated_evaluation.scenarios.cut_in import CUT_IN
-from accelerated_evaluation.vehicles import load_vehicle
 from accelerated_evaluation.vehicles.protocol import CRASH
 from test_browser import TOO_WIDE, Watch, pytestmark, watch  # noqa: F401
 
@@ -45,9 +39,11 @@ def laws(finished):
     folder = finished.folder / "results/smoke"
     config = json.loads((folder / "config.json").read_text())
     support = Support.configured(config)
-    records = FittedRecords.of(CUT_IN, read_encounters(folder / "encounters.parquet"), support)
-    stream = partial(child_generator, config["seed"], "laws")
-    study = LawStudy.of(records, config["answer"]["draws"], stream, folder / "laws/family.npz").smooth_only()
+    records = ae.FittedRecords.of(ae.CUT_IN, read_encounters(folder / "encounters.parquet"), support)
+    stream = partial(ae.child_generator, config["seed"], "laws")
+    study = ae.LawStudy.of(
+        records, config["answer"]["draws"], stream, folder / "laws/family.npz"
+    ).smooth_only()
     drawn = DrawnLaws.of(study, study.draws(stream("draws")), np.random.default_rng(0))
     return drawn, records.data.lead_speed, support
 
@@ -59,7 +55,7 @@ SETTINGS = [
         {"aeb_ttc": 1.5, "aeb_release_ttc": 1.5, "aeb_deceleration": 7.0},
         CRASH,
     ),
-    ("acc_only", ["1.2"], {"headway": 1.2}, CUT_IN.event("impact_speed", 5.0)),
+    ("acc_only", ["1.2"], {"headway": 1.2}, ae.CUT_IN.event("impact_speed", 5.0)),
     ("rss", ["0.5", "7.59294", "12.65"], {"reaction_time": 0.5}, CRASH),
 ]
 
@@ -67,8 +63,8 @@ SETTINGS = [
 @pytest.mark.parametrize(("name", "values", "parameters", "event"), SETTINGS)
 def test_probabilities_are_those_of_a_crash_map(watch, made, laws, name, values, parameters, event):  # noqa: F811
     drawn, lead_speeds, support = laws
-    grid = Grid(*support.lead_speeds, support.range_max, 30, 50, 8, 45.0, 240)
-    mapped = map_crashes(load_vehicle(name, **parameters), grid, [event], np.random.default_rng(1))
+    grid = ae.Grid(*support.lead_speeds, support.range_max, 30, 50, 8, 45.0, 240)
+    mapped = ae.map_crashes(ae.load_vehicle(name, **parameters), grid, [event], np.random.default_rng(1))
     lines = CrashLines.of(mapped, lead_speeds, event, support)
     expected = np.array([lines.probability(*law) for law in drawn.laws[: drawn.answered]])
     page = opened(watch, made)

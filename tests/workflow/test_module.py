@@ -49,7 +49,8 @@ def planned(run: subprocess.CompletedProcess) -> set[str]:
 
 
 def test_the_snakefile_of_the_workflow_plans_the_whole_study_in_any_folder(tmp_path):
-    (tmp_path / "mine.yaml").write_text("study: mine\n")
+    braces = "data: {spmd: {description: '{{ x }} {x} {'}}"  # which are no wildcards
+    (tmp_path / "mine.yaml").write_text(f"study: mine\n{braces}\n")
     snakefile = str(ROOT / "workflow" / "Snakefile")
     rules = planned(dry_run(tmp_path, "--snakefile", snakefile, "--configfile", "mine.yaml"))
     assert {"ingest_encounters", "map_crashes", "fit_models", "search_proposals", "all"} <= rules

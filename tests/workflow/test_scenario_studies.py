@@ -1,6 +1,5 @@
 """Studies of other scenarios than the cut-in, in miniature; and a scenario that three files add."""
 
-import json
 import os
 import shutil
 import subprocess
@@ -11,6 +10,7 @@ import numpy as np
 import pandas as pd
 import pytest
 from accelerated_evaluation.scenarios import SCENARIOS
+from scipy.stats import norm
 
 ROOT = Path(__file__).resolve().parents[2]
 MINIATURE = """
@@ -66,42 +66,52 @@ def with_toy(tmp_path):
     return os.environ | {"PYTHONPATH": str(tmp_path / "workflow")}
 
 
-def run(tmp_path, environment, *arguments):
-    command = [sys.executable, "-m", "accelerated_evaluation.cli", *arguments]
+def run(tmp_path, environment, *commands):
+    """Run commands one after another in one process, which imports the copy of the library."""
+    lines = [
+        "from accelerated_evaluation.cli import main",
+        *(f"assert main({each}) == 0" for each in commands),
+    ]
+    command = [sys.executable, "-c", "\n".join(lines)]
     done = subprocess.run(command, cwd=tmp_path, env=environment, capture_output=True, text=True, check=False)
     assert done.returncode == 0, done.stderr[-3000:]
     return done.stdout
 
 
+@pytest.mark.studies
 def test_three_files_add_a_scenario_that_is_simulated_and_estimated(tmp_path, with_toy):
     generator = np.random.default_rng(1)
     records = pd.DataFrame({"speed_mps": generator.normal(9, 2, 400), "gap_m": generator.normal(35, 8, 400)})
     records.clip([1, 1], [19, 99], axis=1).assign(driver=np.arange(400) % 40).to_csv(tmp_path / "records.csv")
-    run(tmp_path, with_toy, "simulate", "records.csv", "out.csv", "--scenario", "backing_out")
+    (tmp_path / "toy.yaml").write_text("study: toy\nscenario: {name: backing_out, records: records.csv}\n")
+    here = ["--scenario", "backing_out"]
+    law = [*here, "--law", "results/toy/estimate/law.json"]
+    printed = run(
+        tmp_path,
+        with_toy,
+        ["simulate", "records.csv", "out.csv", *here],
+        ["estimate", "--config", "toy.yaml", "--law", "gaussian_copula"],
+        ["inspect", "toy.yaml"],
+        ["replay", "9", "35", "trace.csv", *here, "--figure", "trace.svg"],
+        ["campaign", "new", "c.json", *law],
+        ["campaign", "ask", "c.json", "next"],
+        ["simulate", "next/runs.csv", "done.csv", *here],
+        ["campaign", "tell", "c.json", "done.csv"],
+        ["export", "set", *law],
+    )
     out = pd.read_csv(tmp_path / "out.csv")
     assert out["gap_left"].to_numpy() == pytest.approx(
         out["gap_m"] - out["speed_mps"] - out["speed_mps"] ** 2 / 12
     )
-    settings = {
-        "study": "toy",
-        "scenario": {"name": "backing_out", "records": "records.csv"},
-    }
-    (tmp_path / "toy.yaml").write_text(json.dumps(settings))
-    run(tmp_path, with_toy, "estimate", "--config", "toy.yaml", "--law", "gaussian_copula")
-    found = pd.read_csv(tmp_path / "results/toy/estimate/estimate.csv").iloc[0]
-    law = ["--scenario", "backing_out", "--law", "results/toy/estimate/law.json"]
-    assert "FINE  equal values" in run(tmp_path, with_toy, "inspect", "toy.yaml")
-    run(tmp_path, with_toy, "replay", "9", "35", "trace.csv", *law[:2], "--figure", "trace.svg")
+    assert "FINE  equal values" in printed
     trace, far = pd.read_csv(tmp_path / "trace.csv"), 35 - 9 - 9**2 / 12
     assert trace["gap_m"].iloc[-1] == pytest.approx(far, abs=0.1)
-    run(tmp_path, with_toy, "campaign", "new", "c.json", *law)
-    run(tmp_path, with_toy, "campaign", "ask", "c.json", "next")
-    run(tmp_path, with_toy, "simulate", "next/runs.csv", "done.csv", *law[:2])
-    assert "10 new or corrected" in run(tmp_path, with_toy, "campaign", "tell", "c.json", "done.csv")
-    run(tmp_path, with_toy, "export", "set", *law)
+    assert "10 new or corrected" in printed
     weights = pd.read_csv(tmp_path / "set/scenarios.csv")
     assert weights["weight"].sum() == pytest.approx(1)
-    speed, gap = generator.normal(9, 2, 1_000_000), generator.normal(35, 8, 1_000_000)
-    truth = np.mean(gap <= speed + speed**2 / 12)
+    found = pd.read_csv(tmp_path / "results/toy/estimate/estimate.csv").iloc[0]
+    # The gap is normal, so that the probability of a crash is a mean over speeds.
+    speed = norm.ppf((np.arange(10_000) + 0.5) / 10_000, 9, 2)
+    truth = np.mean(norm.cdf(speed + speed**2 / 12, 35, 8))
     assert found["converged"]
     assert 0.4 * truth < found["probability"] < 2.5 * truth  # 400 records leave this much open

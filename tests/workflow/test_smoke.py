@@ -130,6 +130,7 @@ def test_a_second_run_does_nothing(finished):
     assert "Nothing to be done" in run.stdout + run.stderr
 
 
+@pytest.mark.studies
 def test_published_files_stay_the_same_at_another_commit(finished, tmp_path):
     """The finished study ran outside of a repository; in the copy, a chapter is published at a commit."""
     project = finished.copied(tmp_path)

@@ -95,8 +95,10 @@ class Cover:
 
     def _contain(self, z: Array, u: Array, b: Array) -> Flags:
         """Return whether points z, (n, d), are in the modes of t directions and distances, shape (n, t)."""
-        k, square = self.curvature, (z * z).sum(1)[:, None]
-        return k * (square + b * b) / 2 + b <= (1 + k * b) * (z @ u.T)
+        k = self.curvature
+        # One product in place of several arrays of this shape, which would take most of the time.
+        points, planes = [z.T, k * (z * z).sum(1) / 2], [(1 + k * b) * u.T, -np.ones(len(b))]
+        return np.vstack(points).T @ np.vstack(planes) >= k * b * b / 2 + b
 
 
 def modes(dimension: int, farthest: float, generator: np.random.Generator) -> tuple[Array, Array]:

@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 from scipy import stats
 
+pytestmark = pytest.mark.studies
 SAMPLERS = Path(__file__).parents[2] / "benchmarks" / "samplers"
 
 

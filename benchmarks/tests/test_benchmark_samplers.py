@@ -1,5 +1,6 @@
 """The comparison of samplers: its problems against exact answers, its count of calls, its table by hand."""
 
+import json
 import math
 import sys
 from pathlib import Path
@@ -23,6 +24,7 @@ import summarise  # noqa: E402
 from methods import Counter, Target  # noqa: E402
 from problems import INVERSE_RANGE, INVERSE_TTC, TTC_BODY, TTC_TAIL, problems  # noqa: E402
 
+BENCHMARK = json.loads((ROOT / "tests/data/benchmark_problem.json").read_text())
 COMPARED = [problem for problem in problems().values() if not problem.ours_only]
 NAMES = [problem.name for problem in COMPARED]
 
@@ -34,14 +36,13 @@ def small(monkeypatch):
         monkeypatch.setattr(reference, name, value)
 
 
-def test_main_problem_has_the_parameters_of_the_benchmark(stored):
-    content = stored("benchmark_problem.json")
-    near, far = content["inverse_range"]["pieces"]
+def test_main_problem_has_the_parameters_of_the_benchmark():
+    near, far = BENCHMARK["inverse_range"]["pieces"]
     assert INVERSE_RANGE.weights == (near["weight"], far["weight"])
     for piece, given in zip(INVERSE_RANGE.components, (near, far), strict=True):
         assert (piece.rate, piece.lower) == (given["rate"], given["lower"])
     assert INVERSE_RANGE.knots == (near["upper"],)
-    body, tail = content["inverse_ttc"]["pieces"]
+    body, tail = BENCHMARK["inverse_ttc"]["pieces"]
     assert INVERSE_TTC.weights == pytest.approx((body["weight"], tail["weight"]), rel=1e-14)
     assert TTC_BODY.weights == tuple(body["mixture_weights"])
     assert [normal.sd for normal in TTC_BODY.components] == body["standard_deviations"]
@@ -49,8 +50,8 @@ def test_main_problem_has_the_parameters_of_the_benchmark(stored):
     assert (TTC_TAIL.rate, TTC_TAIL.lower) == (tail["rate"], tail["lower"])
 
 
-def test_main_problem_has_the_probability_of_the_benchmark(small, stored):
-    known = stored("benchmark_problem.json")["reference_probability"]
+def test_main_problem_has_the_probability_of_the_benchmark(small):
+    known = BENCHMARK["reference_probability"]
     found, error = reference.reference(problems()["segment_5_15"].event, np.random.default_rng(1))
     assert error < 0.01 * known
     # v_L comes from a table of quantiles of the speeds of the benchmark: 0.2 %.

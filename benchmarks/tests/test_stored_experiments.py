@@ -21,6 +21,7 @@ from stored_experiments import (
     stored_experiments,
 )
 
+pytestmark = pytest.mark.studies
 RESULTS = Path(__file__).resolve().parents[2] / "benchmarks/results/stored_experiments.csv"
 LIMITS = 2.0, -2.3  # the toy's event is beyond either of them, in the first variable
 EXACT = norm.sf(LIMITS[0]) + norm.cdf(LIMITS[1])

@@ -11,6 +11,7 @@ import pandas as pd
 import pytest
 from scipy.stats import binomtest, ttest_ind
 
+pytestmark = pytest.mark.studies
 ROOT = Path(__file__).resolve().parents[2]
 sys.path.append(str(ROOT / "benchmarks" / "claims"))
 

@@ -12,16 +12,16 @@ from accelerated_evaluation.crash_map.mapping import map_crashes
 from accelerated_evaluation.crash_map.maps import Grid
 from accelerated_evaluation.laws.smooth.family import DistinctRecords, Fitter, members_at
 from accelerated_evaluation.laws.smooth.splines import SUPPORT
-from rate_car import RateCar
 
 pytestmark = pytest.mark.studies
 ROOT = Path(__file__).resolve().parents[2]
-sys.path.append(str(ROOT / "benchmarks" / "worlds"))
+sys.path += [str(ROOT / "benchmarks" / "worlds"), str(ROOT / "tests" / "unit")]
 
 import beyond  # noqa: E402
 import causes  # noqa: E402
 import kinds  # noqa: E402
 import unseen  # noqa: E402
+from rate_car import RateCar  # noqa: E402
 from setting import WorldSettings, runs_of, simulate_records  # noqa: E402
 from summarise_beyond import tabulate  # noqa: E402
 
