@@ -9,7 +9,7 @@ from sampler_checks import STOPPING, new_sampler, resumed, saved
 from scipy.special import ndtr
 from scipy.stats import binom
 
-LEVEL, STRIPES = 3.5, 0.02
+LEVEL, STRIPES = 3.5, 0.04
 
 
 def system(stripes):
@@ -22,7 +22,7 @@ def system(stripes):
     return SystemProblem(respond, 2, fingerprint="stripes")
 
 
-def sampler_of(*, draws=ENOUGH_DRAWS, seed=0):
+def sampler_of(*, draws=150, seed=0):
     settings = {"deterministic": None, "enough_repeats": 5, "enough_draws": draws}
     return new_sampler(seed=seed, batch_size=5, **settings)
 
@@ -41,8 +41,10 @@ def test_stripes_that_no_run_has_met_are_found_by_draws_of_the_law():
     truth, event, silent = STRIPES + (1 - STRIPES) * ndtr(-LEVEL), system(STRIPES), 0
     for seed in range(2):
         found = drive(sampler_of(seed=seed), event)
-        assert not found.converged
-        assert found.high >= truth or found.simulations >= 1000
+        assert found.diagnostics["counted"]
+        assert found.events == found.diagnostics["law_events"]
+        assert 0.5 < found.probability / truth < 2
+        assert found.high - found.low <= 0.4 * found.probability or not found.converged
         without = drive(sampler_of(draws=0, seed=seed), event, 400)
         silent += without.converged and without.high < truth / 10
     assert silent  # the wrong variant
@@ -71,6 +73,54 @@ def test_a_state_keeps_the_draws():
     assert again.draws_next
     assert saved(again) == saved(sampler)
     assert drive(again, event).row() == drive(sampler, event).row()
+
+
+def coverage(interval, probability, draws=900):
+    """Return how often intervals of counts contain the probability if an event is met, without simulation."""
+    events = np.arange(1, draws + 1)
+    mass = binom.pmf(events, draws, probability)
+    ends = [interval(k, draws) for k in events[mass > 1e-9]]
+    covered = [low <= probability <= high for low, high in ends]
+    return float(mass[mass > 1e-9] @ covered / mass.sum())
+
+
+def of_counts(events, draws):
+    return LawDraws(np.zeros((draws, 1)), np.arange(draws) < events).interval(0.2)
+
+
+def test_the_ends_are_those_of_clopper_and_pearson():
+    low, high = of_counts(2, 50)
+    assert binom.sf(1, 50, low) == pytest.approx(0.1)
+    assert binom.cdf(2, 50, high) == pytest.approx(0.1)
+    assert of_counts(0, 50)[0] == 0
+    assert of_counts(5, 5)[1] == 1
+    assert of_counts(0, 0) == (0, 1)
+
+
+def of_normal(events, draws):
+    share = events / draws
+    reach = 1.2816 * np.sqrt(share * (1 - share) / draws)
+    return share - reach, share + reach
+
+
+def test_the_interval_of_counted_events_covers_although_they_count_only_if_one_is_met():
+    for probability in (0.003, 0.0118, 0.02, 0.3):
+        assert coverage(of_counts, probability) >= 0.8
+    assert coverage(of_normal, 0.003) < 0.75
+
+
+@pytest.mark.parametrize("probability", [0.08, 0.3])
+def test_the_interval_covers_if_the_draws_end_when_it_is_narrow(probability):
+    """The number of events moves from batch to batch as a Markov chain, which is followed exactly."""
+    mass, covered, steps = np.ones(1), 0.0, binom.pmf(np.arange(6), 5, probability)
+    for draws in range(5, 1001, 5):
+        mass = np.convolve(mass, steps)
+        for events in np.flatnonzero(mass > 1e-7):
+            low, high = of_counts(events, draws)
+            if draws == 1000 or (events and (high - low) / 2 <= 0.2 * events / draws):
+                covered += mass[events] * (low <= probability <= high)
+                mass[events] = 0.0
+    assert covered > 0.78
 
 
 @pytest.mark.parametrize(("count", "events"), [(300, 0), (300, 1), (300, 4), (80, 1)])

@@ -1,12 +1,13 @@
 """Whether a system repeats itself: what repeats show, and that no estimate converges without knowing it."""
 
-from dataclasses import replace
-
 import numpy as np
-from fewruns import SystemProblem
-from fewruns.constants import FIRST_REPEATS
-from fewruns.repeats import Repeats, choose_repeats, end_differently
+import pytest
+from fewruns import Sampler, SystemProblem
+from fewruns.constants import DRIFT, DRIFT_PAIRS, ENOUGH_REPEATS, FIRST_REPEATS
+from fewruns.repeats import RepeatBatch, Repeats, choose_repeats, end_differently
 from sampler_checks import STOPPING, estimate, new_sampler, resumed, saved
+from scipy.special import ndtr
+from scipy.stats import binom
 
 LEVEL = 3.5
 
@@ -56,16 +57,67 @@ def test_lapses_that_repeats_notice_end_all_claims():
     assert drive(sampler_of(believed, 200), believed).converged  # the wrong variant is silent
 
 
-def test_noise_is_noticed_by_the_first_repeats():
-    generator = np.random.default_rng(0)
+def test_repeats_that_agree_exclude_the_stated_rate_of_lapses():
+    """A system that lapses twice as often as is excluded never converges; with few repeats it does."""
+    rate = 2 * (1 - 0.05 ** (1 / ENOUGH_REPEATS))
+    for seed in range(3):
+        event = system(rate, np.random.default_rng((2, seed)))
+        assert not drive(sampler_of(event, ENOUGH_REPEATS, seed), event).converged
+    events = (system(rate, np.random.default_rng((2, seed))) for seed in range(3))
+    assert any(drive(sampler_of(event, 5, seed), event).converged for seed, event in enumerate(events))
+
+
+def noisy(drift, generator):
+    """A half-plane with noise, whose boundary moves by ``drift`` with every run."""
+    runs = 0
 
     def respond(z):
-        score = LEVEL - z[:, 0] + 0.3 * generator.standard_normal(len(z))
+        nonlocal runs
+        runs += len(z)
+        noise = 0.1 * generator.standard_normal(len(z))
+        score = LEVEL - drift * (runs - len(z) + np.arange(len(z))) - z[:, 0] + noise
         return score < 0, score
 
-    few = replace(STOPPING, maximum_simulations=300)
-    found = estimate(SystemProblem(respond, 2), 0, few)
-    assert found.diagnostics["repeats"] == found.diagnostics["differed"] == FIRST_REPEATS
+    return SystemProblem(respond, 2)
+
+
+def test_noise_converges_after_pairs_of_repeats_and_a_drift_never_does():
+    for seed in range(3):
+        found = estimate(noisy(0.0, np.random.default_rng(seed)), seed)
+        assert found.converged
+        assert (
+            found.diagnostics["repeats"] == found.diagnostics["differed"] == FIRST_REPEATS + 2 * DRIFT_PAIRS
+        )
+        assert 0.5 < found.probability / ndtr(-LEVEL / np.hypot(1, 0.1)) < 2
+        faded = estimate(noisy(0.002, np.random.default_rng(seed)), seed)
+        assert faded.diagnostics["drift"]
+        assert not faded.converged
+
+
+@pytest.mark.parametrize("graded", [True, False])
+def test_a_steady_system_seems_to_drift_as_rarely_as_stated(graded):
+    """Of all outcomes of the pairs, those that count as a drift have at most the probability `DRIFT`."""
+    runs, alarm = np.arange(DRIFT_PAIRS), 0.0
+    nothing = np.zeros(DRIFT_PAIRS, bool)
+    for rises in range(DRIFT_PAIRS + 1):
+        up = runs < rises
+        known = Repeats.none().extended(RepeatBatch(np.zeros((10, 2)), runs), nothing, nothing, 0.0 * runs)
+        happened, score = (nothing, np.where(up, 1.0, -1.0)) if graded else (~up, 0.0 * runs)
+        if not graded:
+            known = Repeats.none().extended(RepeatBatch(np.zeros((10, 2)), runs), up, up, 0.0 * runs)
+        again = known.extended(RepeatBatch(np.zeros((10, 2)), runs), happened, nothing, score)
+        assert known.pairs_wanted(1) == DRIFT_PAIRS == again.pairs_wanted(2)
+        assert again.pairs_wanted(1) == 0
+        assert not known.drift
+        alarm += again.drift * binom.pmf(rises, DRIFT_PAIRS, 0.5)
+    assert 0.9 * DRIFT < alarm <= DRIFT
+
+
+def test_a_rebuilt_sampler_without_repeats_makes_the_first_ones_again():
+    """The state of another version may lack them, and it must not be forgotten that outcomes are random."""
+    sampler = Sampler(2, np.random.default_rng(0), deterministic=None)
+    sampler.progress.chance = True
+    assert sampler.repeats_wanted(certify=False) == FIRST_REPEATS
 
 
 def test_a_state_keeps_the_repeats():
@@ -82,19 +134,28 @@ def test_a_state_keeps_the_repeats():
     assert drive(again, event).row() == drive(sampler, event).row()
 
 
-def test_repeats_are_of_events_and_of_what_came_near_and_of_each_run_in_turn():
+def test_repeats_are_of_events_first_then_of_what_came_near_and_of_each_run_in_turn():
     rng = np.random.default_rng(0)
     score = np.array([-2.0, -1.0, 1.0, 2.0, 3.0, np.finfo(float).max])
     z, happened = rng.normal(size=(6, 2)), score < 0
-    known = Repeats.none()
-    first = choose_repeats(z, happened, score, known, 2, rng)
-    assert sorted(first.repeated) == [1, 2]
+    known, unexpected = Repeats.none(), np.zeros(6, bool)
+    first = choose_repeats(z, happened, score, known, 3, unexpected)
+    assert first.repeated.tolist() == [1, 2, 3]  # the first ones are of both kinds
     np.testing.assert_array_equal(first.z, z[first.repeated])
-    flags = happened[first.repeated]
-    second = choose_repeats(z, happened, score, known.extended(first, flags, flags), 2, rng)
-    assert sorted(second.repeated) == [0, 3]
-    assert 5 not in choose_repeats(z, happened, score, known, 30, rng).repeated
-    assert sorted(choose_repeats(z[:2], happened[:2], score[:2], known, 4, rng).repeated) == [0, 0, 1, 1]
+    flags, nothing = happened[first.repeated], np.zeros(3, bool)
+    steady = known.extended(first, flags, nothing, score[first.repeated])
+    assert choose_repeats(z, happened, score, steady, 3, unexpected).repeated.tolist() == [0, 4, 1]
+    assert choose_repeats(z, happened, score, steady, 2, happened).repeated.tolist() == [4, 2]
+    assert 5 not in choose_repeats(z, happened, score, steady, 30, unexpected).repeated
+    noisy = known.extended(first, flags, ~nothing, score[first.repeated])
+    assert choose_repeats(z, happened, score, noisy, 2, unexpected).repeated.tolist() == [4, 0]
+    assert choose_repeats(z, happened, score, noisy, 3, unexpected, rounds=1).repeated.tolist() == [2, 3, 1]
+    assert choose_repeats(z[:2], happened[:2], score[:2], steady, 4, unexpected[:2]).repeated.tolist() == [
+        0,
+        1,
+        0,
+        1,
+    ]
 
 
 def test_rounding_is_no_difference():

@@ -1,12 +1,15 @@
 """Reweighted estimates: exact where the sampled law is normal, and the draws are normal laws elsewhere."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
-from fewruns import SeveralLaws, combining
+from fewruns import SeveralLaws, SystemProblem, combining
 from fewruns.crossfit import Control, cross_fitted
+from fewruns.law_draws import LawDraws
 from fewruns.progress import Progress
 from fewruns.several_laws import Ratios, reweight
-from sampler_checks import drive, half_plane, new_sampler
+from sampler_checks import STOPPING, drive, half_plane, new_sampler
 from scipy.stats import norm
 
 SHIFTS = np.array([-0.4, -0.2, 0.0, 0.2, 0.4])  # of the mean, along the direction of the event
@@ -178,3 +181,43 @@ def test_any_emphasis_leaves_the_estimate_right_and_attracts_runs(samplers):
         for sampler in part
     ]
     assert np.mean(shares[:12]) > np.mean(shares[12:]) + 0.2
+
+
+def noisy(generator):
+    """The half-plane with noise, whose exact probabilities are those of a wider normal distribution."""
+
+    def respond(z):
+        score = LEVEL - z @ DIRECTION + 0.3 * generator.standard_normal(len(z))
+        return score < 0, score
+
+    return SystemProblem(respond, 2, fingerprint="half planes")
+
+
+def test_a_noisy_system_has_an_estimate_under_every_draw():
+    """Its batches count although a single run has a large variation, as in the estimate of the sampler."""
+    stopping, exact = replace(STOPPING, beta=0.4), norm.sf((LEVEL - SHIFTS) / np.hypot(1, 0.3))
+    for seed in range(2):
+        sampler = new_sampler(seed=seed, upper_set=True, deterministic=False)
+        sampler = drive(sampler, noisy(np.random.default_rng(seed)), stopping).sampler
+        found = laws().estimate(sampler)
+        assert found.probabilities[2] == pytest.approx(sampler.estimate(stopping).probability, rel=1e-9)
+        assert np.all(np.abs(np.log(found.probabilities / exact)) < 4 * found.errors)
+
+
+def test_counted_events_are_reweighted_for_every_draw():
+    generator, level = np.random.default_rng(5), 2.0
+    sampler, estimates = new_sampler(deterministic=False), []
+    sampler.progress.chance = True
+    for _ in range(200):
+        z = generator.standard_normal((400, 2))
+        sampler.progress.law_draws = LawDraws(z, z @ DIRECTION > level)
+        assert sampler.is_counted
+        estimates.append(laws().estimate(sampler))
+    found, exact = np.array([each.probabilities for each in estimates]), norm.sf(level - SHIFTS)
+    error = found.std(axis=0) / np.sqrt(len(found))
+    assert np.all(np.abs(found.mean(axis=0) - exact) < 4.5 * error)
+    assert np.abs(found.mean(axis=0) - exact[2])[[0, -1]].min() > 4.5 * error.max()  # not reweighted
+    claimed = np.mean([each.errors for each in estimates], axis=0)
+    assert np.all(np.abs(claimed / (found.std(axis=0) / exact) - 1) < 0.3)
+    part = laws().estimate(sampler, z @ DIRECTION > level + 9)
+    assert part is None

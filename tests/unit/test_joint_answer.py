@@ -208,7 +208,7 @@ def test_records_of_one_cluster_are_refused():
 
 
 @pytest.mark.parametrize(("deterministic", "rate"), [(False, 0.03), (None, 0.0)])
-def test_lapses_are_found_and_the_interval_contains_their_bound(deterministic, rate):
+def test_frequent_lapses_are_found_and_counted_under_each_draw(deterministic, rate):
     drawn = drawn_laws(*(toy_law((mean, 5.0)) for mean in (3.0, 4.0, 5.0)))
     truth, chance = np.mean([exact(law) for law in drawn.laws]), np.random.default_rng(23)
 
@@ -218,10 +218,13 @@ def test_lapses_are_found_and_the_interval_contains_their_bound(deterministic, r
 
     way = ae.FewRuns(share=10.0)  # so that the runs end early
     found = answered(drawn, way, np.random.default_rng(24), lapsing, deterministic)
-    row = found.table().iloc[0]
-    assert found.converged == (rate == 0)
-    assert (found.posterior.unseen_lapses > rate) == (rate > 0)
-    assert row["high80"] > truth + rate
+    row, estimate = found.table().iloc[0], found.notes["estimate"]
+    assert found.converged  # as exactly as a share of 10 requires
+    assert estimate.diagnostics["counted"] == (rate > 0)
+    assert found.posterior.unseen_lapses == 0
+    assert row["low80"] < truth + rate < row["high80"]
+    if rate:
+        assert len(found.crashes.x) == estimate.events
 
 
 def test_the_records_contradict_few_runs_that_miss_a_part():

@@ -8,6 +8,7 @@ from accelerated_evaluation import CUT_IN, InputError, Problem, load_vehicle
 from accelerated_evaluation.methods import METHODS
 from accelerated_evaluation.methods.surrogate import (
     Surrogate,
+    assumption_in_words,
     chance_in_words,
     rules_for,
     sampler_of,
@@ -86,15 +87,17 @@ def test_sentences_name_what_the_runs_cannot_exclude():
     assert "at most 0.002 if a half-space, 0.9 if of any shape" in words
     assert "these are 2 and 9e+02 times the estimate" in words
     assert "times" not in unseen_in_words(math.nan, bounds)
-    known = {"repeats": 0, "differed": 0, "law_draws": 0, "law_events": 0}
+    known = {"repeats": 0, "differed": 0, "law_draws": 0, "law_events": 0, "counted": 0, "drift": 0}
     assert "stated to be deterministic" in chance_in_words(known)
-    known |= {"repeats": 350, "law_draws": 300, "law_events": 4}
-    assert "contradict" not in chance_in_words(known)
-    known |= {"unseen_lapses": 0.03, "unseen_lapses_monotone": 0.01, "settling_runs": 12_345.0}
+    assert assumption_in_words(known) == []
+    known |= {"repeats": 200, "law_draws": 300, "law_events": 4}
+    assert "more than 1.5% of the runs near the event" in chance_in_words(known)
+    assert "counted by plain simulation" in chance_in_words(known | {"counted": 1})
+    assert "drift: " in chance_in_words(known | {"drift": 1})
+    known |= {"differed": 3, "unseen_lapses": 0.03}
     words = chance_in_words(known)
     assert "draws of the law itself: 300, of which 4 ended in the event" in words
-    assert "contradict" in words
-    assert "rare lapses can add up to 0.03" in words
-    assert "at least 12,345 runs" in words
-    assert "contradict" not in chance_in_words(known | {"differed": 3})
-    assert "runs without an event" not in chance_in_words(known | {"settling_runs": math.inf})
+    assert "rare lapses can add up to 0.03 (95% confidence, without any assumption" in words
+    for absent in ("exclude", "counted", "drift"):
+        assert absent not in words
+    assert "at least 12,345 draws" in chance_in_words(known | {"settling_runs": 12_345.0})

@@ -4,9 +4,10 @@ from dataclasses import dataclass
 from typing import Annotated
 
 import numpy as np
+from scipy.special import bdtr
 
 from fewruns.arrays import Array, Flags, Indices
-from fewruns.constants import LARGEST_SCORE, OFTEN, SAME_SCORE
+from fewruns.constants import DRIFT, DRIFT_PAIRS, LARGEST_SCORE, OFTEN, SAME_SCORE
 
 
 @dataclass(frozen=True)
@@ -25,28 +26,61 @@ class Repeats:
     happened: Annotated[Flags, "repeats"]  # whether the event happened in the repetition
     # Whether the outcome differed from that of the run, in the flag or in the score.
     differed: Annotated[Flags, "repeats"]
+    score: Annotated[Array, "repeats"]
 
     @classmethod
     def none(cls) -> "Repeats":
         """Return an empty record, for a sampler that has not repeated any run."""
-        return cls(np.empty(0, np.int64), np.empty(0, bool), np.empty(0, bool))
+        return cls(np.empty(0, np.int64), np.empty(0, bool), np.empty(0, bool), np.empty(0))
 
     def __len__(self) -> int:
         """Return the number of repeats."""
         return len(self.repeated)
 
-    def extended(self, batch: RepeatBatch, happened: Flags, differed: Flags) -> "Repeats":
+    def extended(self, batch: RepeatBatch, happened: Flags, differed: Flags, score: Array) -> "Repeats":
         """Return the record with the repetitions of a batch added."""
         return Repeats(
             np.append(self.repeated, batch.repeated),
             np.append(self.happened, happened),
             np.append(self.differed, differed),
+            np.append(self.score, score),
         )
+
+    @property
+    def pairs(self) -> tuple[Indices, Indices]:
+        """The first and the last repetition of each run that was repeated, which may be the same one.
+
+        Runs are chosen to be repeated by their outcomes, so that a run and its repetition are no pair.
+        """
+        first = np.unique(self.repeated, return_index=True)[1]
+        return first, len(self) - 1 - np.unique(self.repeated[::-1], return_index=True)[1]
+
+    def pairs_wanted(self, rounds: int) -> int:
+        """Return how many runs still have to be repeated, so that enough have ``rounds`` late repetitions."""
+        times = np.unique(self.repeated, return_counts=True)[1]
+        return max(min(DRIFT_PAIRS, len(times)) - np.count_nonzero(times > rounds), 0)
+
+    @property
+    def drift(self) -> bool:
+        """Whether late repetitions differ from early ones in one direction more often than by chance.
+
+        The pairs are also checked without those of two events, whose scores may say little.
+        """
+        first, last = self.pairs
+        early, late = self.happened[first], self.happened[last]
+        change = np.where(early != late, early.astype(float) - late, self.score[last] - self.score[first])
+        return _is_one_way(change) or _is_one_way(change[~(early & late)])
 
     @property
     def vary_often(self) -> bool:
         """Whether at least the share `OFTEN` of the repetitions differ, as for a system with noise."""
         return len(self) > 0 and bool(self.differed.mean() >= OFTEN)
+
+
+def _is_one_way(change: Array) -> bool:
+    """Return whether more of the changes have the same sign than by chance, by a sign test."""
+    up, down = np.count_nonzero(change > 0), np.count_nonzero(change < 0)
+    return bool(2 * bdtr(min(up, down), up + down, 0.5) < DRIFT)
 
 
 def end_differently(happened: Flags, score: Array, again: Flags, score_again: Array) -> Flags:
@@ -60,20 +94,34 @@ def choose_repeats(
     score: Array,
     known: Repeats,
     count: int,
-    generator: np.random.Generator,
+    expected: Flags,
+    *,
+    rounds: int = 0,
 ) -> RepeatBatch:
-    """Return ``count`` runs to repeat next: half of them with the event, half without it, in random order.
+    """Return ``count`` runs to repeat next, those that were repeated least often, and of these events first.
 
-    The runs that were repeated least often are chosen first, and among these those nearest to the boundary of
-    the event, judged by their scores. Runs with an infinite score are repeated only if all runs without the
-    event are of this kind.
+    An event that a lapse has caused hardly ever happens again, so that the repetition of each event finds the
+    lapses among all runs. Events that were ``expected`` before they happened are not repeated, because lapses
+    would not show there. Then come the runs that were nearest to the event by their scores. Runs with an
+    infinite score are repeated only if all runs without the event are of this kind. Half of the very first
+    repetitions are without the event. If the outcomes of most runs are random, all are that look for a drift,
+    evenly from near to far, because the scores of events may say little. With ``rounds``, runs are repeated
+    that have no more than so many repetitions.
     """
     times = np.bincount(known.repeated, minlength=len(z))
     safe = ~happened & (score < LARGEST_SCORE)
-    kinds = [np.flatnonzero(happened), np.flatnonzero(safe if safe.any() else ~happened)]
+    kind = np.flatnonzero(safe | (happened & ~expected) if safe.any() else np.ones(len(z), bool))
     nearness = np.where(happened, -score, score)  # smallest for the runs nearest to the boundary
-    ordered = [kind[np.lexsort((nearness[kind], times[kind]))] for kind in kinds]
-    events = min(count // 2, len(ordered[0])) if len(ordered[1]) else count
-    chosen = np.concatenate([np.resize(ordered[0], events), np.resize(ordered[1], count - events)])
-    chosen = generator.permutation(chosen).astype(np.int64)
-    return RepeatBatch(z[chosen], chosen)
+    ordered = kind[np.lexsort((nearness[kind], ~happened[kind], times[kind]))]
+    if rounds:
+        again = known.repeated[np.sort(known.pairs[0])]
+        again = again[times[again] <= rounds]
+        ordered = again[np.lexsort((-times[again], happened[again]))]
+    elif known.vary_often:
+        never = ordered[~happened[ordered] & (times[ordered] == 0)]
+        ordered = np.append(never[:: max(len(never) // DRIFT_PAIRS, 1)], ordered)
+    elif not len(known):
+        events, others = ordered[happened[ordered]], ordered[~happened[ordered]]
+        ordered = np.concatenate([events[: count // 2], others, events])
+    chosen = np.resize(ordered, count)
+    return RepeatBatch(z[chosen], chosen.astype(np.int64))

@@ -13,10 +13,9 @@ from fewruns.arrays import Array, Flags
 from fewruns.basins import open_basins, probe
 from fewruns.certificate import Certificate, Unseen, look_beyond
 from fewruns.combining import BatchEstimate, Combined, combine, counted_batches
-from fewruns.constants import FEW, NOISY_USABLE, USABLE
+from fewruns.constants import FEW, NOISY_USABLE, UNSEEN_ALPHA, USABLE
 from fewruns.cover import Cover
 from fewruns.estimates import Estimate, Stopping
-from fewruns.lapses import LapseBounds
 from fewruns.parts import draw_in_balls_together, open_balls
 from fewruns.progress import Progress
 from fewruns.two_phase import reach_of
@@ -36,10 +35,14 @@ def estimate(
 
     Without an event the estimate is 0, and the upper end of the interval is the bound for an event that no
     run has met; if all runs are events, the complement is treated like this. Before two batches can be used,
-    the estimate is NaN and the interval is [0, 1].
+    the estimate is NaN and the interval is [0, 1]. If the events are counted, the estimate is their share in
+    the draws of the law itself.
     """
     events, (combined, ends) = int(np.count_nonzero(progress.happened)), combined_estimate(progress, stopping)
-    if combined is not None:
+    draws, by_draws = progress.law_draws, is_counted(progress)
+    if by_draws:
+        probability, interval = draws.share, draws.interval(stopping.alpha)
+    elif combined is not None:
         # The mean of unbiased estimates of a probability may exceed 1.
         probability = min(combined.probability, 1.0)
         interval = min(ends[0], 1.0), min(ends[1], 1.0)
@@ -48,14 +51,14 @@ def estimate(
     else:
         bound = bound_without_event(progress.wide_draws[:, 0].sum(), stopping.alpha)
         probability, interval = (1.0, (1 - bound, 1.0)) if events else (0.0, (0.0, bound))
-    estimating = sum(batch.runs for batch in _that_count(progress))
+    estimating = len(draws) if by_draws else sum(batch.runs for batch in _that_count(progress))
     return Estimate(
         probability,
         *interval,
         alpha=stopping.alpha,
-        learning=len(progress.z) + len(progress.repeats) + len(progress.law_draws) - estimating,
+        learning=len(progress.z) + len(progress.repeats) + len(draws) - estimating,
         estimating=estimating,
-        events=events,
+        events=draws.events if by_draws else events,
         converged=is_narrow(progress, stopping) and is_certified(progress, certificate),
         diagnostics=_diagnostics(progress, combined, certificate),
         tables={"runs": tabulate_runs(progress, batch_size)},
@@ -64,22 +67,32 @@ def estimate(
 
 def with_lapses(found: Estimate, progress: Progress, stopping: Stopping) -> Estimate:
     """Return an estimate whose interval also includes the bound on the probability that lapses can add."""
-    bounds = lapse_bounds(progress, found.probability, stopping.beta)
-    own = {
-        "unseen_lapses": bounds.like_hardness,
-        "unseen_lapses_monotone": bounds.monotone,
-        "settling_runs": bounds.runs,
-    }
+    if not (bound := unseen_lapses(progress)):
+        return found
+    own = {"unseen_lapses": bound}
+    if found.probability > 0:  # draws without an event that would reduce the bound to this share of it
+        own["settling_runs"] = -math.log(UNSEEN_ALPHA) / (stopping.beta * found.probability)
     sampled = found.high if found.probability > 0 else 0.0
-    high = min(sampled + bounds.like_hardness, 1.0)
-    return replace(found, high=high, diagnostics={**found.diagnostics, **own})
+    return replace(found, high=max(sampled, bound), diagnostics={**found.diagnostics, **own})
 
 
-def lapse_bounds(progress: Progress, probability: float, share: float) -> LapseBounds:
-    """Return bounds on the probability that unobserved lapses add to an estimate; see `LapseBounds`."""
-    draws = progress.law_draws
-    z, happened = np.vstack([progress.z, draws.z]), np.append(progress.happened, draws.happened)
-    return LapseBounds.after(z, happened, probability, share)
+def unseen_lapses(progress: Progress) -> float:
+    """Return a bound on the probability that lapses add; 0 if there are none, or if they are counted."""
+    is_unseen = may_lapse(progress) and not is_counted(progress)
+    return progress.law_draws.interval(2 * UNSEEN_ALPHA)[1] if is_unseen else 0.0
+
+
+def may_lapse(progress: Progress) -> bool:
+    """Return whether outcomes may be random in a few of the runs, which no run has shown."""
+    return progress.chance and not progress.repeats.vary_often
+
+
+def is_counted(progress: Progress) -> bool:
+    """Return whether the event of a system that may lapse is so frequent that the draws of the law show it.
+
+    They then contain more events than the estimate from all other runs allows, and they count instead.
+    """
+    return may_lapse(progress) and is_contradicted(progress)
 
 
 def is_contradicted(progress: Progress) -> bool:
@@ -89,10 +102,14 @@ def is_contradicted(progress: Progress) -> bool:
 
 def is_narrow(progress: Progress, stopping: Stopping) -> bool:
     """Return whether the interval is as narrow as a stopping rule requires, with enough observed events."""
-    combined, (low, high) = combined_estimate(progress, stopping)
-    if combined is None or np.count_nonzero(progress.happened) < stopping.minimum_events:
-        return False
-    return (high - low) / 2 <= stopping.beta * combined.probability * (1 + ROUNDING)
+    if is_counted(progress):
+        draws = progress.law_draws
+        probability, (low, high), events = draws.share, draws.interval(stopping.alpha), draws.events
+    else:
+        combined, (low, high) = combined_estimate(progress, stopping)
+        probability, events = getattr(combined, "probability", 0.0), np.count_nonzero(progress.happened)
+    enough = probability > 0 and events >= stopping.minimum_events
+    return bool(enough and (high - low) / 2 <= stopping.beta * probability * (1 + ROUNDING))
 
 
 def is_certified(progress: Progress, certificate: Certificate | Cover) -> bool:
@@ -149,10 +166,10 @@ def _mean(progress: Progress) -> float:
 
 def _that_count(progress: Progress) -> Sequence[BatchEstimate]:
     """Return the batches on which the estimate is based, without those of a cover."""
-    return [batch for batch in _counted(progress) if batch.runs]
+    return [batch for batch in counted(progress) if batch.runs]
 
 
-def _counted(progress: Progress) -> Sequence[BatchEstimate]:
+def counted(progress: Progress) -> Sequence[BatchEstimate]:
     """Return the last consistent batches, without those before noise was noticed."""
     usable = NOISY_USABLE if progress.repeats.vary_often else USABLE
     return counted_batches(progress.estimates[progress.chance_since :], usable)
@@ -186,11 +203,11 @@ def event_ratios(progress: Progress) -> Array:
 
     Up to a common factor, they are the weights of these runs in the estimate without a control variate.
     """
-    counted = _counted(progress)[-len(progress.batches) :] if progress.batches else []
-    batches = progress.batches[len(progress.batches) - len(counted) :]
+    estimates = counted(progress)[-len(progress.batches) :] if progress.batches else []
+    batches = progress.batches[len(progress.batches) - len(estimates) :]
     ratios = [
         estimate.importance * batch.weight / batch.inclusion
-        for estimate, batch in zip(counted, batches, strict=True)
+        for estimate, batch in zip(estimates, batches, strict=True)
     ]
     joined = np.concatenate([np.empty(0), *ratios])
     return joined[progress.happened[len(progress.z) - len(joined) :] & (joined > 0)]
@@ -204,7 +221,7 @@ def tabulate_runs(progress: Progress, batch_size: int) -> "pd.DataFrame":
     batch = (run - 1) // batch_size + 1
     batches = len(run) // batch_size
     searched = batches - len(progress.estimates)
-    learnt = batches - len(_counted(progress))
+    learnt = batches - len(counted(progress))
     covers = searched + 1 + np.flatnonzero([not each.runs for each in progress.estimates])
     is_of = [batch <= searched, np.isin(batch, covers), batch <= learnt]
     phase = np.select(is_of, ["search", "cover", "learn"], "estimate")
@@ -250,4 +267,6 @@ def _diagnostics(
         "differed": int(np.count_nonzero(progress.repeats.differed)),
         "law_draws": len(progress.law_draws),
         "law_events": progress.law_draws.events,
+        "counted": is_counted(progress),
+        "drift": progress.repeats.drift,
     }

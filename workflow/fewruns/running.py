@@ -27,8 +27,8 @@ def run_batches(
 ) -> Iterator[None]:
     """Run batches of a problem until the estimate has converged; yield after each batch.
 
-    The runs also end at the largest number of simulations, and if the system may lapse (behave differently in
-    a few of its runs), because no practicable number of runs excludes such lapses.
+    The runs also end at the largest number of simulations, and if the system drifts, so that its early and
+    late runs differ. A system that may lapse (behave differently in a few of its runs) uses all simulations.
 
     Parameters
     ----------

@@ -28,6 +28,8 @@ from fewruns.constants import (
     CORE,
     DEFENCE,
     DEFENCE_ALONE,
+    DRIFT_LAG,
+    DRIFT_PAIRS,
     ENOUGH_REPEATS,
     ENOUGH_UNEXPECTED,
     FEW,
@@ -213,7 +215,7 @@ class Sampler:
         progress, first = self.progress, batch.repeated
         differed = end_differently(progress.happened[first], progress.score[first], happened, score)
         was_noisy = progress.repeats.vary_often
-        progress.repeats = progress.repeats.extended(batch, happened, differed)
+        progress.repeats = progress.repeats.extended(batch, happened, differed, score)
         progress.chance |= bool(differed.any())
         if (is_noisy := progress.repeats.vary_often) != was_noisy:
             # Earlier predictions and estimates assumed another kind of outcome, so they are not used.
@@ -248,37 +250,48 @@ class Sampler:
 
     def is_settled(self) -> bool:
         """Return whether no more runs are needed except to narrow the interval."""
-        return self._has_excluded_all_else() and not self.may_lapse
+        if self.is_counted:
+            return True
+        return self._has_excluded_all_else() and not self.may_lapse and not self.progress.repeats.drift
 
     def has_ended(self, *, is_narrow: bool) -> bool:
-        """Return whether more runs would not improve the result.
-
-        That is so if the estimate has converged, or would have if the system did not lapse, because no
-        practicable number of runs excludes rare lapses; and after `ENOUGH_UNEXPECTED` events of a system that
-        may lapse.
-        """
-        unexpected = sum(batch.surprising for batch in self.progress.estimates)
-        if self.may_lapse and unexpected >= ENOUGH_UNEXPECTED:
-            return True
-        return is_narrow and self._has_excluded_all_else()
+        """Return whether the estimate has converged, or never will because the system drifts."""
+        if self.may_lapse:
+            return is_narrow and self.is_counted
+        return self.progress.repeats.drift or (is_narrow and self._has_excluded_all_else())
 
     @property
     def may_lapse(self) -> bool:
         """Whether the system may fail at random in a few of its runs, which the runs may have missed."""
-        return self.progress.chance and not self.progress.repeats.vary_often
+        return results.may_lapse(self.progress)
 
-    def unseen_lapses(self, probability: float, share: float) -> float:
-        """Return a bound on the probability that lapses add to an estimate; 0 without lapses."""
-        return (
-            results.lapse_bounds(self.progress, probability, share).like_hardness if self.may_lapse else 0.0
-        )
+    @property
+    def is_counted(self) -> bool:
+        """Whether the estimate is the share of events among the draws of the law (`results.is_counted`)."""
+        return results.is_counted(self.progress)
+
+    @property
+    def unseen_lapses(self) -> float:
+        """A bound on the probability that lapses add to an estimate; 0 without lapses, or if they count."""
+        return results.unseen_lapses(self.progress)
 
     def repeats_wanted(self, *, certify: bool) -> int:
         """Return how many repetitions are still required; ``certify`` adds those for convergence."""
-        if self.deterministic is True or (self.progress.chance and self.deterministic is None):
+        repeats = self.progress.repeats
+        if self.deterministic is True:
+            return 0
+        if repeats.vary_often:
+            first = max(FIRST_REPEATS + DRIFT_PAIRS - len(repeats), 0)
+            return first or repeats.pairs_wanted(self._late_repeats(certify=certify))
+        if self.progress.chance and self.deterministic is None and len(repeats):
             return 0
         wanted = self.enough_repeats if certify and not self.progress.chance else FIRST_REPEATS
-        return max(wanted - len(self.progress.repeats), 0)
+        return max(wanted - len(repeats), 0)
+
+    def _late_repeats(self, *, certify: bool) -> int:
+        """Return how often the runs that show a drift should have been repeated after the early repeats."""
+        runs = self.progress.repeats.repeated[: FIRST_REPEATS + DRIFT_PAIRS]
+        return int(certify) + (len(self.progress.z) > DRIFT_LAG * (runs.max() + 1))
 
     def _draws_wanted(self) -> int:
         """Return how many draws of the law are still wanted before an estimate can have converged."""
@@ -293,6 +306,20 @@ class Sampler:
         with_scores = bool((score != score[:1]).any())
         return self.certificate or Cover.by_default(self.dimension, with_scores=with_scores)
 
+    def _is_drawn(self, *, certify: bool) -> bool:
+        """Return whether the next runs are draws of the law itself.
+
+        They are the last check before convergence, and are also due if surrogates do not learn the event. Of
+        a system that may lapse they are at least half of the runs, and all that are left then.
+        """
+        progress = self.progress
+        is_last = certify and results.is_certified(progress, self.required)
+        unexpected = sum(batch.surprising for batch in progress.estimates) >= ENOUGH_UNEXPECTED
+        if not self.may_lapse:
+            return (is_last or unexpected) and self._draws_wanted() > 0
+        few = 2 * len(progress.law_draws) < self.simulations
+        return len(progress.repeats) > 0 and (is_last or unexpected or few or self.is_counted)
+
     def _has_excluded_all_else(self) -> bool:
         """Return whether the certificate is met and all checks are made; only lapses may then remain."""
         certified = results.is_certified(self.progress, self.required)
@@ -306,7 +333,7 @@ class Sampler:
         """
         found = results.estimate(self.progress, self.batch_size, stopping, self.required)
         found = replace(found, converged=self.has_converged(stopping))
-        return results.with_lapses(found, self.progress, stopping) if self.may_lapse else found
+        return results.with_lapses(found, self.progress, stopping)
 
     # ---- design of a batch
 
@@ -327,14 +354,18 @@ class Sampler:
             return None
         if self._is_searching() or (certify and not results.is_certified(progress, self.required)):
             return None
+        expected = np.zeros(len(progress.z), bool)
+        expected[len(progress.z) - len(progress.foreseen) :] = progress.foreseen.max(axis=1, initial=0) > 0.5
         known = progress.z, progress.happened, progress.score, progress.repeats
-        return choose_repeats(*known, count, self.generator)
+        is_late = progress.repeats.vary_often and len(progress.repeats) >= FIRST_REPEATS + DRIFT_PAIRS
+        rounds = self._late_repeats(certify=certify) if is_late else 0
+        return choose_repeats(*known, count, expected, rounds=rounds)
 
     def _draws(self, *, certify: bool) -> PlainBatch | None:
-        """Draw from the law itself, as the last check before convergence; None while it is not due."""
-        count = min(self._draws_wanted(), self.batch_size)
-        if not (count and certify and results.is_certified(self.progress, self.required)):
+        """Draw from the law itself, as the last check or because of lapses; None while this is not due."""
+        if not self._is_drawn(certify=certify):
             return None
+        count = min(self._draws_wanted() or self.batch_size, self.batch_size)
         return PlainBatch(self.generator.standard_normal((count, self.dimension)), LAW)
 
     def _design(self, defence: Defence, *, certify: bool) -> Batch:

@@ -11,10 +11,12 @@ from typing import Any
 
 import numpy as np
 
+from fewruns import results
 from fewruns.arrays import Array, Indices
-from fewruns.combining import BatchEstimate, counted_batches
+from fewruns.combining import BatchEstimate
 from fewruns.crossfit import Control, cross_fitted
 from fewruns.emphasis import Emphasis
+from fewruns.law_draws import LawDraws
 from fewruns.progress import Progress
 from fewruns.sampler import Sampler
 from fewruns.two_phase import TwoPhaseBatch
@@ -127,12 +129,15 @@ class SeveralLaws:
         sampler
             The sampler with its runs.
         happened
-            Whether the event happened in each run, shape (runs,); by default the event that was sampled.
+            Whether the event happened in each run, shape (runs,); by default the event that was sampled. If
+            the sampler counts its events (`Sampler.is_counted`), in each draw of the law.
         controls
             Predicted probabilities of the event at the batches of `counted`, by default those with which they
             were drawn. If they are given, the errors are divided into a common part and a part of each law.
         """
         progress = sampler.progress
+        if sampler.is_counted:
+            return self._of_draws(progress.law_draws, happened)
         counted, known = self.counted(progress), progress.happened if happened is None else happened
         if len(counted) < 2 or not known.any():
             return None
@@ -165,7 +170,9 @@ class SeveralLaws:
         A surrogate that was fitted without a batch predicts its control variate, which takes some seconds.
         """
         counted = len(self.counted(sampler.progress))
-        return None if counted < 2 else self.estimate(sampler, controls=cross_fitted(sampler, counted))
+        if counted < 2 or sampler.is_counted:
+            return self.estimate(sampler)
+        return self.estimate(sampler, controls=cross_fitted(sampler, counted))
 
     def emphasis(self, found: LawEstimates) -> Emphasis:
         """Return the value for `Sampler.emphasis` with which the estimates become equally precise."""
@@ -193,7 +200,19 @@ class SeveralLaws:
     @staticmethod
     def counted(progress: Progress) -> Sequence[BatchEstimate]:
         """Return those batches of the estimate of the sampler (`counted_batches`) whose runs are stored."""
-        return counted_batches(progress.estimates)[-len(progress.batches) :] if progress.batches else []
+        return results.counted(progress)[-len(progress.batches) :] if progress.batches else []
+
+    def _of_draws(self, draws: LawDraws, happened: Array | None) -> LawEstimates | None:
+        """Return the weighted shares of an event among the draws of the law; None without an event."""
+        events = (draws.happened if happened is None else happened) > 0
+        weights = self.ratios(draws.z[events]) / len(draws)
+        estimates = weights.sum(axis=1)
+        if not estimates.any():
+            return None
+        estimates = np.maximum(estimates, SMALLEST * estimates.mean())
+        variances = np.maximum((weights**2).sum(axis=1) - estimates**2 / len(draws), 0.0)
+        errors = np.clip(np.sqrt(variances) / estimates, 0.0, 1.0)
+        return LawEstimates(estimates, errors, max(int(np.count_nonzero(events)), 2))
 
     def _sampled(self, number: int, batch: TwoPhaseBatch, happened: Array) -> tuple[Array, Array]:
         """Return the estimate of a batch for the sampled event, and its variance; both are computed once."""

@@ -121,8 +121,9 @@ class Runs:
     draws: Draws
     sampler: Sampler
     laws: SeveralLaws
-    # The outcomes of all batches, in their order, without repetitions and draws of the law.
+    # The outcomes of all batches, in their order, without repetitions, and those of the draws of the law.
     outcomes: list[Any] = field(default_factory=list)
+    drawn: list[Any] = field(default_factory=list)
     not_ended: int = 0  # runs that were stopped at their longest duration
 
     @classmethod
@@ -134,8 +135,7 @@ class Runs:
         """Simulate at normal scores z, shape (n, d), keep the outcomes, and return flags and scores."""
         outcomes = self.problem.simulate(self.problem.law.from_normal_scores(z))
         self.not_ended += int(np.count_nonzero(~getattr(outcomes, ENDED, np.array([], bool))))
-        if not self.sampler.draws_next:
-            self.outcomes.append(outcomes)
+        (self.drawn if self.sampler.draws_next else self.outcomes).append(outcomes)
         return self.problem.response(outcomes)
 
     def repeat(self, z: Array) -> Response:
@@ -157,15 +157,15 @@ class Runs:
 
     def answer(self, events: Sequence[Event], estimate: Estimate) -> Answer:
         """Return the answer from all runs, with an estimate of the sampling."""
-        counted = len(self.laws.counted(self.sampler.progress))
-        controls = cross_fitted(self.sampler, counted) if counted >= 2 else None
+        batches, counted = len(self.laws.counted(self.sampler.progress)), self.sampler.is_counted
+        controls = cross_fitted(self.sampler, batches) if batches >= 2 and not counted else None
         main = self.problem.event
         others = [event for event in events if event != main]
         return Answer(
             self.problem,
             self.draws,
             {event: self._of(event, controls) for event in (main, *others)},
-            None if controls is None else self._crashes(),
+            self._crashes() if counted or controls else None,
             simulations=self.sampler.simulations,
             converged=estimate.converged,
             tables={"runs": with_encounters(estimate.tables["runs"], self.problem)},
@@ -175,11 +175,12 @@ class Runs:
     def _with_lapses(self, found: Any) -> SampledPosterior | None:  # noqa: ANN401
         if found is None:
             return None
-        lapses = self.sampler.unseen_lapses(float(found.probabilities.mean()), SHARE)
-        return SampledPosterior.of(found, self.draws.member, lapses)
+        return SampledPosterior.of(found, self.draws.member, self.sampler.unseen_lapses)
 
     def _of(self, event: Event, controls: list[Control] | None) -> SampledPosterior | None:
         """Return the posterior of an event; None if the runs were not chosen for it."""
+        if self.sampler.is_counted:
+            return self._with_lapses(self.laws.estimate(self.sampler, event.happens(joined(self.drawn))))
         if controls is None or not is_part(event, self.problem.event):
             return None
         outcomes, progress = joined(self.outcomes), self.sampler.progress
@@ -195,14 +196,19 @@ class Runs:
 
     def _crashes(self) -> Crashes | None:
         """Return the runs in which the event happened, with their weights under each draw."""
-        runs, weights = self.laws.weights(self.sampler.progress)
-        happened = self.sampler.progress.happened[runs]
-        if not happened.any():
+        progress, outcomes = self.sampler.progress, self.outcomes
+        if self.sampler.is_counted:
+            draws, outcomes = progress.law_draws, self.drawn
+            z, chosen = draws.z, np.flatnonzero(draws.happened)
+            weights = self.laws.ratios(z[chosen]) / len(z)
+        else:
+            z, (runs, weights) = progress.z, self.laws.weights(progress)
+            happened = progress.happened[runs]
+            chosen, weights = runs[happened], weights[:, happened]
+        if not len(chosen):
             return None
-        outcomes, chosen = joined(self.outcomes), runs[happened]
-        impact = getattr(outcomes, "impact_speed", np.full(len(self.sampler.progress.z), np.nan))
-        x = self.problem.law.from_normal_scores(self.sampler.progress.z[chosen])
-        return Crashes(x, impact[chosen, None], weights[:, happened])
+        impact = getattr(joined(outcomes), "impact_speed", np.full(len(z), np.nan))
+        return Crashes(self.problem.law.from_normal_scores(z[chosen]), impact[chosen, None], weights)
 
 
 def laws_of(draws: Draws, to_points: Callable[[Array], Array]) -> SeveralLaws:

@@ -40,6 +40,7 @@ from accelerated_evaluation.laws.files import read_verdict, write_law
 from accelerated_evaluation.laws.smooth.family import DistinctRecords
 from accelerated_evaluation.methods.problem import Problem
 from accelerated_evaluation.methods.surrogate import (
+    assumption_in_words,
     chance_in_words,
     read_predecessor,
     unseen_in_words,
@@ -141,7 +142,11 @@ class Estimated:
             yield in_words(beyond[beyond["replicate"] == number], scenario)
         yield from budget_in_words(answer.budget())
         yield f"law of {scenario.noun}s: {answer.draws.proposal.description}"
-        verdict = "converged" if answer.converged else "not converged"
+        assumptions = assumption_in_words(estimate.diagnostics)
+        assumed = (
+            ", if there are no rare lapses," if assumptions and not estimate.diagnostics["counted"] else ""
+        )
+        verdict = f"converged{assumed}" if answer.converged else "not converged"
         counts = f"{estimate.simulations:,} simulations, {estimate.events:,} of them with the event"
         yield f"{verdict} after {counts}"
         if answer.notes["not_ended"]:
@@ -157,6 +162,8 @@ class Estimated:
             yield weights_in_words(estimate.diagnostics)
             yield unseen_in_words(estimate.probability, estimate.diagnostics)
             yield chance_in_words(estimate.diagnostics)
+        else:
+            yield from assumptions
 
     def _probabilities(self, answer: Answer, *, verbose: bool) -> Iterator[str]:
         """Return the main event in words, and with ``verbose`` the other events."""
@@ -173,6 +180,8 @@ class Estimated:
             reason = "see the warning above"
         elif not math.isnan(bound := estimate.diagnostics.get("unseen_lapses", math.nan)):
             reason = f"lapses that no run has shown can add up to {bound:.1g}, which the upper ends contain"
+        elif estimate.diagnostics["drift"]:
+            reason = "the vehicle changes from run to run, so that there is no single probability"
         else:
             reason = (
                 "more simulations may change it, or may find further parts of the event; increase "

@@ -26,6 +26,7 @@ from accelerated_evaluation.scenarios.protocol import Event, Scenario
 
 ROUNDING = 1e-6  # relative tolerance; laws that were fitted on two kinds of processor differ by less
 FLAGS = {"True": True, "False": False}
+CONFIDENCE = f"{1 - UNSEEN_ALPHA:.0%} confidence"
 
 SETTINGS = section(
     replicates=integer(
@@ -137,8 +138,8 @@ class Surrogate(Method):
         """Return the estimated probability of the event, from as few simulations as possible.
 
         A few dozen events are enough for this method, so ``minimum_events`` of the stopping rule should be 1.
-        The runs also end, without convergence, if the vehicle may fail in a few of its runs. If a saved state
-        is resumed, its own generator is used; InputError is raised if it belongs to another problem.
+        A vehicle that may fail in a few of its runs uses all simulations. If a saved state is resumed, its
+        own generator is used; InputError is raised if it belongs to another problem.
         """
         own = _rules_of(problem) | {"batch_size": self.batch_size, "predecessor": self.predecessor}
         return estimate_problem(problem, generator, stopping, self.state_file, self.on_batch, **own)
@@ -181,7 +182,7 @@ def unseen_in_words(probability: float, diagnostics: Mapping[str, float]) -> str
         relative += ", so it is an assumption that there is no such part" if mode > 1 else ""
     return (
         f"a part of the event that no run has met: at most {bounds[0]:.1g} if a half-space, "
-        f"{bounds[1]:.1g} if of any shape ({1 - UNSEEN_ALPHA:.0%} confidence){relative}"
+        f"{bounds[1]:.1g} if of any shape ({CONFIDENCE}){relative}"
     )
 
 
@@ -199,8 +200,25 @@ def weights_in_words(diagnostics: Mapping[str, float]) -> str:
     )
 
 
+def assumption_in_words(diagnostics: Mapping[str, float]) -> list[str]:
+    """Return sentences that belong to every answer of a vehicle that is not stated to be deterministic."""
+    if diagnostics["counted"]:
+        return [
+            "the event happens often: it was counted by plain simulation. The estimate is its share in "
+            f"{diagnostics['law_draws']:,.0f} draws of the law itself, because they contain more events than "
+            "the other runs explain"
+        ]
+    if diagnostics["differed"] or not (repeats := int(diagnostics["repeats"])):
+        return []
+    return [
+        f"{repeats} repeats without a difference exclude ({CONFIDENCE}) that more than "
+        f"{1 - UNSEEN_ALPHA ** (1 / repeats):.1%} of the runs near the event end differently by chance. A "
+        "vehicle with rarer lapses can pass this check, and its probability may then be much larger"
+    ]
+
+
 def chance_in_words(diagnostics: Mapping[str, float]) -> str:
-    """Return sentences about the repeated runs and the probability that lapses can add to an estimate."""
+    """Return sentences about the repeated runs, and about the events that lapses can add to an estimate."""
     repeats, differed = int(diagnostics["repeats"]), int(diagnostics["differed"])
     if not repeats:
         return "repeats: none, because the vehicle is stated to be deterministic"
@@ -208,25 +226,20 @@ def chance_in_words(diagnostics: Mapping[str, float]) -> str:
     if draws := int(diagnostics["law_draws"]):
         events = int(diagnostics["law_events"])
         lines.append(f"draws of the law itself: {draws}, of which {events} ended in the event")
-    bound = diagnostics.get("unseen_lapses", math.nan)
-    if draws and not differed and not math.isnan(bound):
+    lines += assumption_in_words(diagnostics)
+    if diagnostics["drift"]:
         lines.append(
-            "these events contradict the estimate, although no repeat ended differently: the event also "
-            "happens at places that the other runs do not show, such as thin stripes. They count as lapses"
+            "drift: late repetitions differ from early ones in one direction, so that the vehicle changes "
+            "with the number of its runs. The estimate mixes its states and has no meaning"
         )
-    if not math.isnan(bound):
-        monotone, runs = diagnostics["unseen_lapses_monotone"], diagnostics["settling_runs"]
+    if not math.isnan(bound := diagnostics.get("unseen_lapses", math.nan)):
         lines.append(
-            f"rare lapses can add up to {bound:.1g} if encounters of equal hardness are equally prone to "
-            f"them, and {monotone:.1g} if in addition harder encounters are not less prone "
-            f"({1 - UNSEEN_ALPHA:.0%} confidence); the interval includes the first bound, and the estimate "
-            "has not converged"
+            f"rare lapses can add up to {bound:.1g} ({CONFIDENCE}, without any assumption about where they "
+            "happen); the interval includes this bound, and the estimate has not converged"
         )
-        if math.isfinite(runs):
-            lines.append(
-                f"to exclude such lapses, at least {runs:,.0f} runs without an event would be needed. They "
-                "must be encounters drawn from the law itself, or may be any hard encounters if harder ones "
-                "are not less prone to lapses. Q times as many are enough if lapses are harmless in all but "
-                "the hardest share Q of the encounters"
-            )
+    if not math.isnan(runs := diagnostics.get("settling_runs", math.nan)):
+        lines.append(
+            f"to exclude such lapses, at least {runs:,.0f} draws of the law itself without an event would be "
+            "needed"
+        )
     return "\n".join(lines)

@@ -10,12 +10,12 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from fewruns import SeveralLaws
+from fewruns import Sampler, SeveralLaws
 from fewruns.estimates import Stopping
 from fewruns.state import content_of, sampler_of
 from fewruns.typed_json import MISFIT, checksum, decode, encode
 
-from accelerated_evaluation.answer.by_few_runs import SHARE, laws_of
+from accelerated_evaluation.answer.by_few_runs import laws_of
 from accelerated_evaluation.answer.estimate_tables import answer_in_words, budget_in_words
 from accelerated_evaluation.answer.posterior import LEVEL, SampledPosterior, answer_row, budget
 from accelerated_evaluation.base.arrays import Array
@@ -210,8 +210,7 @@ def whole_in_words(campaign: Campaign, law: Law, draws: Draws | None = None) -> 
     found = laws.refined(campaign.sampler)
     if found is None:
         return ["laws        there is no estimate under the draws of the law yet"]
-    lapses = campaign.sampler.unseen_lapses(float(found.probabilities.mean()), SHARE)
-    posterior = SampledPosterior.of(found, under.member, lapses)
+    posterior = SampledPosterior.of(found, under.member, campaign.sampler.unseen_lapses)
     row = {"event": campaign.scenario.event_in_words(campaign.event), "per_km": float("nan")}
     gain = 1 - 1 / (1 + max(posterior.share_of_sampling, 0.0))
     return [
@@ -219,7 +218,7 @@ def whole_in_words(campaign: Campaign, law: Law, draws: Draws | None = None) -> 
         *budget_in_words(budget(posterior.alone, posterior.deviation)),
         f"more runs would make the {LEVEL:.0%} interval at most {gain:.0%} narrower; the rest is "
         "the uncertainty of the records, which only more records reduce",
-        *([] if draws is None else _reach(laws.effective_events(campaign.sampler.progress))),
+        *([] if draws is None else _reach(laws, campaign.sampler)),
     ]
 
 
@@ -238,8 +237,11 @@ def laws_under(law: Law, draws: Draws) -> SeveralLaws:
     return SeveralLaws(log_ratios, law.from_normal_scores)
 
 
-def _reach(effective: Array) -> list[str]:
+def _reach(laws: SeveralLaws, sampler: Sampler) -> list[str]:
     """Return lines of text about the effective number of events under each of K draws."""
+    if sampler.is_counted:
+        return []
+    effective = laws.effective_events(sampler.progress)
     few = np.mean(effective < FEWEST)
     low, middle = np.quantile(effective, (0.05, 0.5))
     lines = [

@@ -268,9 +268,15 @@ def _estimate(found: Estimate, noun: str) -> str:
 
 def _advice(status: Status) -> str:
     if status.may_stop:
-        return "yes, if there is no unseen part (no recorded encounter was driven, as a check)"
+        found = status.estimate.diagnostics
+        rare = " and the car has no rare lapses" if found["repeats"] and not found["differed"] else ""
+        return f"yes, if there is no unseen part{rare} (no recorded encounter was driven, as a check)"
     if "unseen_lapses" in status.estimate.diagnostics:
         return "no; these runs cannot exclude rare lapses, see the lines above"
+    if status.estimate.diagnostics["drift"]:
+        return "no; the vehicle changes from run to run, so that there is no single probability"
+    if status.estimate.diagnostics["counted"]:
+        return "no; more draws of the law make the interval narrower, by the square root of their number"
     if status.needed is None:
         return "no; the number of runs still needed cannot be predicted before there is an estimate"
     return f"no; about {status.needed} more runs are likely needed"
