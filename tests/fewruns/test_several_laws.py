@@ -4,7 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from fewruns import SeveralLaws, SystemProblem, combining
+from fewruns import SeveralLaws, SystemProblem, combining, run_batches
 from fewruns.crossfit import Control, cross_fitted
 from fewruns.law_draws import LawDraws
 from fewruns.progress import Progress
@@ -198,7 +198,8 @@ def test_a_noisy_system_has_an_estimate_under_every_draw():
     stopping, exact = replace(STOPPING, beta=0.4), norm.sf((LEVEL - SHIFTS) / np.hypot(1, 0.3))
     for seed in range(2):
         sampler = new_sampler(seed=seed, upper_set=True, deterministic=False)
-        sampler = drive(sampler, noisy(np.random.default_rng(seed)), stopping).sampler
+        for _ in run_batches(sampler, noisy(np.random.default_rng(seed)), stopping):
+            pass
         found = laws().estimate(sampler)
         assert found.probabilities[2] == pytest.approx(sampler.estimate(stopping).probability, rel=1e-9)
         assert np.all(np.abs(np.log(found.probabilities / exact)) < 4 * found.errors)
