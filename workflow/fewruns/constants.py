@@ -260,13 +260,13 @@ LARGEST_SCORE = float(np.finfo(float).max)
 FIRST_REPEATS = 5
 
 # If this number of repetitions has shown no difference, the system is treated as deterministic. They exclude,
-# with 95 % confidence, that more than 1 - 0.05^(1/200) = 1.5 % of the runs near the event end differently
-# when they are repeated. With 150 of 250 checks, cars whose brakes fail in 1 % of their runs often passed.
-ENOUGH_REPEATS = 200
+# with 95 % confidence, that more than 1 - 0.05^(1/350) = 0.9 % of the runs near the event end differently
+# when they are repeated. With 200, a third of the cars whose brakes fail in 0.5 to 2 % of the runs passed.
+ENOUGH_REPEATS = 350
 
 # If this number of draws of the law itself agrees with the estimate, the system is treated as one without
-# events in thin stripes. Without an event they exclude stripes of more than 6 %, with 95 % confidence.
-ENOUGH_DRAWS = 50
+# events in thin stripes. Without an event they exclude stripes of more than 1 %, with 95 % confidence.
+ENOUGH_DRAWS = 300
 
 # Number of pairs of repetitions of the same run, an early and a late one, that show whether a noisy system
 # drifts. If it does not, each pair rises or falls with probability 1/2. It drifts if the numbers of the two
