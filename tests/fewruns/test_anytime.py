@@ -4,8 +4,7 @@ import math
 
 import numpy as np
 import pytest
-from fewruns.anytime import anytime_interval, boundary, reach_of_goal
-from fewruns.combining import BatchEstimate, combine
+from fewruns.combining import BatchEstimate, anytime_interval, boundary, combine, reach_of_goal
 from fewruns.two_phase import Prediction
 
 ALPHA, BETA, RUNS, VARIATION = 0.2, 0.2, 5, 2.25

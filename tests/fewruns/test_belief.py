@@ -6,8 +6,8 @@ from fewruns import Predecessor
 from fewruns.belief import Belief
 from fewruns.constants import MOST_TRUST
 from fewruns.gaussian_process import EventSurrogate
+from fewruns.pools import Subspace, WholeSpace
 from fewruns.progress import Progress
-from fewruns.subspace import Subspace, WholeSpace
 from fewruns.wide_laws import draw_wide
 from scipy.stats import norm
 

@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from fewruns.calibration import Calibration, Slopes
+from fewruns.belief import Calibration, Slopes
 from fewruns.constants import MOST_TRUST, SLOPE_SPREAD
 from scipy.special import log_ndtr, ndtr, ndtri
 

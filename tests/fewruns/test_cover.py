@@ -6,10 +6,10 @@ import math
 import numpy as np
 import pytest
 from fewruns import Cover, InputError, Sampler, estimate, results
-from fewruns.basins import open_basins, probe
 from fewruns.certificate import BY_DEFAULT
 from fewruns.combining import combine, counted_batches, estimate_batch
 from fewruns.constants import BASIN_CLOSED, CORE, COVER_MISSED, MODES
+from fewruns.parts import open_basins, probe
 from fewruns.two_phase import reach_of
 from fewruns.wide_laws import draw_wide
 from sampler_checks import STOPPING, drive, new_sampler, numbers, resumed, standard_normal_event

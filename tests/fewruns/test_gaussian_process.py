@@ -4,7 +4,7 @@ import math
 
 import numpy as np
 import pytest
-from fewruns import Predecessor, kernel
+from fewruns import Predecessor, gaussian_process
 from fewruns.gaussian_process import EventSurrogate
 from scipy.stats import multivariate_normal
 
@@ -49,12 +49,12 @@ def runs(n, seed=1, spread=1.5):
     return z, distance > 0
 
 
-@pytest.mark.parametrize(("n", "m"), [(3, 7), (100, 1), (1000, 90), (5, 2 * kernel.BLOCK)])
+@pytest.mark.parametrize(("n", "m"), [(3, 7), (100, 1), (1000, 90), (5, 2 * gaussian_process.BLOCK)])
 def test_covariances_are_those_of_the_formula_whatever_the_blocks(n, m):
     generator = np.random.default_rng(n)
     a, b = generator.normal(0, 3, (n, 3)), generator.normal(0, 3, (m, 3))
     b[0] = a[0]  # at a distance of 0, where rounding may make the square negative
-    value, slope = kernel.covariance_between(a, b, 4.0, with_slope=True)
+    value, slope = gaussian_process.covariance_between(a, b, 4.0, with_slope=True)
     np.testing.assert_allclose(value, 4 * (1 + matern(a, b, np.ones(3))), rtol=1e-6)
     # -2 d/d(r^2) of the correlation, by a small step of r^2
     square, step = ((a[:, None] - b) ** 2).sum(-1), 1e-5
@@ -183,7 +183,7 @@ def test_axes_are_those_that_the_flags_bear_out(direction, oblique):
     z, event = slab(np.array(direction))
     along, turned = EventSurrogate(2), EventSurrogate(2)
     wrong = np.array([[0.8, -0.6], [0.6, 0.8]])
-    axes = kernel.principal_axes(z[event]) if oblique else [wrong]
+    axes = gaussian_process.principal_axes(z[event]) if oblique else [wrong]
     along.fit(z, event, learn=True)
     turned.fit(z, event, learn=True, turned=axes)
     assert along.axes.tolist() == np.eye(2).tolist()
@@ -214,11 +214,11 @@ def test_lengths_are_measured_along_the_axes(known):
 def test_principal_axes():
     points = np.random.default_rng(0).normal(size=(500, 3)) * [3.0, 1.0, 0.2]
     turn = np.linalg.qr(np.random.default_rng(1).normal(size=(3, 3)))[0]
-    (axes,) = kernel.principal_axes(points @ turn.T)
+    (axes,) = gaussian_process.principal_axes(points @ turn.T)
     # Columns of the turn in the order of growing spread; their angles err by about (1 / 3) / sqrt(500).
     assert abs(np.sum(axes * turn[:, ::-1], axis=0)) == pytest.approx(np.ones(3), abs=0.01)
-    assert kernel.principal_axes(points[[0, 0, 0, 1, 2]]) == []
-    assert kernel.principal_axes(points[:4, :1])[0].shape == (1, 1)
+    assert gaussian_process.principal_axes(points[[0, 0, 0, 1, 2]]) == []
+    assert gaussian_process.principal_axes(points[:4, :1])[0].shape == (1, 1)
 
 
 def test_repeated_points_are_no_obstacle():

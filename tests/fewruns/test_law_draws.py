@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from fewruns import SystemProblem
 from fewruns.constants import CONTRADICTION, ENOUGH_DRAWS
-from fewruns.law_draws import LawDraws
+from fewruns.progress import LawDraws
 from sampler_checks import STOPPING, new_sampler, resumed, saved
 from scipy.special import ndtr
 from scipy.stats import binom

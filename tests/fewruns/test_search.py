@@ -5,9 +5,9 @@ import math
 import numpy as np
 import pytest
 from fewruns.constants import GRADED_RUNS, JITTER
+from fewruns.gaussian_process import thinned
 from fewruns.graded import GradedSurrogate, end_of_events, graded
-from fewruns.kernel import thinned
-from fewruns.search import draw_approach, target_outcome
+from fewruns.second_phase import draw_approach, target_outcome
 from fewruns.wide_laws import draw_wide, rarity
 from sampler_checks import new_sampler
 from scipy.stats import multivariate_normal

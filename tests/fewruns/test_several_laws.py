@@ -6,8 +6,7 @@ import numpy as np
 import pytest
 from fewruns import SeveralLaws, SystemProblem, combining, run_batches
 from fewruns.crossfit import Control, cross_fitted
-from fewruns.law_draws import LawDraws
-from fewruns.progress import Progress
+from fewruns.progress import LawDraws, Progress
 from fewruns.several_laws import Ratios, reweight
 from sampler_checks import STOPPING, drive, half_plane, new_sampler
 from scipy.stats import norm

@@ -6,8 +6,7 @@ from fewruns import InputError, Predecessor, Sampler, certificate
 from fewruns.constants import WHOLE_SHARE
 from fewruns.directions import _Model, _Regression, learn_directions
 from fewruns.graded import graded
-from fewruns.pools import Defence, draw_pool
-from fewruns.subspace import Subspace, WholeSpace, outward, space_along, square_of_distance
+from fewruns.pools import Defence, Subspace, WholeSpace, draw_pool, outward, space_along, square_of_distance
 from fewruns.wide_laws import draw_at
 from sampler_checks import drive, new_sampler, resumed, saved, standard_normal_event
 from scipy.stats import chi2, kstest, norm

@@ -4,7 +4,7 @@ from dataclasses import dataclass
 
 import numpy as np
 import pytest
-from fewruns import combining, pools, selection, two_phase
+from fewruns import combining, pools, two_phase
 from fewruns.constants import AGREEMENT, BEST, EVEN, FLOOR, KEPT, REACH, USABLE, WORTHLESS
 from sampler_checks import drive, half_plane, new_sampler
 from scipy import stats
@@ -63,7 +63,7 @@ def test_inclusion_probabilities(count, n, spread):
     generator = np.random.default_rng(count + n)
     size = generator.lognormal(0, spread, count) * (generator.random(count) < 0.7)
     guard = generator.lognormal(0, 0.3, count)
-    pi = selection.inclusion_probabilities(size, guard, n, 0.2)
+    pi = two_phase.inclusion_probabilities(size, guard, n, 0.2)
     assert pi.sum() == pytest.approx(n, rel=1e-12)
     assert pi.max() <= 1
     certain = (pi == 1).sum()
@@ -71,12 +71,12 @@ def test_inclusion_probabilities(count, n, spread):
     defended = 0.8 * size / size.sum() + 0.2 * guard / guard.sum()
     ratio = (pi / defended)[pi < 1]
     assert ratio == pytest.approx(ratio[0], rel=1e-12)
-    nothing = selection.inclusion_probabilities(np.zeros(count), guard, 1, 0.2)
+    nothing = two_phase.inclusion_probabilities(np.zeros(count), guard, 1, 0.2)
     assert nothing == pytest.approx(guard / guard.sum(), rel=1e-12)
 
 
 def test_some_points_are_certain():
-    pi = selection.inclusion_probabilities(np.array([100.0, 50.0, 1.0, 1.0, 1.0, 1.0]), np.ones(6), 3, 0.2)
+    pi = two_phase.inclusion_probabilities(np.array([100.0, 50.0, 1.0, 1.0, 1.0, 1.0]), np.ones(6), 3, 0.2)
     # without the defence: 1, 1 and a quarter of the third run for each
     assert pi == pytest.approx([1, 1, 0.25, 0.25, 0.25, 0.25], rel=1e-12)
 
@@ -87,15 +87,15 @@ def test_the_defence_is_worth_draws_of_the_wide_law():
     wide = generator.lognormal(0, 1, 400) * (generator.random(400) < 0.5)
     wide /= wide.mean()
     guard = EVEN + (1 - EVEN) * wide
-    pi = selection.inclusion_probabilities(generator.lognormal(0, 3, 400), guard, 10, 0.2)
-    draws = selection.draws_of_the_wide_law(wide, pi)
+    pi = two_phase.inclusion_probabilities(generator.lognormal(0, 3, 400), guard, 10, 0.2)
+    draws = two_phase.draws_of_the_wide_law(wide, pi)
     assert 1 < draws < 3
     assert (pi >= draws * wide / 400 * (1 - 1e-12)).all()
     assert (pi < 1.001 * draws * wide / 400).any()
-    assert selection.draws_of_the_wide_law(0 * wide, pi) == 0
+    assert two_phase.draws_of_the_wide_law(0 * wide, pi) == 0
     underflown = np.where(wide > 0, wide, 5e-324)  # the draws of such a point are beyond all numbers
     with np.errstate(over="raise"):
-        assert selection.draws_of_the_wide_law(underflown, pi) == draws
+        assert two_phase.draws_of_the_wide_law(underflown, pi) == draws
 
 
 def test_the_cut_wide_law_keeps_its_mass():
@@ -129,11 +129,11 @@ def test_the_defence_is_where_something_is_looked_for(share):
 
 def test_systematic_sample_includes_by_pi(pool):
     z, w, p, _, _ = pool
-    pi = selection.inclusion_probabilities(w * np.sqrt(p), np.ones(12), 4, 0.2)
+    pi = two_phase.inclusion_probabilities(w * np.sqrt(p), np.ones(12), 4, 0.2)
     generator, draws = np.random.default_rng(1), 4000
     taken = np.zeros(12)
     for _ in range(draws):
-        chosen = selection.draw_systematically(z, w * p, pi, generator)
+        chosen = two_phase.draw_systematically(z, w * p, pi, generator)
         assert len(set(chosen.tolist())) == 4
         taken[chosen] += 1
     allowed = 4.5 * np.sqrt(pi * (1 - pi) / draws) + 1e-9
@@ -143,7 +143,7 @@ def test_systematic_sample_includes_by_pi(pool):
 
 def test_systematic_sample_is_spread_along_the_principal_axis():
     z = np.random.default_rng(2).normal(size=(1000, 2)) * [5.0, 0.5]
-    chosen = selection.draw_systematically(z, np.ones(1000), np.full(1000, 0.01), np.random.default_rng(3))
+    chosen = two_phase.draw_systematically(z, np.ones(1000), np.full(1000, 0.01), np.random.default_rng(3))
     rank = np.sort(z[:, 0].argsort().argsort()[chosen])
     # one run in each tenth of the axis, up to the little that it is turned against the first variable
     assert abs(rank - 100 * np.arange(10) - 50).max() < 65
@@ -152,13 +152,13 @@ def test_systematic_sample_is_spread_along_the_principal_axis():
 def test_difference_estimator_is_exactly_unbiased(pool):
     """Over the starts the estimate is a step function with a jump a point: midpoints err by jumps / (2 K)."""
     z, w, p, g, flags = pool
-    pi = selection.inclusion_probabilities(w * np.sqrt(p), np.ones(12), 4, 0.2)
+    pi = two_phase.inclusion_probabilities(w * np.sqrt(p), np.ones(12), 4, 0.2)
     starts = 2000
 
     def mean_estimate(pi_used, g_used, controlled):
         estimates = []
         for k in range(starts):
-            chosen = selection.draw_systematically(z, w * p, pi, Start((k + 0.5) / starts))
+            chosen = two_phase.draw_systematically(z, w * p, pi, Start((k + 0.5) / starts))
             drawn = batch(w[chosen] / 12, g_used[chosen], pi_used[chosen], controlled)
             estimates.append(combining.estimate_batch(drawn, flags[chosen]).probability)
         return np.mean(estimates), 12 * np.ptp(estimates) / (2 * starts)
@@ -203,7 +203,7 @@ def test_predicted_variance_by_hand(pool):
     drawn = points(w, p)
     expected = two_phase.expect(drawn, 0.0)
     p, error = expected.probability, expected.error
-    pi = selection.inclusion_probabilities(w * np.sqrt(error + FLOOR * p), drawn.guard(5.0, USUAL), 3, 0.2)
+    pi = two_phase.inclusion_probabilities(w * np.sqrt(error + FLOOR * p), drawn.guard(5.0, USUAL), 3, 0.2)
     mean = sum(w * p) / 12
     second = sum(w[i] ** 2 * error[i] / pi[i] for i in range(12)) / 12**2
     first = (sum(w**2 * p) / 12 - mean**2) / 12

@@ -5,8 +5,7 @@ import math
 import numpy as np
 import pytest
 from fewruns import SeveralLaws
-from fewruns.results import event_ratios
-from fewruns.weights import (
+from fewruns.estimates import (
     PRIOR_RATIOS,
     PRIOR_SHAPE,
     effective_number,
@@ -14,6 +13,7 @@ from fewruns.weights import (
     pareto_k,
     pareto_shape,
 )
+from fewruns.results import event_ratios
 from sampler_checks import drive, half_plane, new_sampler
 from scipy.stats import genpareto
 

@@ -22,7 +22,7 @@ from accelerated_evaluation.scenarios.left_turn import LEFT_TURN
 from accelerated_evaluation.vehicles import Outcomes
 from accelerated_evaluation.vehicles.external.watched import WatchedVehicle
 from accelerated_evaluation.vehicles.protocol import CRASH
-from fewruns.predecessor import Predecessor
+from fewruns.problems import Predecessor
 from law_folder import LAW
 from normal_law import left_turn_law
 from scipy.stats import binom, poisson

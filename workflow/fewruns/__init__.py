@@ -11,7 +11,7 @@ _HOME = {
     "Estimate": "estimates",
     "InputError": "errors",
     "LawEstimates": "several_laws",
-    "Predecessor": "predecessor",
+    "Predecessor": "problems",
     "Sampler": "sampler",
     "ScoreProblem": "problems",
     "SeveralLaws": "several_laws",

@@ -6,9 +6,11 @@ Batches and weights depend only on what was known before a batch was drawn, so e
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import lru_cache
 
 import numpy as np
-from scipy.special import stdtrit
+from scipy.optimize import brentq
+from scipy.special import ndtri, stdtrit
 
 from fewruns.arrays import Flags
 from fewruns.constants import AGREEMENT, BEST, USABLE
@@ -121,3 +123,48 @@ def combine(batches: Sequence[BatchEstimate]) -> Combined:
     return Combined(
         probability, float(observed), float(weight**2 @ variations * probability**2), len(batches)
     )
+
+
+TERMS = 50  # number of terms of the series in `boundary`
+
+
+@lru_cache
+def boundary(alpha: float) -> float:
+    """Return z with P(|W(V)| > z sqrt(V_g) for any V <= V_g) = alpha, for a Brownian motion W."""
+    odd = 2 * np.arange(TERMS) + 1
+
+    def excess(z: float) -> float:
+        stays = 4 / math.pi * ((-1) ** np.arange(TERMS) / odd * np.exp(-((odd * math.pi / z) ** 2) / 8)).sum()
+        return 1 - alpha - float(stays)
+
+    return float(brentq(excess, 0.1, 20.0))
+
+
+def reach_of_goal(beta: float) -> float:
+    """Return the relative error r for which the half-width of Y / (1 + r) to Y / (1 - r) is beta Y."""
+    return (math.sqrt(1 + 4 * beta**2) - 1) / (2 * beta)
+
+
+def anytime_interval(
+    batches: Sequence[BatchEstimate], alpha: float, beta: float
+) -> tuple[Combined, tuple[float, float]]:
+    """Return the estimate from two or more batches, and an interval that may be checked after each of them.
+
+    It is based on the first batches with which the half-width is at most beta times the estimate, or on all.
+    """
+    goal = reach_of_goal(beta)
+    for count in range(2, len(batches) + 1):
+        combined = combine(batches[:count])
+        reach = boundary(alpha) * _inflated(combined, alpha)
+        if reach <= goal:
+            break
+    # The boundary is z c^2 / c_g, and z c_g is the reach of the goal.
+    return combined, ends(combined.probability, goal * max(reach / goal, 1.0) ** 2)
+
+
+def _inflated(combined: Combined, alpha: float) -> float:
+    """Return the coefficient of variation times the ratio of Student's quantile to the normal quantile."""
+    if combined.probability <= 0:
+        return math.inf
+    student = float(stdtrit(combined.batches - 1, 1 - alpha / 2) / ndtri(1 - alpha / 2))
+    return student * combined.error

@@ -28,8 +28,7 @@ from fewruns.constants import (
     ROUNDNESS_OF_FLAGS,
 )
 from fewruns.errors import InputError
-from fewruns.selection import choose_covering
-from fewruns.two_phase import reach_of
+from fewruns.two_phase import choose_covering, reach_of
 
 
 @dataclass(frozen=True)

@@ -32,9 +32,9 @@ from fewruns.constants import (
     OUTWARD_SPREAD,
     STARTS,
 )
+from fewruns.gaussian_process import covariance_of_runs, negative_log_posterior, thinned
 from fewruns.graded import graded
-from fewruns.kernel import covariance_of_runs, negative_log_posterior, thinned
-from fewruns.subspace import outward
+from fewruns.pools import outward
 
 # Prior mean and standard deviation of three logarithms: inverse length outward, amplitude and noise.
 CENTRE = np.log([OUTWARD, 1.0, NOISE])

@@ -25,7 +25,7 @@ from fewruns.constants import (
     NOISE,
     NOISE_SPREAD,
 )
-from fewruns.kernel import (
+from fewruns.gaussian_process import (
     covariance_between,
     covariance_of_runs,
     evidence_gradient,

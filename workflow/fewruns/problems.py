@@ -1,14 +1,16 @@
-"""The interface of a problem, and a problem for any function of independent inputs."""
+"""The interface of a problem, a problem for any function, and runs of a similar system that guide it."""
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from typing import Protocol
+from typing import Annotated, Protocol
 
 import numpy as np
 from numpy.typing import ArrayLike
 from scipy.special import ndtr
 
 from fewruns.arrays import Array, Flags
+from fewruns.constants import FEW
+from fewruns.errors import InputError
 
 Response = tuple[Flags, Array | None]
 
@@ -98,3 +100,43 @@ def normal_score_quantile(law: Marginal, z: Array) -> Array:
     if not above.all():
         value[~above] = law.ppf(ndtr(z[~above]))
     return value
+
+
+@dataclass(frozen=True)
+class Predecessor:
+    """Runs of a system that is similar to the one under test, for example an earlier version of it.
+
+    The sampler begins near the events of these runs, without a search. It learns how similar the two systems
+    are. The estimate is based on the outcomes of the system under test alone.
+
+    Attributes
+    ----------
+    z
+        Normal scores, shape (m, d); d is at most 10, because the directions on which an event with more
+        inputs depends are learnt from scores, which are not known for a predecessor.
+    happened
+        Whether the event happened, shape (m,). It has to happen in at least one run.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> import fewruns
+    >>> known = fewruns.Predecessor(np.array([[0.0, 4.6], [0.3, 4.1]]), np.array([True, False]))
+    >>> sampler = fewruns.Sampler(2, np.random.default_rng(1), predecessor=known)
+    """
+
+    z: Annotated[Array, "runs", "dimension"]
+    happened: Annotated[Flags, "runs"]
+
+    def check(self, dimension: int) -> None:
+        """Raise InputError if the runs cannot be used for a problem with ``dimension`` normal scores."""
+        seen = expected = ""
+        if dimension > FEW:
+            seen, expected = f"{dimension} inputs", f"at most {FEW}"
+        elif self.z.shape != (len(self.happened), dimension):
+            seen, expected = f"points of the shape {self.z.shape}", f"{(len(self.happened), dimension)}"
+        elif not self.happened.any():
+            seen, expected = "no event in its runs", "at least one"
+        if seen:
+            change = "Leave the predecessor out, or name other runs."
+            raise InputError("predecessor", seen=seen, expected=expected, change=change)

@@ -8,18 +8,15 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import ArrayLike
 
-from fewruns.anytime import anytime_interval
 from fewruns.arrays import Array, Flags
-from fewruns.basins import open_basins, probe
 from fewruns.certificate import Certificate, Unseen, look_beyond
-from fewruns.combining import BatchEstimate, Combined, combine, counted_batches
+from fewruns.combining import BatchEstimate, Combined, anytime_interval, combine, counted_batches
 from fewruns.constants import FEW, NOISY_USABLE, UNSEEN_ALPHA, USABLE
 from fewruns.cover import Cover
-from fewruns.estimates import Estimate, Stopping
-from fewruns.parts import draw_in_balls_together, open_balls
+from fewruns.estimates import Estimate, Stopping, effective_number, largest_pareto_k, pareto_k
+from fewruns.parts import draw_in_balls_together, open_balls, open_basins, probe
 from fewruns.progress import Progress
 from fewruns.two_phase import reach_of
-from fewruns.weights import effective_number, largest_pareto_k, pareto_k
 from fewruns.wide_laws import bound_without_event
 
 if TYPE_CHECKING:

@@ -8,7 +8,7 @@ give an unbiased estimate (`two_phase`).
 
 The result is a weighted mean over the last batches with consistent predictions (`combining`). The probability
 of parts that were missed is bounded (`certificate`). Before these batches, a search finds the event
-(`search`). docs/method.md derives the method, and docs/sampler.md explains its use.
+(`second_phase`). docs/method.md derives the method, and docs/sampler.md explains its use.
 """
 
 from collections.abc import Callable
@@ -48,13 +48,11 @@ from fewruns.cover import Cover
 from fewruns.directions import learn_directions
 from fewruns.errors import InputError
 from fewruns.estimates import Estimate, Stopping
-from fewruns.pools import Defence
-from fewruns.predecessor import Predecessor
+from fewruns.pools import Defence, WholeSpace, space_along
+from fewruns.problems import Predecessor
 from fewruns.progress import LAW, SEARCH, WIDE, Batch, PlainBatch, Progress
 from fewruns.repeats import RepeatBatch, choose_repeats, end_differently
-from fewruns.search import draw_approach
-from fewruns.second_phase import SecondPhase
-from fewruns.subspace import WholeSpace, space_along
+from fewruns.second_phase import SecondPhase, draw_approach
 from fewruns.two_phase import TwoPhaseBatch
 from fewruns.wide_laws import draw_wide, rarity
 

@@ -16,11 +16,10 @@ from fewruns.arrays import Array, Indices
 from fewruns.combining import BatchEstimate
 from fewruns.crossfit import Control, cross_fitted
 from fewruns.emphasis import Emphasis
-from fewruns.law_draws import LawDraws
-from fewruns.progress import Progress
+from fewruns.estimates import effective_number
+from fewruns.progress import LawDraws, Progress
 from fewruns.sampler import Sampler
 from fewruns.two_phase import TwoPhaseBatch
-from fewruns.weights import effective_number
 
 INNER = (0.1, 0.9)  # quantile levels between which laws are used for the shared error
 SMALLEST = 1e-3  # lower bound of the estimate of a law, as a share of the mean; estimates may be negative

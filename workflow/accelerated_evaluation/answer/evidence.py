@@ -6,7 +6,7 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 import pandas as pd
 from fewruns.constants import FEW
-from fewruns.predecessor import Predecessor
+from fewruns.problems import Predecessor
 
 from accelerated_evaluation.answer.answer import Answer, evaluate
 from accelerated_evaluation.answer.by_few_runs import FewRuns

@@ -12,8 +12,7 @@ from fewruns.certificate import Certificate
 from fewruns.constants import UNSEEN_ALPHA
 from fewruns.errors import InputError as SamplerInputError
 from fewruns.estimates import Estimate, Stopping
-from fewruns.predecessor import Predecessor
-from fewruns.problems import ScoreProblem
+from fewruns.problems import Predecessor, ScoreProblem
 from fewruns.running import estimate_problem, sampler_for
 from fewruns.sampler import Sampler
 

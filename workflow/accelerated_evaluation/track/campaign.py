@@ -13,7 +13,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 from typing import Self
 
-from fewruns.predecessor import Predecessor
+from fewruns.problems import Predecessor
 from fewruns.sampler import Sampler
 
 from accelerated_evaluation.base.errors import InputError

@@ -12,8 +12,7 @@ from typing import Any
 import numpy as np
 from fewruns import Sampler, SeveralLaws
 from fewruns.estimates import Stopping
-from fewruns.state import content_of, sampler_of
-from fewruns.typed_json import MISFIT, checksum, decode, encode
+from fewruns.state import MISFIT, checksum, content_of, decode, encode, sampler_of
 
 from accelerated_evaluation.answer.by_few_runs import laws_of
 from accelerated_evaluation.answer.estimate_tables import answer_in_words, budget_in_words

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 import pandas as pd
-from fewruns.anytime import boundary
+from fewruns.combining import boundary
 from scipy.special import stdtrit
 
 from accelerated_evaluation.base.errors import InputError
