@@ -299,7 +299,7 @@ def test_kept_points_integrate_the_control_variate_under_another_law():
     generator = np.random.default_rng(8)
     z, w = generator.normal(size=(4000, 2)), generator.lognormal(0, 1, 4000)
     mass = w * np.where(z[:, 0] > 0.5, 0.8, 0.0)
-    kept = selection.spread_by_mass(z, mass, 400)
+    kept = two_phase.spread_by_mass(z, mass, 400)
     ratio = np.exp(0.5 * z[:, 0] - 0.2 * z[:, 1])
     exact = (mass * ratio).sum() / mass.sum()
     error = ratio[kept].std() / np.sqrt(400)
@@ -307,7 +307,7 @@ def test_kept_points_integrate_the_control_variate_under_another_law():
     assert (mass[kept] > 0).all()
     unweighted = generator.choice(np.flatnonzero(mass), 400)  # the points without their masses
     assert abs((w * ratio)[unweighted].mean() - exact) > 4 * error
-    assert selection.spread_by_mass(z, np.zeros(4000), 400).size == 0
+    assert two_phase.spread_by_mass(z, np.zeros(4000), 400).size == 0
 
 
 def test_the_sampler_keeps_what_its_estimates_are_made_of():
