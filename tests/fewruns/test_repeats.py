@@ -23,9 +23,9 @@ def system(rate, generator, *, deterministic=None):
     return SystemProblem(respond, 2, fingerprint="lapses", deterministic=deterministic)
 
 
-def sampler_of(event, enough):
+def sampler_of(event, enough, seed=0):
     settings = {"deterministic": event.deterministic, "enough_repeats": enough, "upper_set": True}
-    return new_sampler(batch_size=5, **settings)
+    return new_sampler(seed=seed, batch_size=5, **settings)
 
 
 def drive(sampler, event, most=400):

@@ -58,15 +58,15 @@ def test_the_function_of_every_batch_may_be_followed_and_its_state_resumed(tmp_p
 
 def test_the_loop_ends_when_its_own_criterion_and_the_certificate_are_met():
     rough, fine = new_sampler(), new_sampler()
-    event = half_plane(2.5)
+    event, tight = half_plane(2.5), replace(STOPPING, beta=0.1)
     for _ in run_batches(rough, event, STOPPING, lambda: len(rough.progress.estimates) >= 2):
         pass
-    for _ in run_batches(fine, event, STOPPING):
+    for _ in run_batches(fine, event, tight):
         pass
     assert len(rough.progress.estimates) >= 2
     assert rough.is_settled()
     assert rough.simulations < fine.simulations
-    assert numbers(fine.estimate(STOPPING)) == numbers(of_problem(event, 0, batch_size=10))
+    assert numbers(fine.estimate(tight)) == numbers(of_problem(event, 0, tight, batch_size=10))
 
 
 def test_the_loop_may_be_left_and_never_exceeds_the_limit():
