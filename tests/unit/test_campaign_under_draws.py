@@ -1,6 +1,7 @@
 """A campaign reports the answer under all draws of a mean law, also if it was begun under a single law."""
 
 import re
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -107,8 +108,12 @@ def test_runs_at_the_cap_count_for_all_speeds_from_the_cap_on(law):
 
 
 def test_runs_that_do_not_reach_other_laws_are_warned_of():
-    assert len(_reach(np.r_[np.full(96, 30.0), np.full(4, 3.0)])) == 1
-    (line, warning) = _reach(np.r_[np.full(80, 30.0), np.full(20, 3.0)])
+    def reach(*effective):
+        laws = SimpleNamespace(effective_events=lambda _: np.repeat([30.0, 3.0], effective))
+        return _reach(laws, SimpleNamespace(is_counted=False, progress=None))
+
+    assert len(reach(96, 4)) == 1
+    (line, warning) = reach(80, 20)
     assert line.startswith("effective   30 events under the median draw, 3 or more under 95 % of the draws")
     assert "fewer than 10 effective events under 20% of the draws" in warning
 

@@ -38,7 +38,8 @@ def test_a_study_of_a_scenario_completes_and_a_second_run_does_nothing(project, 
     assert done.returncode == 0, done.stdout + done.stderr
     results, figures = (project.folder / folder / name for folder in ("results", "figures"))
     answer = pd.read_csv(results / "laws/answer.csv")
-    is_rare = answer["event"] == "impact speed above 10 m/s"  # may not happen in so few simulations
+    may_not_happen = "impact speed above 10 m/s" if name == "left_turn" else "impact speed"  # in so few runs
+    is_rare = answer["event"].str.startswith(may_not_happen)
     assert answer.loc[~is_rare, "median"].notna().all()
     answer = answer.dropna(subset="median")
     assert (answer["low80"] <= answer["median"]).all()
