@@ -301,3 +301,12 @@ class Turning:
         return SimpleNamespace(crash=speed > 15, ended=speed > 15, **numbers)
 from accelerated_evaluation.scenarios.left_turn import LEFT_TURN as SCENARIO
 """
+
+
+def test_a_command_loads_neither_optional_libraries_nor_those_for_figures():
+    """All commands are imported for the help of each, also where `rocrate` is not installed."""
+    code = "import sys, accelerated_evaluation.commands as of; list(of.COMMANDS); print(*sys.modules)"
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
+    loaded = done.stdout.split()
+    assert "accelerated_evaluation.commands.crate" in loaded
+    assert not {"rocrate", "matplotlib", "accelerated_evaluation.publishing"} & set(loaded)

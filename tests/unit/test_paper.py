@@ -9,7 +9,7 @@ import matplotlib.pyplot as plt
 import pandas as pd
 import pytest
 from accelerated_evaluation.base.errors import InputError
-from accelerated_evaluation.commands import paper
+from accelerated_evaluation.publishing import latex_paper as paper
 from accelerated_evaluation.publishing.figures.style import Print, paper_style, printed, save_figure
 from accelerated_evaluation.publishing.study import Study
 

@@ -5,7 +5,7 @@ import pandas as pd
 import pytest
 from accelerated_evaluation import SCENARIOS, cli, load_vehicle
 from accelerated_evaluation.vehicles.builtin.traces import COLUMNS
-from accelerated_evaluation.vehicles.moving import lead_speeds_of
+from accelerated_evaluation.vehicles.lead_motion import lead_speeds_of
 from accelerated_evaluation.vehicles.protocol import OUTCOMES
 from accelerated_evaluation.vehicles.replay import trace_encounter
 

@@ -7,7 +7,7 @@ import sys
 DRAW = """
 import sys
 from pathlib import Path
-from accelerated_evaluation.commands import paper
+from accelerated_evaluation.publishing import latex_paper as paper
 from accelerated_evaluation.publishing.figures.style import Print
 from accelerated_evaluation.publishing.study import Study
 study = Study("results/smoke", "figures/smoke")

@@ -1,110 +1,9 @@
 """The subcommand ``paper``, which writes figures, tables and numbers for a LaTeX paper."""
 
 import argparse
-import re
-import shutil
-import tempfile
-from collections.abc import Sequence
 from pathlib import Path
 
-import pandas as pd
-from matplotlib.font_manager import findfont
-from tqdm import tqdm
-
-from accelerated_evaluation.base.errors import InputError
-from accelerated_evaluation.base.files import PROJECT, write_text
 from accelerated_evaluation.commands import COMMANDS
-from accelerated_evaluation.publishing.book.catalogue import read_contents
-from accelerated_evaluation.publishing.book.execution import run_notebook
-from accelerated_evaluation.publishing.figures.style import Print, printed
-from accelerated_evaluation.publishing.provenance import origin_of
-from accelerated_evaluation.publishing.study import Study
-from accelerated_evaluation.publishing.tables.display import as_latex, readable
-
-WIDTHS = {"one_column": 3.48, "two_columns": 7.14}  # [in], of the class IEEEtran
-EXAMPLE = PROJECT / "workflow" / "paper" / "example.tex"
-DIGITS = ("Zero", "One", "Two", "Three", "Four", "Five", "Six", "Seven", "Eight", "Nine")
-VALUES = {"paper": "Paper", "ours": "Ours", "ours_low": "OursLow", "ours_high": "OursHigh"}
-SHORT = ("claim", "paper", "ours", "verdict")  # columns of the table of claims that a column of text can hold
-
-
-def write_paper(study: Study, target: Path, font: str) -> None:
-    """Write figures, tables and numbers of a study to a folder for a LaTeX paper, and replace existing files.
-
-    It contains ``figures/one_column``, ``figures/two_columns``, ``tables``, ``numbers.tex`` and
-    ``example.tex``. The font family of the figures should be that of the paper's text. InputError is raised
-    if a result of the study is missing, or the font is not installed.
-    """
-    _require_font(font)
-    study.path("config.json")
-    folders = {width: target / "figures" / name for name, width in WIDTHS.items()}
-    notebooks = sorted((PROJECT / "notebooks").glob("*.ipynb"))
-    draw(study, Print(font, folders), [path for path in notebooks if read_contents(path).figures])
-    tables = study.figures / "tables"
-    for path in sorted(tables.glob("*.tex")):
-        write_text(target / "tables" / path.name, path.read_text(encoding="utf-8"))
-    claims = pd.read_csv(tables / "claims.csv")
-    write_text(target / "tables" / "claims_short.tex", _short(claims))
-    write_text(target / "numbers.tex", numbers(claims, origin_of(study)))
-    shutil.copyfile(EXAMPLE, target / "example.tex")
-
-
-def numbers(claims: pd.DataFrame, origin: dict[str, str]) -> str:
-    r"""Return LaTeX code that defines a macro for each number of the table of claims, and for the provenance.
-
-    The name of a macro consists of the claim and of the kind of number: ``\CruxOursLow`` is the lower end of
-    our spread of the claim "crux". Macro names have letters only, so digits are written as words. InputError
-    is raised if two macros would have the same name.
-    """
-    macros = [(f"Study{key.capitalize()}", value.replace("_", r"\_")) for key, value in origin.items()]
-    for claim in claims.to_dict("records"):
-        name = macro(claim["claim"])
-        macros += [(name + end, readable(claim[key])) for key, end in VALUES.items()]
-    names = pd.Series([name for name, _ in macros])
-    if names.duplicated().any():
-        twice = names[names.duplicated()].iloc[0]
-        raise InputError(
-            "tables/claims.csv",
-            seen=f"two claims for which the macro would be \\{twice}",
-            expected="claims whose names give different macros",
-            change="Change the name of one of the two claims.",
-        )
-    lines = [f"\\newcommand{{\\{name}}}{{{as_latex(str(value))}}}\n" for name, value in macros]
-    return "% Numbers of the study; write \\Name{} in the text.\n" + "".join(lines)
-
-
-def macro(claim: str) -> str:
-    """Return the name of a macro for a claim: each word with a capital letter, and digits as words."""
-    words = re.findall(r"[A-Za-z]+|\d", claim)
-    return "".join(DIGITS[int(word)] if word.isdigit() else word[0].upper() + word[1:] for word in words)
-
-
-def draw(study: Study, settings: Print, notebooks: Sequence[Path]) -> None:
-    """Run notebooks again to draw their figures in the style of the paper.
-
-    Their other outputs go to a temporary folder, which is deleted.
-    """
-    with tempfile.TemporaryDirectory() as folder, printed(settings):
-        parameters = {"results": str(study.results.resolve()), "figures": f"{folder}/figures/{study.name}"}
-        for notebook in tqdm(notebooks, desc="Drawing", unit=" notebooks"):
-            run_notebook(str(notebook), parameters, f"{folder}/notebook.ipynb")
-
-
-def _short(claims: pd.DataFrame) -> str:
-    """Return the claims with the paper's number, ours and the verdict, as a table for one column of text."""
-    shown = claims[list(SHORT)].map(readable)
-    return as_latex(shown.to_latex(index=False, escape=True, column_format="p{2.9cm}rrl"))
-
-
-def _require_font(font: str) -> None:
-    """Raise InputError if Matplotlib does not find the font."""
-    try:
-        findfont(font, fallback_to_default=False)
-    except ValueError as error:
-        raise InputError(
-            "--font", seen=font, expected="a font that is installed", change="See `fc-list : family`."
-        ) from error
-
 
 DESCRIPTION = """\
 Write the figures, tables and numbers of a finished study for a LaTeX paper into one folder:
@@ -143,7 +42,7 @@ class Paper:
     @staticmethod
     def run(arguments: argparse.Namespace) -> None:
         """Write the folder with figures, tables and numbers of the study, and print its path."""
-        from accelerated_evaluation.commands.paper import write_paper
+        from accelerated_evaluation.publishing.latex_paper import write_paper
         from accelerated_evaluation.publishing.study import Study
 
         name = arguments.study

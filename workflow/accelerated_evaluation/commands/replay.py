@@ -10,7 +10,7 @@ from accelerated_evaluation.commands import COMMANDS, add_scenario, add_seed, re
 from accelerated_evaluation.scenarios import SCENARIOS
 from accelerated_evaluation.scenarios.cut_in import CUT_IN
 from accelerated_evaluation.scenarios.protocol import Scenario
-from accelerated_evaluation.vehicles.moving import lead_speeds_of
+from accelerated_evaluation.vehicles.lead_motion import lead_speeds_of
 from accelerated_evaluation.vehicles.replay import trace_encounter, write_trace
 
 VALUES = "\n".join(f"  {name:<12}{' '.join(each.names)}" for name, each in SCENARIOS.items())
