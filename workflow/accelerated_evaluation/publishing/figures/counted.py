@@ -37,8 +37,8 @@ SOURCES = {
 def rows_to_draw(counted: pd.DataFrame) -> pd.DataFrame:
     """Return the rows of the chart, sorted by the group to which they belong.
 
-    The same rows with two more columns: ``group``, one of `GROUPS`, and ``label``, the name of the row in the
-    chart.
+    Return the same rows with two more columns: ``group``, one of `GROUPS`, and ``label``, the name of the row
+    in the chart.
     """
     severity = counted["what"].str.extract(r"^(crash|near-crash): ", expand=False).fillna("other")
     is_count = counted["kind"] == "counted"
@@ -60,7 +60,7 @@ def _in_words(who: pd.Series) -> pd.Series:
 def fig31_counted_crashes(counted_crashes: pd.DataFrame, source: str) -> tuple[Figure, pd.DataFrame]:
     """Draw predicted, replayed and counted crash rates per million miles with their 95 % limits.
 
-    The figure, and its rows as from `rows_to_draw`.
+    Return the figure and its rows as from `rows_to_draw`.
     """
     rows = rows_to_draw(counted_crashes)
     y = spaced(rows["group"], 1.6)

@@ -112,7 +112,7 @@ def histogram(x: Array, edges: Array, variable: Variable) -> pd.DataFrame:
 def density_table(name: str, curve: Curve, points: Array, variable: Variable) -> pd.DataFrame:
     """Tabulate the density of a curve where it is positive.
 
-    Columns curve, value of the variable, density times weight, and is_knot.
+    The columns are curve, value of the variable, density times weight, and is_knot.
     """
     x = curve.grid(points)
     density = curve.weight * np.exp(curve.law.logpdf(x))

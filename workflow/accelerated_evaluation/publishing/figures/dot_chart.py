@@ -26,7 +26,7 @@ FRAME = 0.9  # [in], height of the figure above and below the rows
 def spaced(groups: pd.Series, gap: float) -> Array:
     """Return the y coordinate of each row of a dot chart.
 
-    Increasing coordinates from 0, shape (n,); rows of one group have a distance of 1.
+    The coordinates increase from 0, shape (n,); rows of one group have a distance of 1.
     """
     return np.arange(len(groups)) + gap * ((groups != groups.shift()).cumsum().to_numpy() - 1)
 

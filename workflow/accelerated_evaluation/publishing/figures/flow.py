@@ -189,7 +189,7 @@ def flow_boxes(settings: Mapping[str, Any]) -> dict[str, Box]:
 def fig03_cross_entropy_flow(settings: Mapping[str, Any]) -> tuple[Figure, pd.DataFrame]:
     """Draw the flow chart of the Cross-Entropy search (paper, figure 3).
 
-    The flow chart, and its boxes and arrows as from `flow_table`.
+    Return the flow chart and its boxes and arrows as from `flow_table`.
     """
     boxes = flow_boxes(settings)
     with paper_style():

@@ -45,7 +45,7 @@ def fig32_injuries(
 
     Small strokes show the medians if only one pair of risk curves is used instead of all.
 
-    The figure, and the rows of both tables that it shows.
+    Return the figure and the rows of both tables that it shows.
     """
     rows = best_known(injuries)
     rows = rows[rows["median"] > 0].assign(level=lambda of: pd.Categorical(of["level"], LEVELS, ordered=True))

@@ -90,7 +90,7 @@ def fig22_calibration(calibration: pd.DataFrame, source: str) -> tuple[Figure, p
 
     Counts by host speed are in the table ``calibration.csv``, but not in the figure.
 
-    The figure, and the rows of ``calibration`` that it shows.
+    Return the figure and the rows of ``calibration`` that it shows.
     """
     calibration = calibration[calibration["counted"] != HOST]
     calibration = calibration.assign(what=calibration["counted"].map(COUNTED))
@@ -148,7 +148,8 @@ def fig23_answer(
     Further rows show the probability with a single threshold of the laws' tails, and with other treatments of
     the records (``data_quality.csv``).
 
-    The figure, and a table with a row for each row of the figure: the columns of the tables, group and name.
+    Return the figure and a table with a row for each row of the figure: the columns of the tables, group and
+    name.
     """
     crash = answer[answer["event"] == "crash"].assign(group="the answer", name="all laws, all draws")
     levels = answer_thresholds.assign(

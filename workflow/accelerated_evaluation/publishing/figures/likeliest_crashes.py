@@ -163,7 +163,7 @@ NORMAL_90 = 1.645  # half-width of the 90 % interval of the standard normal dist
 def fig34_lead_motion(lead_motion: pd.DataFrame, source: str) -> tuple[Figure, pd.DataFrame]:
     """Draw the crash probabilities with a lead vehicle that keeps its speed, and with one that changes it.
 
-    The figure, and the rows of ``lead_motion`` in its order.
+    Return the figure and the rows of ``lead_motion`` in its order.
     """
     rows = pd.concat([lead_motion[lead_motion["gap"] == gap] for gap in GROUPS], ignore_index=True)
     rows = rows.assign(group=rows["gap"].map(GROUPS))

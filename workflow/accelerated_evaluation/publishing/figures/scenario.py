@@ -186,7 +186,8 @@ def fig35_sampled_answer(
     A last row shows the 80 % interval of the crash probability that results from the sampling error of the
     simulations alone.
 
-    The figure, and a table with a row for each row of the figure. Events without a known median are left out.
+    Return the figure and a table with a row for each row of the figure. Events without a known median are
+    left out.
     """
     known = answer.dropna(subset="median")
     estimate = sampled_estimate.iloc[0]
@@ -214,8 +215,8 @@ def fig36_crashes_among_runs(
 
     The area of the marker of a crash grows with its share of the crash probability.
 
-    The figure, and a row for each simulation: outcome, lead_speed [m/s], range [m], closing_speed [m/s] and
-    share.
+    Return the figure and a row for each simulation: outcome, lead_speed [m/s], range [m], closing_speed [m/s]
+    and share.
     """
     near = encounters[encounters["inverse_ttc"] > NEAR]
     safe = sampled_runs[~sampled_runs["event"]].assign(outcome="no crash", share=0.0)

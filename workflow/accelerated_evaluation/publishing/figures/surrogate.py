@@ -82,8 +82,9 @@ def fig19_surrogate_runs(
 def fig20_methods(replicates: pd.DataFrame, exact: pd.DataFrame, source: str) -> tuple[Figure, pd.DataFrame]:
     """Draw the number of simulations and the estimate of every replicate of every method, over all segments.
 
-    A row for each replicate: method, replicate, the simulations spent on ``learning``, on ``estimating`` and
-    ``together``; probability, ci_low, ci_high and ``to_exact``, the ratio to the exact probability.
+    The data have a row for each replicate: method, replicate, the simulations spent on ``learning``, on
+    ``estimating`` and ``together``; probability, ci_low, ci_high and ``to_exact``, the ratio to the exact
+    probability.
     """
     truth = exact.set_index("segment").loc["all"]
     data = side_by_side(replicates, "all")
