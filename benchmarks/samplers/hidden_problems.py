@@ -96,6 +96,42 @@ def orthogonal(name: str, dimension: int, *distances: float) -> PublicProblem:
     return union(name, dimension, 1 - float(np.prod(ndtr(distances))), *parts)
 
 
+def drawn(number: int) -> PublicProblem:
+    """Return a half-space and one or two further parts that are drawn at random: their kind, size and place.
+
+    All parts lie along different axes of a random orthonormal system, in 2 to 8 inputs. Their probabilities
+    are added, which neglects at most a thousandth.
+    """
+    generator = np.random.default_rng(number)
+    dimension, flags = int(generator.choice([2, 2, 2, 3, 3, 4, 5, 6, 8])), generator.random() < 0.5
+    axes = np.linalg.qr(generator.normal(size=(dimension, dimension)))[0]
+    first = float(norm.sf(generator.uniform(3.2, 4.8)))
+    ends = generator.permutation([sign * axis for axis in axes.T for sign in (1, -1)])
+    parts, exact = [half_space(float(norm.isf(first)), *ends[0])], first
+    for end in ends[1 : generator.integers(2, 4)]:
+        probability = first * math.exp(generator.uniform(math.log(0.7), math.log(3)))
+        kind, size = generator.choice(["half-space", "ball", "ball", "slab"]), generator.uniform(0.6, 1.5)
+        exact += probability
+        if kind == "half-space":
+            parts.append(half_space(float(norm.isf(probability)), *end))
+        elif kind == "ball":
+            radius = size * math.sqrt(dimension / 2)
+            parts.append(ball(radius, *distance_of_ball(radius, probability, dimension) * end))
+        else:
+            across = axes[:, np.abs(axes.T @ end) < 0.5]
+            depth = norm.isf(probability / math.prod([2 * norm.cdf(1.5 * size) - 1] * (dimension - 1)))
+            parts.append(slab(float(depth), 1.5 * size, end, across))
+    return union(f"drawn_{number}" + "_flags" * bool(flags), dimension, exact, *parts)
+
+
+def slab(depth: float, width: float, end: Array, across: Array) -> Margin:
+    """Return the margin of a half-space that is bounded across its axis, in directions (d, d - 1)."""
+    return lambda z: np.maximum(depth - z @ end, np.abs(z @ across).max(axis=1) - width)
+
+
+DRAWN = range(100, 121)  # numbers of the random problems
+
+
 def hidden_problems() -> dict[str, PublicProblem]:
     """Return all problems by name: those that showed the fault, and others, which nothing was tuned on."""
     squares = ([-4.0, -4.0], [-2.0, -2.0]), ([2.5, 2.5], [3.5, 3.5])
@@ -148,5 +184,6 @@ def hidden_problems() -> dict[str, PublicProblem]:
         plane_and_ball("plane_ball_4", 4, 4.0, 1.5, 2.0),
         orthogonal("planes_3_of_6_flags", 6, 3.5, 3.6, 3.7),
         orthogonal("unequal_planes_4_of_5", 5, 4.0, 4.1, 4.2, 4.3),
+        *map(drawn, DRAWN),
     ]
     return {problem.name: problem for problem in everything}

@@ -147,8 +147,22 @@ MODES, FARTHEST, COVER_MISSED = 10_000, 11.0, 0.005
 # Largest rarity of the runs that exclude modes.
 COVER_REACH = 30.0
 
-# A local minimum of the scores is followed until there is a later run at this distance, in normal scores.
-BASIN_CLOSED = 0.5
+# The minima of the regression of the scores are the ends of this number of descents. The steps have these
+# lengths, in normal scores, and the best of several proposals is taken if it is lower.
+DESCENTS, PROPOSALS = 300, 6
+DESCENT_LENGTHS = 1.5 * 0.8 ** np.arange(14)
+
+# A minimum is known if a run is within this distance times sqrt(d), or a centre of the pool within the second
+# distance, in normal scores. Distances between neighbours grow like sqrt(d).
+MINIMUM_CLOSED, CENTRE_NEAR = 0.25, 1.0
+
+# It is also known if the regression does not rise by more than `FLAT` on the way to one of this number of
+# centres, at this number of points between them.
+FLAT, WAYS, POINTS_OF_WAY = 0.25, 8, 10
+
+# With more inputs than this, flags alone do not show that there are no other parts: the number of runs that
+# exclude parts of the size of one normal score grows exponentially with the inputs.
+MOST_INPUTS_OF_FLAGS = 3
 
 # Need to exclude a mode once more, in choosing the runs of a batch, where 1 is the need to exclude it once.
 COVERED_AGAIN = 0.1

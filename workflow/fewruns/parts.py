@@ -1,4 +1,4 @@
-"""Where other parts of the event may be: around known events, and at minima of the scores.
+"""Where other parts of the event may be: around known events, and at minima of a regression of the scores.
 
 A surrogate may be nearly certain that an event which a run has met has no surroundings. The pools then have
 no points there, and no batch of the estimate shows the error. The *centres* of the pool, which are important
@@ -17,11 +17,22 @@ from scipy.sparse.csgraph import connected_components
 from scipy.spatial import cKDTree
 from scipy.special import chdtri, chndtr
 
-from fewruns.arrays import Array, Flags, Indices
-from fewruns.constants import BASIN_CLOSED, CANDIDATES, MODES
-from fewruns.graded import GradedSurrogate, graded
+from fewruns.arrays import Array, Flags
+from fewruns.constants import (
+    CANDIDATES,
+    CENTRE_NEAR,
+    DESCENT_LENGTHS,
+    DESCENTS,
+    FLAT,
+    MINIMUM_CLOSED,
+    MODES,
+    POINTS_OF_WAY,
+    PROPOSALS,
+    WAYS,
+)
+from fewruns.graded import GradedSurrogate, end_of_events, graded
 from fewruns.two_phase import choose_covering
-from fewruns.wide_laws import rarity
+from fewruns.wide_laws import draw_wide, rarity
 
 
 def open_balls(z: Array, happened: Flags, centres: Array, probability: float, share: float) -> Array:
@@ -68,61 +79,61 @@ def _draw_in(balls: Array, generator: np.random.Generator) -> Array:
     return centre + step * (length / np.linalg.norm(step, axis=1))[:, None]
 
 
-def open_basins(z: Array, happened: Flags, score: Array, reach: float) -> Indices:
-    """Return the runs that are local minima of the scores, and have no later run near them.
+def open_minima(n: int, z: Array, happened: Flags, score: Array, centres: Array, reach: float) -> Array:
+    """Return n points at minima of a regression of the scores, shape (n, d); none if all minima are known.
 
-    A local minimum has a smaller score than its 2 d nearest runs, none of which is an event. If an event is
-    within 2 `BASIN_CLOSED`, the scores lead to it. Runs beyond the rarity ``reach`` are left out, also as
-    neighbours.
+    A minimum is known if a run or a centre is near it, or if the regression does not rise on the straight way
+    from it to one of the nearest centres. Points and runs beyond the rarity ``reach`` are left out. The points
+    are apart, because points at the same place would not show that the scores rise around them.
     """
-    inside = np.flatnonzero(rarity(z) <= reach)
-    z, happened, score, (n, d) = z[inside], happened[inside], score[inside], z[inside].shape
-    if n <= 2 * d:
-        return np.empty(0, np.intp)
-    outcome, distance = graded(happened, score), _distances(z)
-    nearest = np.argsort(distance, axis=1)[:, : 2 * d]
-    is_lowest = (outcome[:, None] < outcome[nearest]).all(axis=1)
-    is_last = ~np.triu(distance <= BASIN_CLOSED).any(axis=1)
-    is_known = (distance[:, happened] <= 2 * BASIN_CLOSED).any(axis=1)
-    return inside[is_lowest & is_last & ~is_known & ~happened]
-
-
-def probe(
-    n: int,
-    basins: Indices,
-    z: Array,
-    happened: Flags,
-    score: Array,
-    reach: float,
-    generator: np.random.Generator,
-) -> Array:
-    """Return n points, shape (n, d), near the basins in turn, where a regression predicts small scores.
-
-    They are not beyond the rarity ``reach``. They are at most as far from the run in the basin as its nearest
-    run, or at most 2 `BASIN_CLOSED`, so that a step down a slope ends in the open. They are `BASIN_CLOSED`
-    apart, because points at the same place would close the basin of each other without having shown that the
-    scores become larger beyond them.
-    """
-    outcome, d = graded(happened, score), z.shape[1]
+    inside, d = rarity(z) <= reach, z.shape[1]
+    z, happened, score = z[inside], happened[inside], score[inside]
+    found = np.empty((0, d))
+    if not len(centres) or happened.all() or not happened.any() or (score == score[0]).all():
+        return found
+    outcome, generator = graded(happened, score), np.random.Generator(np.random.PCG64(len(z)))
     surrogate = GradedSurrogate(d)
     surrogate.fit(z, outcome, learn=True)
-    length = np.maximum(_distances(z).min(axis=1), 2 * BASIN_CLOSED)
-    points, farthest = np.empty((0, d)), math.sqrt(chdtri(d, math.exp(-reach)))
-    for basin in np.resize(basins[np.argsort(outcome[basins])], n):
-        step = generator.normal(size=(CANDIDATES // n, d))
-        step *= length[basin] / np.linalg.norm(step, axis=1, keepdims=True)
-        near = z[basin] + step * generator.random((len(step), 1)) ** (1 / d)
-        near *= np.minimum(farthest / np.linalg.norm(near, axis=1, keepdims=True), 1.0)
-        apart = np.linalg.norm(near[:, None] - points, axis=2).min(axis=1, initial=np.inf)
-        apart = np.minimum(apart, BASIN_CLOSED)
-        near = near[apart >= apart.max()]  # all of them, unless the basin is full of points
-        points = np.vstack([points, near[surrogate.expect(near)[0].argmin()]])
-    return points
+    start, farthest = draw_wide(DESCENTS, d, generator, reach), math.sqrt(chdtri(d, math.exp(-reach)))
+    points, value = _descend(surrogate, start, farthest, generator)
+    near, level = MINIMUM_CLOSED * math.sqrt(d), end_of_events(outcome, happened)
+    is_new = (cKDTree(z).query(points)[0] > near) & (cKDTree(centres).query(points)[0] > CENTRE_NEAR)
+    order = np.argsort(value)
+    points, value = points[order[is_new[order]]], value[order[is_new[order]]]
+    while len(points) and len(found) < n:  # the lowest first, and then only those apart from it
+        if _rise(surrogate, points[0], centres) > max(level - value[0], 0.0) + FLAT:
+            found = np.vstack([found, points[0]])
+        apart = np.linalg.norm(points - points[0], axis=1) > 2 * near
+        points, value = points[apart], value[apart]
+    # If there are fewer minima than points, further points are around them.
+    around = generator.normal(size=(n, d)) * near / math.sqrt(d)
+    around[: len(found)] = 0.0
+    return np.resize(found, (n, d)) + around if len(found) else found
 
 
-def _distances(z: Array) -> Array:
-    """Return the distances between n runs, shape (n, n), with infinity on the diagonal."""
-    square = (z * z).sum(axis=1)
-    distance = np.sqrt(np.maximum(square[:, None] + square - 2 * z @ z.T, 0.0))
-    np.fill_diagonal(distance, np.inf)
-    return distance
+def _descend(
+    surrogate: GradedSurrogate, z: Array, farthest: float, generator: np.random.Generator
+) -> tuple[Array, Array]:
+    """Return where random steps end that lower the mean of a regression, (m, d), and the mean there, (m,).
+
+    The points stay within the distance ``farthest`` of the origin.
+    """
+    (m, d), value = z.shape, surrogate.expect(z)[0]
+    for length in DESCENT_LENGTHS:
+        step = length * generator.normal(size=(m, PROPOSALS, d)) / math.sqrt(d)
+        tried = z[:, None] + step
+        tried *= np.minimum(farthest / np.linalg.norm(tried, axis=2, keepdims=True), 1.0)
+        means = surrogate.expect(tried.reshape(-1, d))[0].reshape(m, PROPOSALS)
+        best = np.arange(m), means.argmin(axis=1)
+        z = np.where((means[best] < value)[:, None], tried[best], z)
+        value = np.minimum(value, means[best])
+    return z, value
+
+
+def _rise(surrogate: GradedSurrogate, point: Array, centres: Array) -> float:
+    """Return by how much the mean of a regression rises at least on the way from a point to near centres."""
+    nearest = np.argsort(np.linalg.norm(centres - point, axis=1))[:WAYS]
+    steps = np.linspace(0, 1, POINTS_OF_WAY + 2)[:-1]
+    ways = point + steps[:, None] * (centres[nearest] - point)[:, None]
+    mean = surrogate.expect(ways.reshape(-1, len(point)))[0].reshape(len(nearest), -1)
+    return float((mean.max(axis=1) - mean[:, 0]).min())

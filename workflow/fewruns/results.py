@@ -14,7 +14,7 @@ from fewruns.combining import BatchEstimate, Combined, anytime_interval, combine
 from fewruns.constants import FEW, NOISY_USABLE, UNSEEN_ALPHA, USABLE
 from fewruns.cover import Cover
 from fewruns.estimates import Estimate, Stopping, effective_number, largest_pareto_k, pareto_k
-from fewruns.parts import draw_in_balls_together, open_balls, open_basins, probe
+from fewruns.parts import draw_in_balls_together, open_balls, open_minima
 from fewruns.progress import Progress
 from fewruns.two_phase import reach_of
 from fewruns.wide_laws import bound_without_event
@@ -112,8 +112,8 @@ def is_narrow(progress: Progress, stopping: Stopping) -> bool:
 def is_certified(progress: Progress, certificate: Certificate | Cover) -> bool:
     """Return whether the bound on an unobserved mode is at most ``certificate.share`` times the estimate.
 
-    If this is to be shown by a cover, no known part may be larger than estimated, and all basins must be
-    closed. One more batch is then sampled, because the surrogate has learnt from these runs.
+    If this is to be shown by a cover, no known part may be larger than estimated, and all minima of the
+    scores must be known. One more batch is then sampled, because the surrogate has learnt from these runs.
     """
     probability = _mean(progress)
     if _unseen(progress, probability, certificate).mode > certificate.share * probability:
@@ -141,7 +141,7 @@ def runs_of_cover(progress: Progress, cover: Cover, n: int, generator: np.random
     """Return n runs, shape (n, d), that exclude other parts of the event; none if none are needed.
 
     Known parts come first, because the estimate begins again if they are larger than it knows. With many
-    inputs no run is near another one, and if outcomes may be random, neither parts nor basins can be seen.
+    inputs no run is near another one, and if outcomes may be random, neither parts nor minima can be seen.
     """
     z, happened, probability = progress.z, progress.happened, _mean(progress)
     reach, can_see = reach_of(probability), not progress.chance and z.shape[1] <= FEW
@@ -150,9 +150,7 @@ def runs_of_cover(progress: Progress, cover: Cover, n: int, generator: np.random
         return draw_in_balls_together(n, balls, generator)
     if cover.unseen(z) > cover.share * probability:
         return cover.next_runs(n, z, cover.share * probability, generator)
-    if can_see and len(basins := open_basins(z, happened, progress.score, reach)):
-        return probe(n, basins, z, happened, progress.score, reach, generator)
-    return z[:0]
+    return open_minima(n, z, happened, progress.score, centres, reach) if can_see else z[:0]
 
 
 def _mean(progress: Progress) -> float:

@@ -37,6 +37,7 @@ from fewruns.constants import (
     FREQUENT_REACH,
     FREQUENT_START,
     LARGEST_SCORE,
+    MOST_INPUTS_OF_FLAGS,
     PATIENCE,
     POOL,
     REACH,
@@ -79,7 +80,8 @@ class Sampler:
         Text that identifies the problem, so that a saved state is not resumed for another one.
     certificate
         Bound on unobserved parts of the event that is required for convergence. None, the default, stands for
-        `Cover.by_default`, and for an ``upper_set`` it is replaced by `certificate.BY_DEFAULT`.
+        `Cover.by_default`, and for an ``upper_set`` it is replaced by `certificate.BY_DEFAULT`. With flags
+        alone and more than three inputs, an estimate only converges if a certificate is stated.
     upper_set
         Whether it is known that the event is an upper set in one of the inputs, so that it also happens if
         this input is larger, and that it has no separate parts. Fewer runs are then needed.
@@ -250,10 +252,11 @@ class Sampler:
         """Return whether no more runs are needed except to narrow the interval."""
         if self.is_counted:
             return True
-        return self._has_excluded_all_else() and not self.may_lapse and not self.progress.repeats.drift
+        excluded = self._has_excluded_all_else() and self._can_exclude
+        return excluded and not self.may_lapse and not self.progress.repeats.drift
 
     def has_ended(self, *, is_narrow: bool) -> bool:
-        """Return whether the estimate has converged, or never will because the system drifts."""
+        """Return whether the estimate has converged, or no further runs would help it to converge."""
         if self.may_lapse:
             return is_narrow and self.is_counted
         return self.progress.repeats.drift or (is_narrow and self._has_excluded_all_else())
@@ -300,9 +303,17 @@ class Sampler:
     @property
     def required(self) -> Certificate | Cover:
         """The required certificate; by default a cover, which is stricter for flags without scores."""
+        return self.certificate or Cover.by_default(self.dimension, with_scores=self._has_scores)
+
+    @property
+    def _has_scores(self) -> bool:
         score = self.progress.score
-        with_scores = bool((score != score[:1]).any())
-        return self.certificate or Cover.by_default(self.dimension, with_scores=with_scores)
+        return bool((score != score[:1]).any())
+
+    @property
+    def _can_exclude(self) -> bool:
+        """Whether the certificate was stated, or the default one excludes parts of a moderate size."""
+        return self.certificate is not None or self._has_scores or self.dimension <= MOST_INPUTS_OF_FLAGS
 
     def _is_drawn(self, *, certify: bool) -> bool:
         """Return whether the next runs are draws of the law itself.
