@@ -8,8 +8,9 @@ import pytest
 from fewruns import Cover, InputError, Sampler, estimate, results
 from fewruns.certificate import BY_DEFAULT
 from fewruns.combining import combine, counted_batches, estimate_batch
-from fewruns.constants import BASIN_CLOSED, CORE, COVER_MISSED, MODES
-from fewruns.parts import open_basins, probe
+from fewruns.constants import CENTRE_NEAR, CORE, COVER_MISSED, MODES
+from fewruns.parts import open_minima
+from fewruns.running import estimate_problem
 from fewruns.two_phase import reach_of
 from fewruns.wide_laws import draw_wide
 from sampler_checks import STOPPING, drive, new_sampler, numbers, resumed, standard_normal_event
@@ -125,54 +126,91 @@ def test_runs_of_a_cover_have_no_weight_in_the_estimate_and_are_resumed():
     assert combine(sampled[-3:]).batches == 3
 
 
-def test_a_basin_of_the_scores_is_open_until_there_are_runs_near_its_minimum():
-    generator = np.random.default_rng(2)
-
-    def margin(z):
-        return np.minimum(4.0 - z[:, 0], np.linalg.norm(z - [-3.0, 2.0], axis=1) - 0.3)
-
-    # No run is in the disc, but the one next to it has the smallest score around.
-    z = draw_wide(60, 2, generator)
-    z = z[np.linalg.norm(z - [-3.0, 2.0], axis=1) > 1.0]
-    z = np.vstack([z, [[-3.0, 3.1], [5.0, 0.0]]])
-    happened, score, reach = margin(z) <= 0, margin(z), reach_of(ONE_PART)
-    found = open_basins(z, happened, score, reach)
-    assert len(z) - 2 in found
-    points = probe(5, np.array([len(z) - 2]), z, happened, score, reach, generator)
-    assert margin(points).min() < score[-2]
-    close = np.vstack([z, z[-2] + [0.0, 0.9 * BASIN_CLOSED]])
-    assert len(z) - 2 not in open_basins(close, margin(close) <= 0, margin(close), reach)
-    assert not len(open_basins(z, happened, np.zeros(len(z)), reach))  # flags alone have no minima
+CENTRES = np.array([[4.2, 0.0], [4.4, -1.0], [4.3, 1.0]])
 
 
-def test_a_minimum_next_to_a_known_event_is_no_basin():
-    around = 0.7 * np.array([[1.0, 0.0], [-1.0, 0.0], [0.0, 1.0], [0.0, -1.0]])
-    score = np.array([2.0, 2.0, 2.0, 2.0, 1.0, -1.0])
-    for event, expected in ((0.65, []), (0.75, [4])):  # at distances of 0.92 and 1.06
-        z = np.vstack([around, [0.0, 0.0], [event, event]])
-        assert list(open_basins(z, score <= 0, score, 60.0)) == expected
+def test_a_minimum_of_the_scores_is_open_until_there_are_runs_near_it():
+    bottom = np.array([-3.0, 2.0])
+
+    def margin(z):  # without an event at the bottom
+        return np.minimum(4.0 - z[:, 0], np.linalg.norm(z - bottom, axis=1) + 0.1)
+
+    generator, reach = np.random.default_rng(2), reach_of(ONE_PART)
+    z = np.vstack([draw_wide(60, 2, generator), [4.1, 0.0] + isotropic(generator, 20, 2) * [0.1, 1.0]])
+    z = z[np.linalg.norm(z - bottom, axis=1) > 1.0]
+
+    def found(z, centres, score=margin):
+        return open_minima(5, z, margin(z) <= 0, score(z), centres, reach)
+
+    first = points = found(z, CENTRES)
+    assert points.shape == (5, 2)
+    assert np.linalg.norm(points - bottom, axis=1).min() < 1.0
+    assert cKDTree(points).query(points, 2)[0][:, 1].min() > 0.01
+    closed, added = np.vstack([z, points]), 5
+    while len(points := found(closed, CENTRES)):
+        closed, added = np.vstack([closed, points]), added + 5
+    assert added <= 80
+    assert np.linalg.norm(closed - bottom, axis=1).min() < 0.4
+    # A minimum next to the centres of the pool is known, and flags alone have no minima.
+    again = found(z, np.vstack([CENTRES, first]))
+    assert not len(again) or cKDTree(first).query(again)[0].min() > CENTRE_NEAR
+    assert not len(found(z, CENTRES, score=lambda z: np.zeros(len(z))))
+
+
+def around_plane(generator, dimension):
+    """Return runs about the boundary of a half-space at the distance 4.2."""
+    others = generator.normal(size=(50, dimension - 1))
+    return np.column_stack([4.1 + generator.exponential(0.25, 50), others])
+
+
+@pytest.mark.parametrize("dimension", [2, 4, 8])
+def test_a_half_space_alone_has_hardly_any_open_minima(dimension):
+    generator = np.random.default_rng(1)
+    near = np.column_stack(
+        [4.1 + generator.exponential(0.25, 50), generator.normal(size=(50, dimension - 1))]
+    )
+    z, spent = np.vstack([draw_wide(60, dimension, generator, 14.0), near]), 0
+    while len(points := open_minima(5, z, z[:, 0] >= 4.2, 4.2 - z[:, 0], 4.4 * np.eye(dimension)[:1], 14.0)):
+        z, spent = np.vstack([z, points]), spent + 5
+    assert spent <= 40
 
 
 def followed(seed, dimension, radius):
-    """Whether the basins of the scores are followed into a ball that no run has met."""
+    """Whether the minima of the scores are followed into a ball that no run has met."""
     generator, centre = np.random.default_rng(seed), -4.7 * np.eye(dimension)[0]
 
     def margin(z):
         return np.minimum(4.2 - z[:, 0], np.linalg.norm(z - centre, axis=1) - radius)
 
-    z = np.vstack([draw_wide(60, dimension, generator, reach_of(1e-5)), 5 * np.eye(dimension)[:1]])
-    z, first = z[np.linalg.norm(z - centre, axis=1) > radius + 0.1], len(z)
-    while len(basins := open_basins(*(known := (z, margin(z) <= 0, margin(z), reach_of(1e-5))))):
-        z = np.vstack([z, probe(5, basins, *known, generator)])
-        assert len(z) < first + 100
+    near = np.column_stack(
+        [4.1 + generator.exponential(0.25, 50), generator.normal(size=(50, dimension - 1))]
+    )
+    z = np.vstack([draw_wide(60, dimension, generator, reach_of(1e-5)), near])
+    first, pool = len(z), 4.4 * np.eye(dimension)[:1]
+    z = z[np.linalg.norm(z - centre, axis=1) > radius + 0.1]
+    while len(points := open_minima(5, z, margin(z) <= 0, margin(z), pool, reach_of(1e-5))):
+        z = np.vstack([z, points])
+        if len(z) > first + 100 or (np.linalg.norm(points - centre, axis=1) <= radius).any():
+            break
     return (np.linalg.norm(z - centre, axis=1) <= radius).any()
 
 
-@pytest.mark.parametrize(("dimension", "radius"), [(2, 0.5), (3, 0.5), (3, 1.0)])
-def test_basins_are_followed_into_balls_that_are_too_small_for_the_cover(dimension, radius):
-    """Most balls were missed when the points of a batch were at the same place, and closed their basin."""
+@pytest.mark.parametrize(("dimension", "radius"), [(2, 0.5), (3, 1.0), (6, 1.5)])
+def test_minima_are_followed_into_balls_that_are_too_small_for_the_cover(dimension, radius):
     assert 1 / radius > Cover.by_default(dimension).curvature
     assert sum(followed(seed, dimension, radius) for seed in range(8)) >= 7
+
+
+def test_flags_alone_converge_in_many_inputs_only_if_a_certificate_is_stated():
+    event = standard_normal_event(lambda z: 3.5 - z[:, 0], graded=False, dimension=4)
+    silent = estimate_problem(event, np.random.default_rng(1), STOPPING)
+    assert silent.covers(norm.sf(3.5))
+    assert not silent.converged
+    assert silent.simulations < STOPPING.maximum_simulations
+    stated = Cover.by_default(4, with_scores=False)
+    assert estimate_problem(event, np.random.default_rng(1), STOPPING, certificate=stated).converged
+    scored = standard_normal_event(lambda z: 3.5 - z[:, 0], dimension=4)
+    assert estimate_problem(scored, np.random.default_rng(1), STOPPING).converged
 
 
 def test_a_part_that_only_the_cover_has_found_restarts_the_estimate(monkeypatch):

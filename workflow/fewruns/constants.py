@@ -298,6 +298,9 @@ CONTRADICTION = 0.01
 # a surrogate does not learn where lapses happen.
 ENOUGH_UNEXPECTED = 5
 
+# Surrogates do not learn the event if there is no estimate after this number of runs of the second phase.
+ENOUGH_UNLEARNT = 300
+
 # If at least this share of the repetitions differ from their runs, the outcomes of most runs are random.
 OFTEN = 0.5
 

@@ -83,8 +83,8 @@ def open_minima(n: int, z: Array, happened: Flags, score: Array, centres: Array,
     """Return n points at minima of a regression of the scores, shape (n, d); none if all minima are known.
 
     A minimum is known if a run or a centre is near it, or if the regression does not rise on the straight way
-    from it to one of the nearest centres. Points and runs beyond the rarity ``reach`` are left out. The points
-    are apart, because points at the same place would not show that the scores rise around them.
+    from it to one of the nearest centres. Points and runs beyond the rarity ``reach`` are left out. No two
+    points are at the same place, because they would not show that the scores rise around them.
     """
     inside, d = rarity(z) <= reach, z.shape[1]
     z, happened, score = z[inside], happened[inside], score[inside]

@@ -32,6 +32,7 @@ from fewruns.constants import (
     DRIFT_PAIRS,
     ENOUGH_REPEATS,
     ENOUGH_UNEXPECTED,
+    ENOUGH_UNLEARNT,
     FEW,
     FIRST_REPEATS,
     FREQUENT_REACH,
@@ -323,11 +324,12 @@ class Sampler:
         """
         progress = self.progress
         is_last = certify and results.is_certified(progress, self.required)
-        unexpected = sum(batch.surprising for batch in progress.estimates) >= ENOUGH_UNEXPECTED
+        unlearnt = sum(batch.surprising for batch in progress.estimates) >= ENOUGH_UNEXPECTED
+        unlearnt |= len(progress.foreseen) >= ENOUGH_UNLEARNT and not results.counted(progress)
         if not self.may_lapse:
-            return (is_last or unexpected) and self._draws_wanted() > 0
+            return (is_last or unlearnt) and self._draws_wanted() > 0
         few = 2 * len(progress.law_draws) < self.simulations
-        return len(progress.repeats) > 0 and (is_last or unexpected or few or self.is_counted)
+        return len(progress.repeats) > 0 and (is_last or unlearnt or few or self.is_counted)
 
     def _has_excluded_all_else(self) -> bool:
         """Return whether the certificate is met and all checks are made; only lapses may then remain."""
