@@ -13,6 +13,7 @@ from fewruns.constants import (
     FRINGE,
     FRINGE_WEIGHT,
     KERNELS,
+    MOST_POOL,
     NOISY_FRINGE,
     NOISY_FRINGE_WEIGHT,
     POOL,
@@ -134,4 +135,4 @@ class SecondPhase:
     @property
     def _pool_size(self) -> int:
         """Number of points of the pool of a batch."""
-        return max(POOL, POOL_PER_RUN * self.runs)
+        return max(min(POOL * max(self.belief.space.dimension - 2, 1), MOST_POOL), POOL_PER_RUN * self.runs)
