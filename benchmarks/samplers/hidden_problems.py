@@ -129,7 +129,7 @@ def slab(depth: float, width: float, end: Array, across: Array) -> Margin:
     return lambda z: np.maximum(depth - z @ end, np.abs(z @ across).max(axis=1) - width)
 
 
-DRAWN = range(100, 121)  # numbers of the random problems
+DRAWN = range(100, 140)  # numbers of the random problems
 
 
 def hidden_problems() -> dict[str, PublicProblem]:
