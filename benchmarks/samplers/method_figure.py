@@ -1,21 +1,30 @@
-"""Draw the course of one estimate for docs/method.md: its runs, and its intervals after each batch.
+"""Draw the course of one estimate for docs/method.md: its runs, surrogate, minima and intervals.
 
 python benchmarks/samplers/method_figure.py
 """
 
+from dataclasses import dataclass
 from pathlib import Path
 
 import matplotlib.pyplot as plt
 import numpy as np
 from accelerated_evaluation.publishing.figures.style import COLUMN_WIDTH, paper_style
-from fewruns import Estimate, Stopping
-from fewruns.running import estimate_problem
+from fewruns import Estimate, Sampler, Stopping
+from fewruns.arrays import Array, Flags
+from fewruns.graded import GradedSurrogate, end_of_events, graded
+from fewruns.parts import open_minima
+from fewruns.running import run_batches, sampler_for
+from fewruns.two_phase import reach_of
 from hidden_problems import hidden_problems
 from matplotlib.axes import Axes
 from public_problems import PublicProblem
 
 PATH = Path(__file__).resolve().parents[2] / "docs" / "method_course.svg"
-PROBLEM, SEED = "plane_disc", 0
+PROBLEM, SEED = "plane_disc", 2  # an estimate in which the search missed the disc
+GOAL = Stopping(maximum_simulations=1000)
+REACH = 10.0  # of the axes, in normal scores
+RATIOS = [0.4, 0.6, 0.8, 1.0, 1.5, 2.0, 3.0]  # ticks
+GRID = np.meshgrid(*[np.linspace(-REACH, REACH, 200)] * 2)
 PHASES = {  # name in the figure, marker and colour of each phase
     "search": ("search", "o", "#9ecae1"),
     "learn": ("learning", "v", "#4292c6"),
@@ -24,17 +33,72 @@ PHASES = {  # name in the figure, marker and colour of each phase
 }
 
 
-def draw_runs(axes: Axes, found: Estimate, problem: PublicProblem) -> None:
-    """Draw the runs by phase over the event, for a problem of two inputs."""
-    x, y = np.meshgrid(*[np.linspace(-10, 10, 300)] * 2)
-    happened = problem.event.evaluate(np.column_stack([x.ravel(), y.ravel()]))[0].reshape(x.shape)
-    axes.contourf(x, y, happened, levels=[0.5, 1.5], colors=["#dddddd"])
+@dataclass
+class Moment:
+    """What the sampler knew when the estimate began and when its interval was first narrow."""
+
+    z: Array  # the runs, shape (n, d)
+    happened: Flags
+    probability: Array  # predicted by the surrogate on the grid
+    batch: Array  # the runs of the last batch
+    mean: Array  # of the regression of the scores, on the grid
+    level: float  # of the regression at the boundary of the event
+    minima: Array  # that are not known, shape (k, d)
+
+
+def moment(sampler: Sampler) -> Moment:
+    """Return what a sampler knows now."""
+    progress, grid = sampler.progress, np.column_stack([each.ravel() for each in GRID])
+    outcome, regression = graded(progress.happened, progress.score), GradedSurrogate(2)
+    regression.fit(progress.z, outcome, learn=True)
+    known = progress.z, progress.happened, progress.score, progress.centres
+    reach = reach_of(sampler.estimate(GOAL).probability)
+    return Moment(
+        progress.z,
+        progress.happened,
+        sampler.belief.probability(grid).reshape(GRID[0].shape),
+        progress.z[-sampler.batch_size :],
+        regression.expect(grid)[0].reshape(GRID[0].shape),
+        end_of_events(outcome, progress.happened),
+        open_minima(sampler.batch_size, *known, reach),
+    )
+
+
+def draw_event(axes: Axes, problem: PublicProblem, title: str) -> None:
+    """Draw the event in grey, for a problem of two inputs."""
+    grid = np.column_stack([each.ravel() for each in GRID])
+    happened = problem.event.evaluate(grid)[0].reshape(GRID[0].shape)
+    axes.contourf(*GRID, happened, levels=[0.5, 1.5], colors=["#dddddd"])
+    axes.set(xlim=(-REACH, REACH), ylim=(-REACH, REACH), aspect="equal", title=title)
+    axes.set(xlabel="first normal score", ylabel="second normal score")
+
+
+def draw_runs(axes: Axes, found: Estimate) -> None:
+    """Draw all runs by phase."""
     for phase, (name, marker, colour) in PHASES.items():
         runs = found.tables["runs"]
         runs = runs[runs["phase"] == phase]
         axes.plot(runs["z_1"], runs["z_2"], marker, color=colour, label=f"{name}, {len(runs)}", markersize=3)
-    axes.set(xlim=(-10, 10), ylim=(-10, 10), aspect="equal", title="(a) runs")
-    axes.set(xlabel="first normal score", ylabel="second normal score")
+    axes.legend(loc="upper left", frameon=True)
+
+
+def draw_surrogate(axes: Axes, now: Moment) -> None:
+    """Draw the predicted probability of the event, and the batch that was chosen by it."""
+    levels = [0.1, 0.5, 0.9]
+    lines = axes.contour(*GRID, now.probability, levels=levels, colors="#4292c6", linewidths=[0.7, 1.6, 0.7])
+    axes.clabel(lines, fontsize=6)
+    axes.plot(*now.z[~now.happened].T, ".", color="black", markersize=2, label="run without the event")
+    axes.plot(*now.z[now.happened].T, "x", color="black", markersize=3, label="event")
+    axes.plot(*now.batch.T, "s", color="#08306b", markersize=3.5, label="last batch")
+    axes.legend(loc="upper left", frameon=True)
+
+
+def draw_minima(axes: Axes, now: Moment) -> None:
+    """Draw the regression of the scores, and its minima that are not known."""
+    axes.contour(*GRID, now.mean, levels=12, colors="#888888", linewidths=0.5, linestyles="solid")
+    axes.contour(*GRID, now.mean, levels=[now.level], colors="#08306b", linewidths=1.6, linestyles="solid")
+    axes.plot(*now.z.T, ".", color="black", markersize=2, label="run")
+    axes.plot(*now.minima.T, "^", color="#d94801", markersize=5, label="minimum that is not known")
     axes.legend(loc="upper left", frameon=True)
 
 
@@ -48,18 +112,34 @@ def draw_course(axes: Axes, course: list[Estimate], exact: float) -> None:
     axes.vlines(runs, low, high, color="#4292c6", linewidth=1)
     axes.plot(runs, middle, "s", color="#08306b", markersize=2.5)
     axes.axhline(1.0, color="black", linewidth=0.8)
-    axes.set(title="(b) estimate and 80 % interval", xlabel="runs", ylabel="estimate / exact", yscale="log")
+    axes.set(title="(d) estimate and 80 % interval", xlabel="runs", ylabel="estimate / exact", yscale="log")
+    axes.set_yticks(RATIOS, [f"{ratio:g}" for ratio in RATIOS])
+    axes.minorticks_off()
 
 
 def main() -> None:
     """Draw the figure."""
-    problem, course = hidden_problems()[PROBLEM], []
-    goal = Stopping(maximum_simulations=1000)
-    found = estimate_problem(problem.event, np.random.default_rng(SEED), goal, on_batch=course.append)
+    problem = hidden_problems()[PROBLEM]
+    sampler, course, moments = sampler_for(problem.event, np.random.default_rng(SEED)), [], {}
+    for _ in run_batches(sampler, problem.event, GOAL):
+        course.append(sampler.estimate(GOAL))
+        for name, is_now in (("first", course[-1].probability > 0), ("narrow", sampler.is_narrow(GOAL))):
+            if is_now and name not in moments:
+                moments[name] = moment(sampler)
+    found = sampler.estimate(GOAL)
     with paper_style():
-        figure, (left, right) = plt.subplots(1, 2, figsize=(2 * COLUMN_WIDTH, 3.2))
-        draw_runs(left, found, problem)
-        draw_course(right, course, problem.exact)
+        figure, axes = plt.subplots(2, 2, figsize=(2 * COLUMN_WIDTH, 6.4), layout="constrained")
+        titles = (
+            "(a) first estimate",
+            "(b) scores",
+            "(c) all runs",
+        )
+        for each, title in zip(axes.flat, titles, strict=False):
+            draw_event(each, problem, title)
+        draw_surrogate(axes[0, 0], moments["first"])
+        draw_minima(axes[0, 1], moments["narrow"])
+        draw_runs(axes[1, 0], found)
+        draw_course(axes[1, 1], course, problem.exact)
         figure.savefig(PATH, metadata={"Date": None})
         print(f"{PATH.name}: {found.probability / problem.exact:.2f} of the exact probability")
 
