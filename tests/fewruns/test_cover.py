@@ -5,7 +5,7 @@ import math
 
 import numpy as np
 import pytest
-from fewruns import Cover, InputError, Sampler, estimate, results
+from fewruns import Cover, InputError, Sampler, SystemProblem, estimate, results
 from fewruns.certificate import BY_DEFAULT
 from fewruns.combining import combine, counted_batches, estimate_batch
 from fewruns.constants import CENTRE_NEAR, CORE, COVER_MISSED, MODES
@@ -203,10 +203,12 @@ def test_minima_are_followed_into_balls_that_are_too_small_for_the_cover(dimensi
 
 def test_flags_alone_converge_in_many_inputs_only_if_a_certificate_is_stated():
     event = standard_normal_event(lambda z: 3.5 - z[:, 0], graded=False, dimension=4)
-    silent = estimate_problem(event, np.random.default_rng(1), STOPPING)
-    assert silent.covers(norm.sf(3.5))
-    assert not silent.converged
-    assert silent.simulations < STOPPING.maximum_simulations
+    repeated = SystemProblem(lambda z: (z[:, 0] > 3.5, 1.0 - (z[:, 0] > 3.5)), 4, deterministic=True)
+    for silent in (event, repeated):  # scores that only repeat the flags say nothing more
+        found = estimate_problem(silent, np.random.default_rng(1), STOPPING)
+        assert found.covers(norm.sf(3.5))
+        assert not found.converged
+        assert found.simulations < STOPPING.maximum_simulations
     stated = Cover.by_default(4, with_scores=False)
     assert estimate_problem(event, np.random.default_rng(1), STOPPING, certificate=stated).converged
     scored = standard_normal_event(lambda z: 3.5 - z[:, 0], dimension=4)

@@ -42,6 +42,12 @@ def graded(happened: Flags, score: Array) -> Array:
     return ndtri((rank[place.ravel()] - 0.5) / len(score))
 
 
+def say_more(happened: Flags, score: Array) -> bool:
+    """Return whether the scores of n runs say more than their flags: those without the event differ."""
+    missed = score[~happened]
+    return bool((missed != missed[:1]).any())
+
+
 def end_of_events(outcome: Array, happened: Flags) -> float:
     """Return the graded outcome midway between the events and the other runs."""
     return float(outcome[happened].max() + outcome[~happened].min()) / 2

@@ -30,7 +30,7 @@ from fewruns.constants import (
     PROPOSALS,
     WAYS,
 )
-from fewruns.graded import GradedSurrogate, end_of_events, graded
+from fewruns.graded import GradedSurrogate, end_of_events, graded, say_more
 from fewruns.two_phase import choose_covering
 from fewruns.wide_laws import draw_wide, rarity
 
@@ -89,7 +89,7 @@ def open_minima(n: int, z: Array, happened: Flags, score: Array, centres: Array,
     inside, d = rarity(z) <= reach, z.shape[1]
     z, happened, score = z[inside], happened[inside], score[inside]
     found = np.empty((0, d))
-    if not len(centres) or happened.all() or not happened.any() or (score == score[0]).all():
+    if not len(centres) or not happened.any() or not say_more(happened, score):
         return found
     outcome, generator = graded(happened, score), np.random.Generator(np.random.PCG64(len(z)))
     surrogate = GradedSurrogate(d)

@@ -50,6 +50,7 @@ from fewruns.cover import Cover
 from fewruns.directions import learn_directions
 from fewruns.errors import InputError
 from fewruns.estimates import Estimate, Stopping
+from fewruns.graded import say_more
 from fewruns.pools import Defence, WholeSpace, space_along
 from fewruns.problems import Predecessor
 from fewruns.progress import LAW, SEARCH, WIDE, Batch, PlainBatch, Progress
@@ -308,8 +309,7 @@ class Sampler:
 
     @property
     def _has_scores(self) -> bool:
-        score = self.progress.score
-        return bool((score != score[:1]).any())
+        return say_more(self.progress.happened, self.progress.score)
 
     @property
     def _can_exclude(self) -> bool:
