@@ -4,6 +4,7 @@
 cells, which names columns of the published file.
 """
 
+import math
 import sys
 from collections.abc import Callable
 from pathlib import Path
@@ -450,11 +451,31 @@ def _one_in(probability: float) -> str:
 
 
 def hidden_table(hidden: pd.DataFrame) -> str:
-    """Return what this sampler finds of events of which a search may miss a part."""
-    table = counts(hidden, "failed")
-    claimed = table["claimed"].fillna(0) * table["failed"]
+    """Return what this sampler finds of events of which a search may miss a part; random ones are grouped."""
+    table = counts(hidden.assign(mean=1 + hidden["bias"]), "failed")
+    table["claimed"] = table["claimed"].fillna(0) * table["failed"]
+    is_drawn = table["problem"].str.startswith("drawn_")
+    drawn = table[is_drawn]
+    by_flags = drawn["problem"].str.endswith("flags").map({True: "flags", False: "scores"})
+    inputs = drawn["dimension"].gt(3).map({True: "4 to 8 inputs", False: "2 or 3 inputs"})
+    groups = [
+        pd.Series(
+            {
+                "problem": f"{len(rows)} random problems, {kind}",
+                **{name: rows[name].sum() for name in ("seeds", "failed", "claimed")},
+                **{
+                    name: np.average(rows[name].fillna(0), weights=rows["seeds"])
+                    for name in ("calls_mean", "mean", "coverage80")
+                },
+                "calls_p95": rows["calls_p95"].max(),
+                "error": math.sqrt(np.average(rows["error"].fillna(0) ** 2, weights=rows["seeds"])),
+            }
+        )
+        for kind, rows in drawn.groupby(by_flags + ", " + inputs)
+    ]
+    whole = pd.concat([table[~is_drawn], pd.DataFrame(groups)], ignore_index=True)
     return formatted(
-        table.assign(problem=spaced(table["problem"]), mean=1 + table["bias"], claimed=claimed),
+        whole.assign(problem=spaced(whole["problem"])),
         {
             "problem": "{problem}",
             "inputs": "{dimension:.0f}",
