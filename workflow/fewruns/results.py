@@ -121,7 +121,8 @@ def is_certified(progress: Progress, certificate: Certificate | Cover) -> bool:
     if isinstance(certificate, Certificate):
         return True
     generator = np.random.Generator(np.random.PCG64(0))  # it does not matter whether runs are needed
-    return bool(progress.estimates[-1].runs) and not len(runs_of_cover(progress, certificate, 1, generator))
+    needed, _ = runs_of_cover(progress, certificate, 1, generator)
+    return bool(progress.estimates[-1].runs) and not len(needed)
 
 
 def where_to_search(progress: Progress, certificate: Certificate | Cover) -> float:
@@ -137,8 +138,12 @@ def where_to_search(progress: Progress, certificate: Certificate | Cover) -> flo
     return look_beyond(*known, share)
 
 
-def runs_of_cover(progress: Progress, cover: Cover, n: int, generator: np.random.Generator) -> Array:
-    """Return n runs, shape (n, d), that exclude other parts of the event; none if none are needed.
+def runs_of_cover(
+    progress: Progress, cover: Cover, n: int, generator: np.random.Generator
+) -> tuple[Array, bool]:
+    """Return n runs, shape (n, d), that exclude other parts of the event, or none if none are needed.
+
+    The second value is whether they are at minima of the scores, where no pool has points.
 
     Known parts come first, because the estimate begins again if they are larger than it knows. With many
     inputs no run is near another one, and if outcomes may be random, neither parts nor minima can be seen.
@@ -147,10 +152,10 @@ def runs_of_cover(progress: Progress, cover: Cover, n: int, generator: np.random
     reach, can_see = reach_of(probability), not progress.chance and z.shape[1] <= FEW
     centres = z[:0] if progress.centres is None else progress.centres
     if can_see and len(balls := open_balls(z, happened, centres, probability, cover.share)):
-        return draw_in_balls_together(n, balls, generator)
+        return draw_in_balls_together(n, balls, generator), False
     if cover.unseen(z) > cover.share * probability:
-        return cover.next_runs(n, z, cover.share * probability, generator)
-    return open_minima(n, z, happened, progress.score, centres, reach) if can_see else z[:0]
+        return cover.next_runs(n, z, cover.share * probability, generator), False
+    return open_minima(n, z, happened, progress.score, centres, reach) if can_see else z[:0], True
 
 
 def _mean(progress: Progress) -> float:

@@ -396,14 +396,15 @@ class Sampler:
                 z = draw_approach(self.batch_size, reach, *known, generator, in_vain=in_vain)
                 return PlainBatch(space.draw(z, generator), SEARCH)
         self.belief.fit(progress)
-        cover = np.empty((0, self.dimension))
+        cover, at_minima = np.empty((0, self.dimension)), False
         if certify and isinstance(required := self.required, Cover):
-            cover = results.runs_of_cover(progress, required, self.batch_size, generator)
+            cover, at_minima = results.runs_of_cover(progress, required, self.batch_size, generator)
         sampled, known = self.batch_size - len(cover), self.belief
         if len(cover) and len(since := progress.cover_runs):
             # The estimate does not know a part that only the last runs of the cover have shown.
             known = self.belief.refitted(progress.without(since))
-        aimed = known.probability(cover) >= CORE
+        # No pool has points near an unknown minimum, whatever the surrogate expects there.
+        aimed = (known.probability(cover) >= CORE) & (not at_minima)
         given = self.belief, progress, sampled, cover, aimed
         return SecondPhase(*given, defence, self.emphasis, generator).batch()
 
