@@ -167,7 +167,7 @@ FLAT, WAYS, POINTS_OF_WAY = 0.25, 8, 10
 
 # With more inputs than this, flags alone do not show that there are no other parts: the number of runs that
 # exclude parts of the size of one normal score grows exponentially with the inputs.
-MOST_INPUTS_OF_FLAGS = 3
+MOST_INPUTS_OF_FLAGS = 2
 
 # Need to exclude a mode once more, in choosing the runs of a batch, where 1 is the need to exclude it once.
 COVERED_AGAIN = 0.1
