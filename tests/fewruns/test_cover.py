@@ -8,8 +8,8 @@ import pytest
 from fewruns import Cover, InputError, Sampler, SystemProblem, estimate, results
 from fewruns.certificate import BY_DEFAULT
 from fewruns.combining import combine, counted_batches, estimate_batch
-from fewruns.constants import CENTRE_NEAR, CORE, COVER_MISSED, MODES
-from fewruns.parts import open_minima
+from fewruns.constants import BASIN_CLOSED, CENTRE_NEAR, CORE, COVER_MISSED, MODES
+from fewruns.parts import open_basins, open_minima, probe
 from fewruns.running import estimate_problem
 from fewruns.two_phase import reach_of
 from fewruns.wide_laws import draw_wide
@@ -124,6 +124,56 @@ def test_runs_of_a_cover_have_no_weight_in_the_estimate_and_are_resumed():
     assert again.required == course.sampler.required
     sampled = [each for each in progress.estimates if each.runs]
     assert combine(sampled[-3:]).batches == 3
+
+
+def test_a_basin_of_the_scores_is_open_until_there_are_runs_near_its_minimum():
+    generator = np.random.default_rng(2)
+
+    def margin(z):
+        return np.minimum(4.0 - z[:, 0], np.linalg.norm(z - [-3.0, 2.0], axis=1) - 0.3)
+
+    # No run is in the disc, but the one next to it has the smallest score around.
+    z = draw_wide(60, 2, generator)
+    z = z[np.linalg.norm(z - [-3.0, 2.0], axis=1) > 1.0]
+    z = np.vstack([z, [[-3.0, 3.1], [5.0, 0.0]]])
+    happened, score, reach = margin(z) <= 0, margin(z), reach_of(ONE_PART)
+    found = open_basins(z, happened, score, reach)
+    assert len(z) - 2 in found
+    points = probe(5, np.array([len(z) - 2]), z, happened, score, reach, generator)
+    assert margin(points).min() < score[-2]
+    close = np.vstack([z, z[-2] + [0.0, 0.9 * BASIN_CLOSED]])
+    assert len(z) - 2 not in open_basins(close, margin(close) <= 0, margin(close), reach)
+    assert not len(open_basins(z, happened, np.zeros(len(z)), reach))  # flags alone have no minima
+
+
+def test_a_minimum_next_to_a_known_event_is_no_basin():
+    around = 0.7 * np.array([[1.0, 0.0], [-1.0, 0.0], [0.0, 1.0], [0.0, -1.0]])
+    score = np.array([2.0, 2.0, 2.0, 2.0, 1.0, -1.0])
+    for event, expected in ((0.65, []), (0.75, [4])):  # at distances of 0.92 and 1.06
+        z = np.vstack([around, [0.0, 0.0], [event, event]])
+        assert list(open_basins(z, score <= 0, score, 60.0)) == expected
+
+
+def followed_basins(seed, dimension, radius):
+    """Whether the basins of the scores are followed into a ball that no run has met."""
+    generator, centre = np.random.default_rng(seed), -4.7 * np.eye(dimension)[0]
+
+    def margin(z):
+        return np.minimum(4.2 - z[:, 0], np.linalg.norm(z - centre, axis=1) - radius)
+
+    z = np.vstack([draw_wide(60, dimension, generator, reach_of(1e-5)), 5 * np.eye(dimension)[:1]])
+    z, first = z[np.linalg.norm(z - centre, axis=1) > radius + 0.1], len(z)
+    while len(basins := open_basins(*(known := (z, margin(z) <= 0, margin(z), reach_of(1e-5))))):
+        z = np.vstack([z, probe(5, basins, *known, generator)])
+        assert len(z) < first + 100
+    return (np.linalg.norm(z - centre, axis=1) <= radius).any()
+
+
+@pytest.mark.parametrize(("dimension", "radius"), [(2, 0.5), (3, 0.5), (3, 1.0)])
+def test_basins_are_followed_into_balls_that_are_too_small_for_the_cover(dimension, radius):
+    """Most balls were missed when the points of a batch were at the same place, and closed their basin."""
+    assert 1 / radius > Cover.by_default(dimension).curvature
+    assert sum(followed_basins(seed, dimension, radius) for seed in range(8)) >= 7
 
 
 CENTRES = np.array([[4.2, 0.0], [4.4, -1.0], [4.3, 1.0]])

@@ -152,6 +152,9 @@ MODES, FARTHEST, COVER_MISSED = 10_000, 11.0, 0.005
 # Largest rarity of the runs that exclude modes.
 COVER_REACH = 30.0
 
+# A local minimum of the scores is followed until there is a later run at this distance, in normal scores.
+BASIN_CLOSED = 0.5
+
 # The minima of the regression of the scores are the ends of this number of descents. The steps have these
 # lengths, in normal scores, and the best of several proposals is taken if it is lower.
 DESCENTS, PROPOSALS = 300, 6

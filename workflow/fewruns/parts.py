@@ -1,4 +1,4 @@
-"""Where other parts of the event may be: around known events, and at minima of a regression of the scores.
+"""Where other parts of the event may be: around known events, and at minima of the scores.
 
 A surrogate may be nearly certain that an event which a run has met has no surroundings. The pools then have
 no points there, and no batch of the estimate shows the error. The *centres* of the pool, which are important
@@ -17,8 +17,9 @@ from scipy.sparse.csgraph import connected_components
 from scipy.spatial import cKDTree
 from scipy.special import chdtri, chndtr
 
-from fewruns.arrays import Array, Flags
+from fewruns.arrays import Array, Flags, Indices
 from fewruns.constants import (
+    BASIN_CLOSED,
     CANDIDATES,
     CENTRE_NEAR,
     DESCENT_LENGTHS,
@@ -77,6 +78,66 @@ def _draw_in(balls: Array, generator: np.random.Generator) -> Array:
     step = generator.normal(size=centre.shape)
     length = radius * generator.random(len(radius)) ** (1 / centre.shape[1])
     return centre + step * (length / np.linalg.norm(step, axis=1))[:, None]
+
+
+def open_basins(z: Array, happened: Flags, score: Array, reach: float) -> Indices:
+    """Return the runs that are local minima of the scores, and have no later run near them.
+
+    A local minimum has a smaller score than its 2 d nearest runs, none of which is an event. If an event is
+    within 2 `BASIN_CLOSED`, the scores lead to it. Runs beyond the rarity ``reach`` are left out, also as
+    neighbours.
+    """
+    inside = np.flatnonzero(rarity(z) <= reach)
+    z, happened, score, (n, d) = z[inside], happened[inside], score[inside], z[inside].shape
+    if n <= 2 * d:
+        return np.empty(0, np.intp)
+    outcome, distance = graded(happened, score), _distances(z)
+    nearest = np.argsort(distance, axis=1)[:, : 2 * d]
+    is_lowest = (outcome[:, None] < outcome[nearest]).all(axis=1)
+    is_last = ~np.triu(distance <= BASIN_CLOSED).any(axis=1)
+    is_known = (distance[:, happened] <= 2 * BASIN_CLOSED).any(axis=1)
+    return inside[is_lowest & is_last & ~is_known & ~happened]
+
+
+def probe(
+    n: int,
+    basins: Indices,
+    z: Array,
+    happened: Flags,
+    score: Array,
+    reach: float,
+    generator: np.random.Generator,
+) -> Array:
+    """Return n points, shape (n, d), near the basins in turn, where a regression predicts small scores.
+
+    They are not beyond the rarity ``reach``. They are at most as far from the run in the basin as its nearest
+    run, or at most 2 `BASIN_CLOSED`, so that a step down a slope ends in the open. They are `BASIN_CLOSED`
+    apart, because points at the same place would close the basin of each other without having shown that the
+    scores become larger beyond them.
+    """
+    outcome, d = graded(happened, score), z.shape[1]
+    surrogate = GradedSurrogate(d)
+    surrogate.fit(z, outcome, learn=True)
+    length = np.maximum(_distances(z).min(axis=1), 2 * BASIN_CLOSED)
+    points, farthest = np.empty((0, d)), math.sqrt(chdtri(d, math.exp(-reach)))
+    for basin in np.resize(basins[np.argsort(outcome[basins])], n):
+        step = generator.normal(size=(CANDIDATES // n, d))
+        step *= length[basin] / np.linalg.norm(step, axis=1, keepdims=True)
+        near = z[basin] + step * generator.random((len(step), 1)) ** (1 / d)
+        near *= np.minimum(farthest / np.linalg.norm(near, axis=1, keepdims=True), 1.0)
+        apart = np.linalg.norm(near[:, None] - points, axis=2).min(axis=1, initial=np.inf)
+        apart = np.minimum(apart, BASIN_CLOSED)
+        near = near[apart >= apart.max()]  # all of them, unless the basin is full of points
+        points = np.vstack([points, near[surrogate.expect(near)[0].argmin()]])
+    return points
+
+
+def _distances(z: Array) -> Array:
+    """Return the distances between n runs, shape (n, n), with infinity on the diagonal."""
+    square = (z * z).sum(axis=1)
+    distance = np.sqrt(np.maximum(square[:, None] + square - 2 * z @ z.T, 0.0))
+    np.fill_diagonal(distance, np.inf)
+    return distance
 
 
 def open_minima(n: int, z: Array, happened: Flags, score: Array, centres: Array, reach: float) -> Array:

@@ -14,7 +14,7 @@ from fewruns.combining import BatchEstimate, Combined, anytime_interval, combine
 from fewruns.constants import FEW, NOISY_USABLE, UNSEEN_ALPHA, USABLE
 from fewruns.cover import Cover
 from fewruns.estimates import Estimate, Stopping, effective_number, largest_pareto_k, pareto_k
-from fewruns.parts import draw_in_balls_together, open_balls, open_minima
+from fewruns.parts import draw_in_balls_together, open_balls, open_basins, open_minima, probe
 from fewruns.progress import Progress
 from fewruns.two_phase import reach_of
 from fewruns.wide_laws import bound_without_event
@@ -155,7 +155,10 @@ def runs_of_cover(
         return draw_in_balls_together(n, balls, generator), False
     if cover.unseen(z) > cover.share * probability:
         return cover.next_runs(n, z, cover.share * probability, generator), False
-    return open_minima(n, z, happened, progress.score, centres, reach) if can_see else z[:0], True
+    known = z, happened, progress.score
+    if can_see and len(basins := open_basins(*known, reach)):
+        return probe(n, basins, *known, reach, generator), False
+    return open_minima(n, *known, centres, reach) if can_see else z[:0], True
 
 
 def _mean(progress: Progress) -> float:
