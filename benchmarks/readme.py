@@ -450,30 +450,30 @@ def _one_in(probability: float) -> str:
     return f"{float(f'{1 / probability:.2g}'):,.0f}"
 
 
+def by_kind(drawn: pd.DataFrame) -> pd.DataFrame:
+    """Return a row for each kind of random problems: means over all seeds, and the largest 95 % quantile."""
+    outcome = drawn["problem"].str.endswith("flags").map({True: "flags", False: "scores"})
+    inputs = drawn["dimension"].gt(3).map({True: "4 to 8 inputs", False: "2 or 3 inputs"})
+    rows = []
+    for kind, problems in drawn.groupby(outcome + ", " + inputs):
+        seeds = problems["seeds"]
+        row = {
+            "problem": f"{len(problems)} random problems, {kind}",
+            "calls_p95": problems["calls_p95"].max(),
+        }
+        row |= {name: problems[name].sum() for name in ("seeds", "failed", "claimed")}
+        for name in ("calls_mean", "mean", "coverage80"):
+            row[name] = problems[name] @ seeds / seeds.sum()
+        rows.append(row | {"error": math.sqrt(problems["error"] ** 2 @ seeds / seeds.sum())})
+    return pd.DataFrame(rows)
+
+
 def hidden_table(hidden: pd.DataFrame) -> str:
     """Return what this sampler finds of events of which a search may miss a part; random ones are grouped."""
     table = counts(hidden.assign(mean=1 + hidden["bias"]), "failed")
     table["claimed"] = table["claimed"].fillna(0) * table["failed"]
     is_drawn = table["problem"].str.startswith("drawn_")
-    drawn = table[is_drawn]
-    by_flags = drawn["problem"].str.endswith("flags").map({True: "flags", False: "scores"})
-    inputs = drawn["dimension"].gt(3).map({True: "4 to 8 inputs", False: "2 or 3 inputs"})
-    groups = [
-        pd.Series(
-            {
-                "problem": f"{len(rows)} random problems, {kind}",
-                **{name: rows[name].sum() for name in ("seeds", "failed", "claimed")},
-                **{
-                    name: np.average(rows[name].fillna(0), weights=rows["seeds"])
-                    for name in ("calls_mean", "mean", "coverage80")
-                },
-                "calls_p95": rows["calls_p95"].max(),
-                "error": math.sqrt(np.average(rows["error"].fillna(0) ** 2, weights=rows["seeds"])),
-            }
-        )
-        for kind, rows in drawn.groupby(by_flags + ", " + inputs)
-    ]
-    whole = pd.concat([table[~is_drawn], pd.DataFrame(groups)], ignore_index=True)
+    whole = pd.concat([table[~is_drawn], by_kind(table[is_drawn])], ignore_index=True)
     return formatted(
         whole.assign(problem=spaced(whole["problem"])),
         {

@@ -133,7 +133,7 @@ DRAWN = range(100, 140)  # numbers of the random problems
 
 
 def hidden_problems() -> dict[str, PublicProblem]:
-    """Return all problems by name: those that showed the fault, and others, which nothing was tuned on."""
+    """Return all problems by name: those that showed the fault, others made by hand, and random ones."""
     squares = ([-4.0, -4.0], [-2.0, -2.0]), ([2.5, 2.5], [3.5, 3.5])
     corners = ([3.0, 3.0], [9.0, 9.0]), ([-9.0, -9.0], [-3.2, -2.8])
     sides = ([3.6], [9.0]), ([-3.7], [-3.4])
@@ -154,7 +154,7 @@ def hidden_problems() -> dict[str, PublicProblem]:
         ),
         orthogonal("planes_2_of_8", 8, 4.2, 4.2),
         orthogonal("planes_3_of_8", 8, 4.2, 4.2, 4.2),
-        # The problems from here on were made afterwards.
+        # The problems from here on were made afterwards, the last of them at random.
         union(
             "discs_flags",
             2,

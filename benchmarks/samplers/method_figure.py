@@ -25,6 +25,7 @@ GOAL = Stopping(maximum_simulations=1000)
 REACH = 10.0  # of the axes, in normal scores
 RATIOS = [0.4, 0.6, 0.8, 1.0, 1.5, 2.0, 3.0]  # ticks
 GRID = np.meshgrid(*[np.linspace(-REACH, REACH, 200)] * 2)
+POINTS = np.column_stack([each.ravel() for each in GRID])
 PHASES = {  # name in the figure, marker and colour of each phase
     "search": ("search", "o", "#9ecae1"),
     "learn": ("learning", "v", "#4292c6"),
@@ -48,17 +49,17 @@ class Moment:
 
 def moment(sampler: Sampler) -> Moment:
     """Return what a sampler knows now."""
-    progress, grid = sampler.progress, np.column_stack([each.ravel() for each in GRID])
-    outcome, regression = graded(progress.happened, progress.score), GradedSurrogate(2)
+    progress, regression = sampler.progress, GradedSurrogate(2)
+    outcome = graded(progress.happened, progress.score)
     regression.fit(progress.z, outcome, learn=True)
     known = progress.z, progress.happened, progress.score, progress.centres
     reach = reach_of(sampler.estimate(GOAL).probability)
     return Moment(
         progress.z,
         progress.happened,
-        sampler.belief.probability(grid).reshape(GRID[0].shape),
+        sampler.belief.probability(POINTS).reshape(GRID[0].shape),
         progress.z[-sampler.batch_size :],
-        regression.expect(grid)[0].reshape(GRID[0].shape),
+        regression.expect(POINTS)[0].reshape(GRID[0].shape),
         end_of_events(outcome, progress.happened),
         open_minima(sampler.batch_size, *known, reach),
     )
@@ -66,8 +67,7 @@ def moment(sampler: Sampler) -> Moment:
 
 def draw_event(axes: Axes, problem: PublicProblem, title: str) -> None:
     """Draw the event in grey, for a problem of two inputs."""
-    grid = np.column_stack([each.ravel() for each in GRID])
-    happened = problem.event.evaluate(grid)[0].reshape(GRID[0].shape)
+    happened = problem.event.evaluate(POINTS)[0].reshape(GRID[0].shape)
     axes.contourf(*GRID, happened, levels=[0.5, 1.5], colors=["#dddddd"])
     axes.set(xlim=(-REACH, REACH), ylim=(-REACH, REACH), aspect="equal", title=title)
     axes.set(xlabel="first normal score", ylabel="second normal score")
@@ -129,11 +129,7 @@ def main() -> None:
     found = sampler.estimate(GOAL)
     with paper_style():
         figure, axes = plt.subplots(2, 2, figsize=(2 * COLUMN_WIDTH, 6.4), layout="constrained")
-        titles = (
-            "(a) first estimate",
-            "(b) scores",
-            "(c) all runs",
-        )
+        titles = "(a) first estimate", "(b) scores", "(c) all runs"
         for each, title in zip(axes.flat, titles, strict=False):
             draw_event(each, problem, title)
         draw_surrogate(axes[0, 0], moments["first"])

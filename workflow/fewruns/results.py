@@ -112,8 +112,8 @@ def is_narrow(progress: Progress, stopping: Stopping) -> bool:
 def is_certified(progress: Progress, certificate: Certificate | Cover) -> bool:
     """Return whether the bound on an unobserved mode is at most ``certificate.share`` times the estimate.
 
-    If this is to be shown by a cover, no known part may be larger than estimated, and all minima of the
-    scores must be known. One more batch is then sampled, because the surrogate has learnt from these runs.
+    If this is to be shown by a cover, no known part may be larger than estimated, and all basins and minima
+    of the scores must be known. One more batch is then sampled, because the surrogate has learnt from them.
     """
     probability = _mean(progress)
     if _unseen(progress, probability, certificate).mode > certificate.share * probability:
@@ -121,8 +121,10 @@ def is_certified(progress: Progress, certificate: Certificate | Cover) -> bool:
     if isinstance(certificate, Certificate):
         return True
     generator = np.random.Generator(np.random.PCG64(0))  # it does not matter whether runs are needed
-    needed, _ = runs_of_cover(progress, certificate, 1, generator)
-    return bool(progress.estimates[-1].runs) and not len(needed)
+    # The search for minima takes long, so the simple condition comes first.
+    if not progress.estimates[-1].runs:
+        return False
+    return not len(runs_of_cover(progress, certificate, 1, generator)[0])
 
 
 def where_to_search(progress: Progress, certificate: Certificate | Cover) -> float:
@@ -146,7 +148,7 @@ def runs_of_cover(
     The second value is whether they are at minima of the scores, where no pool has points.
 
     Known parts come first, because the estimate begins again if they are larger than it knows. With many
-    inputs no run is near another one, and if outcomes may be random, neither parts nor minima can be seen.
+    inputs no run is near another one, and if outcomes may be random, only the cover can be checked.
     """
     z, happened, probability = progress.z, progress.happened, _mean(progress)
     reach, can_see = reach_of(probability), not progress.chance and z.shape[1] <= FEW

@@ -323,18 +323,21 @@ class Sampler:
         a system that may lapse they are at least half of the runs, and all that are left then.
         """
         progress = self.progress
+        if not self.may_lapse and not self._draws_wanted():
+            return False
         is_last = certify and results.is_certified(progress, self.required)
         unlearnt = sum(batch.surprising for batch in progress.estimates) >= ENOUGH_UNEXPECTED
         unlearnt |= len(progress.foreseen) >= ENOUGH_UNLEARNT and not results.counted(progress)
         if not self.may_lapse:
-            return (is_last or unlearnt) and self._draws_wanted() > 0
+            return is_last or unlearnt
         few = 2 * len(progress.law_draws) < self.simulations
         return len(progress.repeats) > 0 and (is_last or unlearnt or few or self.is_counted)
 
     def _has_excluded_all_else(self) -> bool:
         """Return whether the certificate is met and all checks are made; only lapses may then remain."""
-        certified = results.is_certified(self.progress, self.required)
-        return certified and not self.repeats_wanted(certify=True) and not self._draws_wanted()
+        if self.repeats_wanted(certify=True) or self._draws_wanted():
+            return False
+        return results.is_certified(self.progress, self.required)
 
     def estimate(self, stopping: Stopping) -> Estimate:
         """Return the estimate from the runs so far; ``tables["runs"]`` has a row for each run.
