@@ -129,7 +129,9 @@ def slab(depth: float, width: float, end: Array, across: Array) -> Margin:
     return lambda z: np.maximum(depth - z @ end, np.abs(z @ across).max(axis=1) - width)
 
 
-DRAWN = range(100, 140)  # numbers of the random problems
+# Numbers of the random problems. Those from 200 on have scores and more than three inputs, and were only run
+# after the method had been changed because of other problems of this kind.
+DRAWN = [*range(100, 140), 204, 208, 209, 216, 217, 218, 226, 230, 232, 238, 242, 243, 249, 252]
 
 
 def hidden_problems() -> dict[str, PublicProblem]:

@@ -5,7 +5,7 @@ import math
 
 import numpy as np
 import pytest
-from fewruns import Cover, InputError, Sampler, SystemProblem, estimate, results
+from fewruns import Cover, InputError, Sampler, SystemProblem, estimate, parts, results
 from fewruns.certificate import BY_DEFAULT
 from fewruns.combining import combine, counted_batches, estimate_batch
 from fewruns.constants import BASIN_CLOSED, CENTRE_NEAR, CORE, COVER_MISSED, MODES
@@ -109,7 +109,8 @@ def test_runs_of_a_cover_have_no_weight_in_the_estimate_and_are_resumed():
     assert (
         course.result.diagnostics["unseen_mode"] <= course.sampler.required.share * course.result.probability
     )
-    assert (course.result.tables["runs"]["phase"] == "cover").sum() == 10 * sum(of_cover)
+    cover_runs = sum(10 - batch.runs for batch in progress.estimates)
+    assert (course.result.tables["runs"]["phase"] == "cover").sum() == cover_runs
     place = of_cover.index(True)
     batch = progress.batches[place]
     assert (batch.weight == 0).all()
@@ -119,6 +120,12 @@ def test_runs_of_a_cover_have_no_weight_in_the_estimate_and_are_resumed():
     assert not estimate_batch(
         dataclasses.replace(batch, aimed=np.ones(10, bool)), np.ones(10, bool)
     ).surprising
+    # The same holds if only a part of the batch is sampled, which alone counts as the runs of the estimate.
+    sampled = next(each for each in progress.batches if each.weight.all())
+    few, none = np.arange(10) < 7, np.arange(10) == 8
+    mixed = dataclasses.replace(sampled, weight=sampled.weight * few, aimed=few)
+    assert [estimate_batch(mixed, flags).runs for flags in (few, none)] == [7, 7]
+    assert [estimate_batch(mixed, flags).surprising for flags in (few, none)] == [False, True]
     again = resumed(course.sampler)
     assert numbers(again.estimate(STOPPING)) == numbers(course.result)
     assert again.required == course.sampler.required
@@ -209,16 +216,15 @@ def test_a_minimum_of_the_scores_is_open_until_there_are_runs_near_it():
 
 def around_plane(generator, dimension):
     """Return runs about the boundary of a half-space at the distance 4.2."""
-    others = generator.normal(size=(50, dimension - 1))
-    return np.column_stack([4.1 + generator.exponential(0.25, 50), others])
+    return np.column_stack(
+        [4.1 + generator.exponential(0.25, 50), generator.normal(size=(50, dimension - 1))]
+    )
 
 
 @pytest.mark.parametrize("dimension", [2, 4, 8])
 def test_a_half_space_alone_has_hardly_any_open_minima(dimension):
     generator = np.random.default_rng(1)
-    near = np.column_stack(
-        [4.1 + generator.exponential(0.25, 50), generator.normal(size=(50, dimension - 1))]
-    )
+    near = around_plane(generator, dimension)
     z, spent = np.vstack([draw_wide(60, dimension, generator, 14.0), near]), 0
     while len(points := open_minima(5, z, z[:, 0] >= 4.2, 4.2 - z[:, 0], 4.4 * np.eye(dimension)[:1], 14.0)):
         z, spent = np.vstack([z, points]), spent + 5
@@ -232,10 +238,7 @@ def followed(seed, dimension, radius):
     def margin(z):
         return np.minimum(4.2 - z[:, 0], np.linalg.norm(z - centre, axis=1) - radius)
 
-    near = np.column_stack(
-        [4.1 + generator.exponential(0.25, 50), generator.normal(size=(50, dimension - 1))]
-    )
-    z = np.vstack([draw_wide(60, dimension, generator, reach_of(1e-5)), near])
+    z = np.vstack([draw_wide(60, dimension, generator, reach_of(1e-5)), around_plane(generator, dimension)])
     first, pool = len(z), 4.4 * np.eye(dimension)[:1]
     z = z[np.linalg.norm(z - centre, axis=1) > radius + 0.1]
     while len(points := open_minima(5, z, margin(z) <= 0, margin(z), pool, reach_of(1e-5))):
@@ -249,6 +252,28 @@ def followed(seed, dimension, radius):
 def test_minima_are_followed_into_balls_that_are_too_small_for_the_cover(dimension, radius):
     assert 1 / radius > Cover.by_default(dimension).curvature
     assert sum(followed(seed, dimension, radius) for seed in range(8)) >= 7
+
+
+def test_with_many_inputs_runs_are_made_where_there_are_none(monkeypatch):
+    """The mean of the regression has no minimum where it is far from all runs, but much uncertainty."""
+
+    def score(z):
+        return 4.2 - z[:, 0] + 0.3 * np.sin(z[:, 1:]).sum(axis=1)
+
+    def runs_in_the_gap(seed):
+        generator = np.random.default_rng(seed)
+        wide = draw_wide(60, 4, generator, 14.0)
+        z = np.vstack([wide[wide[:, 0] > 1.0], around_plane(generator, 4)])
+        first, pool = len(z), 4.4 * np.eye(4)[:1]
+        while len(points := open_minima(5, z, score(z) <= 0, score(z), pool, 14.0)):
+            z = np.vstack([z, points])
+            if len(z) >= first + 100:
+                break
+        return np.count_nonzero(z[first:, 0] < 1.0)
+
+    strict = sum(map(runs_in_the_gap, range(2)))
+    monkeypatch.setattr(parts, "DOUBT", 0.0)
+    assert strict > 1.5 * sum(map(runs_in_the_gap, range(2)))
 
 
 def test_flags_alone_converge_in_many_inputs_only_if_a_certificate_is_stated():

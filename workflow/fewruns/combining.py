@@ -72,16 +72,17 @@ def ends(probability: float, reach: float) -> tuple[float, float]:
 
 def estimate_batch(batch: TwoPhaseBatch, happened: Flags) -> BatchEstimate:
     """Return the estimate of a batch, from n flags, with the variance of independent inclusions."""
-    n, aims = len(happened), bool(batch.weight.any())
+    sampled = batch.weight > 0
+    n = int(np.count_nonzero(sampled))
     terms = batch.weight * (happened - batch.control) / batch.inclusion
     first_phase = max(batch.controlled_square + batch.weight @ terms, 0.0)
     second_phase = (terms**2 * (1 - batch.inclusion)).sum() * n / max(n - 1, 1)
-    # A batch of a cover has no weights, and all of its events matter.
-    matters = (batch.weight / batch.inclusion > batch.prediction.probability) | (not aims)
+    # The runs of a cover have no weights, and all of their events matter.
+    matters = (batch.weight / batch.inclusion > batch.prediction.probability) | ~sampled
     return BatchEstimate(
         probability=float(batch.controlled + terms.sum()),
         observed_variance=float(first_phase + second_phase),
-        runs=n if aims else 0,
+        runs=n,
         prediction=batch.prediction,
         surprising=bool((happened & ~batch.aimed & matters).any()),
     )

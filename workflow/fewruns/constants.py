@@ -155,6 +155,13 @@ COVER_REACH = 30.0
 # A local minimum of the scores is followed until there is a later run at this distance, in normal scores.
 BASIN_CLOSED = 0.5
 
+# With at most this number of inputs, the nearest runs surround a run. With more, some run is always lower
+# than its nearest runs by chance, and there are no runs in large parts of the space.
+SURROUNDED = 3
+
+# Largest number of runs of one batch for each basin or minimum. In large batches, the others are sampled.
+PROBES = 5
+
 # The minima of the regression of the scores are the ends of this number of descents. The steps have these
 # lengths, in normal scores, and the best of several proposals is taken if it is lower.
 DESCENTS, PROPOSALS = 300, 6
@@ -167,6 +174,10 @@ MINIMUM_CLOSED, CENTRE_NEAR = 0.25, 1.0
 # It is also known if the regression does not rise by more than `FLAT` on the way to one of this number of
 # centres, at this number of points between them.
 FLAT, WAYS, POINTS_OF_WAY = 0.25, 8, 10
+
+# With more than `SURROUNDED` inputs, an event must also be impossible at the mean of the regression less this
+# number of standard deviations, except near the known event.
+DOUBT = 2.5
 
 # With more inputs than this, flags alone do not show that there are no other parts: the number of runs that
 # exclude parts of the size of one normal score grows exponentially with the inputs.

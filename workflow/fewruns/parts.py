@@ -10,6 +10,8 @@ estimate would be too low by a required share if the event happened in all of th
 """
 
 import math
+from collections.abc import Callable
+from functools import partial
 
 import numpy as np
 from scipy.sparse import coo_array
@@ -24,11 +26,15 @@ from fewruns.constants import (
     CENTRE_NEAR,
     DESCENT_LENGTHS,
     DESCENTS,
+    DOUBT,
     FLAT,
+    GRADED_RUNS,
     MINIMUM_CLOSED,
     MODES,
     POINTS_OF_WAY,
+    PROBES,
     PROPOSALS,
+    SURROUNDED,
     WAYS,
 )
 from fewruns.graded import GradedSurrogate, end_of_events, graded, say_more
@@ -108,7 +114,7 @@ def probe(
     reach: float,
     generator: np.random.Generator,
 ) -> Array:
-    """Return n points, shape (n, d), near the basins in turn, where a regression predicts small scores.
+    """Return up to n points, shape (m, d), near the basins in turn, where a regression predicts small scores.
 
     They are not beyond the rarity ``reach``. They are at most as far from the run in the basin as its nearest
     run, or at most 2 `BASIN_CLOSED`, so that a step down a slope ends in the open. They are `BASIN_CLOSED`
@@ -118,6 +124,7 @@ def probe(
     outcome, d = graded(happened, score), z.shape[1]
     surrogate = GradedSurrogate(d)
     surrogate.fit(z, outcome, learn=True)
+    n = min(n, PROBES * len(basins))
     length = np.maximum(_distances(z).min(axis=1), 2 * BASIN_CLOSED)
     points, farthest = np.empty((0, d)), math.sqrt(chdtri(d, math.exp(-reach)))
     for basin in np.resize(basins[np.argsort(outcome[basins])], n):
@@ -141,11 +148,13 @@ def _distances(z: Array) -> Array:
 
 
 def open_minima(n: int, z: Array, happened: Flags, score: Array, centres: Array, reach: float) -> Array:
-    """Return n points at minima of a regression of the scores, shape (n, d); none if all minima are known.
+    """Return up to n points at minima of a regression of the scores, (m, d); none if all minima are known.
 
     A minimum is known if a run or a centre is near it, or if the regression does not rise on the straight way
-    from it to one of the nearest centres. Points and runs beyond the rarity ``reach`` are left out. No two
-    points are at the same place, because they would not show that the scores rise around them.
+    from it to one of the nearest centres. With more than three inputs, minima of the mean less `DOUBT`
+    standard deviations need runs as well, if an event is possible there. Points
+    and runs beyond the rarity ``reach`` are left out. No two points are at the same place, because they would
+    not show that the scores rise around them.
     """
     inside, d = rarity(z) <= reach, z.shape[1]
     z, happened, score = z[inside], happened[inside], score[inside]
@@ -153,48 +162,74 @@ def open_minima(n: int, z: Array, happened: Flags, score: Array, centres: Array,
     if not len(centres) or not happened.any() or not say_more(happened, score):
         return found
     outcome, generator = graded(happened, score), np.random.Generator(np.random.PCG64(len(z)))
-    surrogate = GradedSurrogate(d)
-    surrogate.fit(z, outcome, learn=True)
+    surrogate, kept = GradedSurrogate(d), _spread(happened)
+    surrogate.fit(z[kept], outcome[kept], learn=True)
     start, farthest = draw_wide(DESCENTS, d, generator, reach), math.sqrt(chdtri(d, math.exp(-reach)))
-    points, value = _descend(surrogate, start, farthest, generator)
     near, level = MINIMUM_CLOSED * math.sqrt(d), end_of_events(outcome, happened)
-    is_new = (cKDTree(z).query(points)[0] > near) & (cKDTree(centres).query(points)[0] > CENTRE_NEAR)
-    order = np.argsort(value)
-    points, value = points[order[is_new[order]]], value[order[is_new[order]]]
-    while len(points) and len(found) < n:  # the lowest first, and then only those apart from it
-        if _rise(surrogate, points[0], centres) > max(level - value[0], 0.0) + FLAT:
-            found = np.vstack([found, points[0]])
-        apart = np.linalg.norm(points - points[0], axis=1) > 2 * near
-        points, value = points[apart], value[apart]
-    # If there are fewer minima than points, further points are around them.
+    # With many inputs there may be no run in a large part of the space, and no minimum shows an event there.
+    for doubt in (0.0, DOUBT) if d > SURROUNDED else (0.0,):
+        bound = partial(_lower, surrogate, doubt)
+        points, value = _descend(bound, start, farthest, generator)
+        is_new = (cKDTree(z).query(points)[0] > near) & (cKDTree(centres).query(points)[0] > CENTRE_NEAR)
+        is_new &= (value < level) | (doubt == 0)
+        order = np.argsort(value)
+        points, value = points[order[is_new[order]]], value[order[is_new[order]]]
+        while len(points) and len(found) < n:  # the lowest first, and then only those apart from it
+            if _rise(bound, points[0], centres) > max(level - value[0], 0.0) + FLAT:
+                found = np.vstack([found, points[0]])
+            apart = np.linalg.norm(points - points[0], axis=1) > 2 * near
+            points, value = points[apart], value[apart]
+        if len(found):
+            break
+    # A few further points are around the minima.
+    n = min(n, PROBES * len(found))
     around = generator.normal(size=(n, d)) * near / math.sqrt(d)
     around[: len(found)] = 0.0
     return np.resize(found, (n, d)) + around if len(found) else found
 
 
+def _spread(happened: Flags) -> Indices:
+    """Return at most `GRADED_RUNS` runs, few of them events: they say nothing about minima far from them."""
+    events, others = np.flatnonzero(happened), np.flatnonzero(~happened)
+    most = max(GRADED_RUNS // 4, GRADED_RUNS - len(others))
+    few = _evenly(events, most)
+    return np.sort(np.append(few, _evenly(others, GRADED_RUNS - len(few))))
+
+
+def _evenly(runs: Indices, most: int) -> Indices:
+    """Return at most ``most`` of the runs, evenly spread over their order."""
+    return runs[np.linspace(0, len(runs) - 1, min(most, len(runs))).round().astype(int)]
+
+
+def _lower(surrogate: GradedSurrogate, doubt: float, z: Array) -> Array:
+    """Return the mean of a regression less ``doubt`` standard deviations at z, shape (m, d)."""
+    mean, deviation = surrogate.expect(z)
+    return mean - doubt * deviation
+
+
 def _descend(
-    surrogate: GradedSurrogate, z: Array, farthest: float, generator: np.random.Generator
+    bound: Callable[[Array], Array], z: Array, farthest: float, generator: np.random.Generator
 ) -> tuple[Array, Array]:
-    """Return where random steps end that lower the mean of a regression, (m, d), and the mean there, (m,).
+    """Return where random steps end that lower a function of points, (m, d), and its values there, (m,).
 
     The points stay within the distance ``farthest`` of the origin.
     """
-    (m, d), value = z.shape, surrogate.expect(z)[0]
+    (m, d), value = z.shape, bound(z)
     for length in DESCENT_LENGTHS:
         step = length * generator.normal(size=(m, PROPOSALS, d)) / math.sqrt(d)
         tried = z[:, None] + step
         tried *= np.minimum(farthest / np.linalg.norm(tried, axis=2, keepdims=True), 1.0)
-        means = surrogate.expect(tried.reshape(-1, d))[0].reshape(m, PROPOSALS)
-        best = np.arange(m), means.argmin(axis=1)
-        z = np.where((means[best] < value)[:, None], tried[best], z)
-        value = np.minimum(value, means[best])
+        values = bound(tried.reshape(-1, d)).reshape(m, PROPOSALS)
+        best = np.arange(m), values.argmin(axis=1)
+        z = np.where((values[best] < value)[:, None], tried[best], z)
+        value = np.minimum(value, values[best])
     return z, value
 
 
-def _rise(surrogate: GradedSurrogate, point: Array, centres: Array) -> float:
-    """Return by how much the mean of a regression rises at least on the way from a point to near centres."""
+def _rise(bound: Callable[[Array], Array], point: Array, centres: Array) -> float:
+    """Return by how much a function of points rises at least on the way from a point to near centres."""
     nearest = np.argsort(np.linalg.norm(centres - point, axis=1))[:WAYS]
     steps = np.linspace(0, 1, POINTS_OF_WAY + 2)[:-1]
     ways = point + steps[:, None] * (centres[nearest] - point)[:, None]
-    mean = surrogate.expect(ways.reshape(-1, len(point)))[0].reshape(len(nearest), -1)
-    return float((mean.max(axis=1) - mean[:, 0]).min())
+    values = bound(ways.reshape(-1, len(point))).reshape(len(nearest), -1)
+    return float((values.max(axis=1) - values[:, 0]).min())

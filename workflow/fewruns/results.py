@@ -11,7 +11,7 @@ from numpy.typing import ArrayLike
 from fewruns.arrays import Array, Flags
 from fewruns.certificate import Certificate, Unseen, look_beyond
 from fewruns.combining import BatchEstimate, Combined, anytime_interval, combine, counted_batches
-from fewruns.constants import FEW, NOISY_USABLE, UNSEEN_ALPHA, USABLE
+from fewruns.constants import FEW, NOISY_USABLE, SURROUNDED, UNSEEN_ALPHA, USABLE
 from fewruns.cover import Cover
 from fewruns.estimates import Estimate, Stopping, effective_number, largest_pareto_k, pareto_k
 from fewruns.parts import draw_in_balls_together, open_balls, open_basins, open_minima, probe
@@ -143,12 +143,13 @@ def where_to_search(progress: Progress, certificate: Certificate | Cover) -> flo
 def runs_of_cover(
     progress: Progress, cover: Cover, n: int, generator: np.random.Generator
 ) -> tuple[Array, bool]:
-    """Return n runs, shape (n, d), that exclude other parts of the event, or none if none are needed.
+    """Return up to n runs, shape (m, d), that exclude other parts of the event; none if none are needed.
 
     The second value is whether they are at minima of the scores, where no pool has points.
 
     Known parts come first, because the estimate begins again if they are larger than it knows. With many
-    inputs no run is near another one, and if outcomes may be random, only the cover can be checked.
+    inputs no run is near another one, and if outcomes may be random, only the cover can be checked. With
+    more than three inputs, runs that are lower than their nearest runs are frequent and say nothing.
     """
     z, happened, probability = progress.z, progress.happened, _mean(progress)
     reach, can_see = reach_of(probability), not progress.chance and z.shape[1] <= FEW
@@ -158,7 +159,7 @@ def runs_of_cover(
     if cover.unseen(z) > cover.share * probability:
         return cover.next_runs(n, z, cover.share * probability, generator), False
     known = z, happened, progress.score
-    if can_see and len(basins := open_basins(*known, reach)):
+    if can_see and z.shape[1] <= SURROUNDED and len(basins := open_basins(*known, reach)):
         return probe(n, basins, *known, reach, generator), False
     return open_minima(n, *known, centres, reach) if can_see else z[:0], True
 
@@ -227,8 +228,8 @@ def tabulate_runs(progress: Progress, batch_size: int) -> "pd.DataFrame":
     batches = len(run) // batch_size
     searched = batches - len(progress.estimates)
     learnt = batches - len(counted(progress))
-    covers = searched + 1 + np.flatnonzero([not each.runs for each in progress.estimates])
-    is_of = [batch <= searched, np.isin(batch, covers), batch <= learnt]
+    sampled = np.repeat([batch_size] * searched + [each.runs for each in progress.estimates], batch_size)
+    is_of = [batch <= searched, (run - 1) % batch_size >= sampled, batch <= learnt]
     phase = np.select(is_of, ["search", "cover", "learn"], "estimate")
     repeats, draws = progress.repeats, progress.law_draws
     tables = [

@@ -200,9 +200,9 @@ class Sampler:
             progress.estimates.append(estimate_batch(batch, happened))
             progress.batches.append(batch)
             progress.foreseen = np.vstack([progress.foreseen, batch.foreseen])
-            if not progress.estimates[-1].runs and progress.centres is not None:
+            if progress.centres is not None:
                 # Kernels are needed around the events of a part that the last pool did not contain.
-                progress.centres = np.vstack([progress.centres, batch.z[happened]])
+                progress.centres = np.vstack([progress.centres, batch.z[happened & (batch.weight == 0)]])
             return
         events = self.belief.space.coordinates(batch.z[happened])
         rarest = min(rarity(events).min(initial=REACH), progress.rarest)
