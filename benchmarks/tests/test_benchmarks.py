@@ -36,6 +36,7 @@ def test_a_benchmark_plans_its_jobs(name, tmp_path):
         "--cores",
         "2",
         "--dry-run",
+        "--forceall",  # whichever of the published files are newer than the code
     ]
     environment = os.environ | {"PYTHONPATH": str(ROOT / "workflow")}
     run = subprocess.run(command, cwd=tmp_path, env=environment, capture_output=True, text=True)
