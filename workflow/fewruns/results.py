@@ -228,8 +228,9 @@ def tabulate_runs(progress: Progress, batch_size: int) -> "pd.DataFrame":
     batches = len(run) // batch_size
     searched = batches - len(progress.estimates)
     learnt = batches - len(counted(progress))
-    sampled = np.repeat([batch_size] * searched + [each.runs for each in progress.estimates], batch_size)
-    is_of = [batch <= searched, (run - 1) % batch_size >= sampled, batch <= learnt]
+    weight = np.concatenate([np.empty(0), *(each.weight for each in progress.batches)])
+    is_of_cover = np.append(np.zeros(len(run) - len(weight), bool), weight == 0)
+    is_of = [batch <= searched, is_of_cover, batch <= learnt]
     phase = np.select(is_of, ["search", "cover", "learn"], "estimate")
     repeats, draws = progress.repeats, progress.law_draws
     tables = [
