@@ -151,10 +151,10 @@ def open_minima(n: int, z: Array, happened: Flags, score: Array, centres: Array,
     """Return up to n points at minima of a regression of the scores, (m, d); none if all minima are known.
 
     A minimum is known if a run or a centre is near it, or if the regression does not rise on the straight way
-    from it to one of the nearest centres. With more than three inputs, minima of the mean less `DOUBT`
-    standard deviations need runs as well, if an event is possible there. Points
-    and runs beyond the rarity ``reach`` are left out. No two points are at the same place, because they would
-    not show that the scores rise around them.
+    from it to one of the nearest centres. With more than `SURROUNDED` inputs, this also holds for the mean
+    less `DOUBT` standard deviations, whose minima may be ignored if no event is possible there. Points and
+    runs beyond the rarity ``reach`` are left out. No two points are at the same place, because they would not
+    show that the scores rise around them.
     """
     inside, d = rarity(z) <= reach, z.shape[1]
     z, happened, score = z[inside], happened[inside], score[inside]
@@ -189,7 +189,7 @@ def open_minima(n: int, z: Array, happened: Flags, score: Array, centres: Array,
 
 
 def _spread(happened: Flags) -> Indices:
-    """Return at most `GRADED_RUNS` runs, few of them events: they say nothing about minima far from them."""
+    """Return at most `GRADED_RUNS` runs, few of them events, which say nothing about distant minima."""
     events, others = np.flatnonzero(happened), np.flatnonzero(~happened)
     most = max(GRADED_RUNS // 4, GRADED_RUNS - len(others))
     few = _evenly(events, most)

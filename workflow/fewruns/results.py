@@ -113,7 +113,8 @@ def is_certified(progress: Progress, certificate: Certificate | Cover) -> bool:
     """Return whether the bound on an unobserved mode is at most ``certificate.share`` times the estimate.
 
     If this is to be shown by a cover, no known part may be larger than estimated, and all basins and minima
-    of the scores must be known. One more batch is then sampled, because the surrogate has learnt from them.
+    of the scores must be known. If a whole batch was spent on them, one more is sampled, because the
+    surrogate has learnt from them.
     """
     probability = _mean(progress)
     if _unseen(progress, probability, certificate).mode > certificate.share * probability:
@@ -149,7 +150,7 @@ def runs_of_cover(
 
     Known parts come first, because the estimate begins again if they are larger than it knows. With many
     inputs no run is near another one, and if outcomes may be random, only the cover can be checked. With
-    more than three inputs, runs that are lower than their nearest runs are frequent and say nothing.
+    more than three inputs, runs with smaller scores than their nearest runs are frequent and say nothing.
     """
     z, happened, probability = progress.z, progress.happened, _mean(progress)
     reach, can_see = reach_of(probability), not progress.chance and z.shape[1] <= FEW
