@@ -260,20 +260,25 @@ def test_with_many_inputs_runs_are_made_where_there_are_none(monkeypatch):
     def score(z):
         return 4.2 - z[:, 0] + 0.3 * np.sin(z[:, 1:]).sum(axis=1)
 
-    def runs_in_the_gap(seed):
-        generator = np.random.default_rng(seed)
-        wide = draw_wide(60, 4, generator, 14.0)
-        z = np.vstack([wide[wide[:, 0] > 1.0], around_plane(generator, 4)])
-        first, pool = len(z), 4.4 * np.eye(4)[:1]
-        while len(points := open_minima(5, z, score(z) <= 0, score(z), pool, 14.0)):
-            z = np.vstack([z, points])
-            if len(z) >= first + 100:
-                break
-        return np.count_nonzero(z[first:, 0] < 1.0)
+    def runs_in_the_gap(begins):
+        runs = 0
+        for seed in range(2):
+            generator = np.random.default_rng(seed)
+            wide = draw_wide(60, 4, generator, 14.0)
+            z = np.vstack([wide[wide[:, 0] > 1.0], around_plane(generator, 4)])
+            first, pool = len(z), 4.4 * np.eye(4)[:1]
+            while len(points := open_minima(5, z, score(z) <= 0, score(z), pool, 14.0, begins)):
+                z = np.vstack([z, points])
+                if len(z) >= first + 100:
+                    break
+            runs += np.count_nonzero(z[first:, 0] < 1.0)
+        return runs
 
-    strict = sum(map(runs_in_the_gap, range(2)))
+    strict, near = runs_in_the_gap(14.0), runs_in_the_gap(5.0)
     monkeypatch.setattr(parts, "DOUBT", 0.0)
-    assert strict > 1.5 * sum(map(runs_in_the_gap, range(2)))
+    without = runs_in_the_gap(14.0)
+    assert strict > 1.5 * without
+    assert without < near < strict  # no doubt where only small parts begin
 
 
 def test_flags_alone_converge_in_many_inputs_only_if_a_certificate_is_stated():

@@ -176,7 +176,7 @@ MINIMUM_CLOSED, CENTRE_NEAR = 0.25, 1.0
 FLAT, WAYS, POINTS_OF_WAY = 0.25, 8, 10
 
 # With more than `SURROUNDED` inputs, an event must also be impossible at the mean of the regression less this
-# number of standard deviations, except near the known event.
+# number of standard deviations, except near the known event and where only small parts can be.
 DOUBT = 2.5
 
 # With more inputs than this, flags alone do not show that there are no other parts: the number of runs that

@@ -34,6 +34,7 @@ from fewruns.constants import (
     POINTS_OF_WAY,
     PROBES,
     PROPOSALS,
+    REACH,
     SURROUNDED,
     WAYS,
 )
@@ -147,14 +148,17 @@ def _distances(z: Array) -> Array:
     return distance
 
 
-def open_minima(n: int, z: Array, happened: Flags, score: Array, centres: Array, reach: float) -> Array:
+def open_minima(
+    n: int, z: Array, happened: Flags, score: Array, centres: Array, reach: float, begins: float = REACH
+) -> Array:
     """Return up to n points at minima of a regression of the scores, (m, d); none if all minima are known.
 
     A minimum is known if a run or a centre is near it, or if the regression does not rise on the straight way
-    from it to one of the nearest centres. With more than `SURROUNDED` inputs, this also holds for the mean
-    less `DOUBT` standard deviations, whose minima may be ignored if no event is possible there. Points and
-    runs beyond the rarity ``reach`` are left out. No two points are at the same place, because they would not
-    show that the scores rise around them.
+    from it to one of the nearest centres. Points and runs beyond the rarity ``reach`` are left out. With more
+    than `SURROUNDED` inputs, the minima of the mean less `DOUBT` standard deviations must also be known, if
+    an event is possible there and if they are within the rarity ``begins``, where every part that matters
+    has points. No two points are at the same place, because they would not show that the scores rise around
+    them.
     """
     inside, d = rarity(z) <= reach, z.shape[1]
     z, happened, score = z[inside], happened[inside], score[inside]
@@ -164,10 +168,11 @@ def open_minima(n: int, z: Array, happened: Flags, score: Array, centres: Array,
     outcome, generator = graded(happened, score), np.random.Generator(np.random.PCG64(len(z)))
     surrogate, kept = GradedSurrogate(d), _spread(happened)
     surrogate.fit(z[kept], outcome[kept], learn=True)
-    start, farthest = draw_wide(DESCENTS, d, generator, reach), math.sqrt(chdtri(d, math.exp(-reach)))
     near, level = MINIMUM_CLOSED * math.sqrt(d), end_of_events(outcome, happened)
     # With many inputs there may be no run in a large part of the space, and no minimum shows an event there.
-    for doubt in (0.0, DOUBT) if d > SURROUNDED else (0.0,):
+    searches = [(0.0, reach), (DOUBT, min(begins, reach))]
+    for doubt, rarest in searches if d > SURROUNDED else searches[:1]:
+        start, farthest = draw_wide(DESCENTS, d, generator, rarest), math.sqrt(chdtri(d, math.exp(-rarest)))
         bound = partial(_lower, surrogate, doubt)
         points, value = _descend(bound, start, farthest, generator)
         is_new = (cKDTree(z).query(points)[0] > near) & (cKDTree(centres).query(points)[0] > CENTRE_NEAR)

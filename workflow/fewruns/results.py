@@ -162,7 +162,9 @@ def runs_of_cover(
     known = z, happened, progress.score
     if can_see and z.shape[1] <= SURROUNDED and len(basins := open_basins(*known, reach)):
         return probe(n, basins, *known, reach, generator), False
-    return open_minima(n, *known, centres, reach) if can_see else z[:0], True
+    # A part of this probability has points that are not in the tail of the same probability.
+    begins = max(-math.log(cover.share * probability), 0.0)
+    return open_minima(n, *known, centres, reach, begins) if can_see else z[:0], True
 
 
 def _mean(progress: Progress) -> float:
