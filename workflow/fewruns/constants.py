@@ -179,6 +179,10 @@ FLAT, WAYS, POINTS_OF_WAY = 0.25, 8, 10
 # number of standard deviations, except near the known event and where only small parts can be.
 DOUBT = 2.5
 
+# Prior of the noise of this regression with more than `SURROUNDED` inputs. With `NOISE`, runs whose scores
+# decrease towards an unknown part were taken for noise about a smoother function.
+FINE_NOISE = 0.03, 0.3
+
 # With more inputs than this, flags alone do not show that there are no other parts: the number of runs that
 # exclude parts of the size of one normal score grows exponentially with the inputs.
 MOST_INPUTS_OF_FLAGS = 2
@@ -250,10 +254,10 @@ LEARNING_STEPS = 5
 MOST_RUNS = 600
 
 # The regression of the scores: log-normal prior of the standard deviation of its noise, which represents
-# everything that is too fine to be learnt; bounds of the logarithm of the noise; and largest number of
-# iterations of the optimisation of lengths, amplitude and noise. The prior median of the amplitude is 1,
-# which is the standard deviation of the graded outcomes.
-NOISE, NOISE_SPREAD = 0.1, 1.0
+# everything that is too fine to be learnt, as median and standard deviation of the logarithm; bounds of the
+# logarithm of the noise; and largest number of iterations of the optimisation of lengths, amplitude and
+# noise. The prior median of the amplitude is 1, which is the standard deviation of the graded outcomes.
+NOISE = 0.1, 1.0
 LOG_NOISE_BOUNDS = (-4.0, 0.0)
 GRADED_STEPS = 15
 

@@ -27,7 +27,6 @@ from fewruns.constants import (
     LOG_DIRECTION_BOUNDS,
     MOST_DIRECTIONS,
     NOISE,
-    NOISE_SPREAD,
     OUTWARD,
     OUTWARD_SPREAD,
     STARTS,
@@ -37,8 +36,8 @@ from fewruns.graded import graded
 from fewruns.pools import outward
 
 # Prior mean and standard deviation of three logarithms: inverse length outward, amplitude and noise.
-CENTRE = np.log([OUTWARD, 1.0, NOISE])
-SCALE = np.array([OUTWARD_SPREAD, AMPLITUDE_SPREAD, NOISE_SPREAD])
+CENTRE = np.log([OUTWARD, 1.0, NOISE[0]])
+SCALE = np.array([OUTWARD_SPREAD, AMPLITUDE_SPREAD, NOISE[1]])
 
 
 def learn_directions(z: Array, happened: Flags, score: Array, before: Array | None) -> Array:

@@ -27,10 +27,12 @@ from fewruns.constants import (
     DESCENT_LENGTHS,
     DESCENTS,
     DOUBT,
+    FINE_NOISE,
     FLAT,
     GRADED_RUNS,
     MINIMUM_CLOSED,
     MODES,
+    NOISE,
     POINTS_OF_WAY,
     PROBES,
     PROPOSALS,
@@ -166,7 +168,7 @@ def open_minima(
     if not len(centres) or not happened.any() or not say_more(happened, score):
         return found
     outcome, generator = graded(happened, score), np.random.Generator(np.random.PCG64(len(z)))
-    surrogate, kept = GradedSurrogate(d), _spread(happened)
+    surrogate, kept = GradedSurrogate(d, FINE_NOISE if d > SURROUNDED else NOISE), _spread(happened)
     surrogate.fit(z[kept], outcome[kept], learn=True)
     near, level = MINIMUM_CLOSED * math.sqrt(d), end_of_events(outcome, happened)
     # With many inputs there may be no run in a large part of the space, and no minimum shows an event there.
