@@ -8,11 +8,12 @@ import pytest
 from fewruns import Cover, InputError, Sampler, SystemProblem, estimate, parts, results
 from fewruns.certificate import BY_DEFAULT
 from fewruns.combining import combine, counted_batches, estimate_batch
-from fewruns.constants import BASIN_CLOSED, CENTRE_NEAR, CORE, COVER_MISSED, MODES
+from fewruns.constants import BASIN_CLOSED, CENTRE_NEAR, CORE, COVER_MISSED, FINE_NOISE, MODES, NOISE
+from fewruns.graded import GradedSurrogate, graded
 from fewruns.parts import open_basins, open_minima, probe
 from fewruns.running import estimate_problem
 from fewruns.two_phase import reach_of
-from fewruns.wide_laws import draw_wide
+from fewruns.wide_laws import draw_wide, rarity
 from sampler_checks import STOPPING, drive, new_sampler, numbers, resumed, standard_normal_event
 from scipy.spatial import cKDTree
 from scipy.stats import ncx2, norm
@@ -260,25 +261,48 @@ def test_with_many_inputs_runs_are_made_where_there_are_none(monkeypatch):
     def score(z):
         return 4.2 - z[:, 0] + 0.3 * np.sin(z[:, 1:]).sum(axis=1)
 
-    def runs_in_the_gap(begins):
-        runs = 0
-        for seed in range(2):
-            generator = np.random.default_rng(seed)
-            wide = draw_wide(60, 4, generator, 14.0)
-            z = np.vstack([wide[wide[:, 0] > 1.0], around_plane(generator, 4)])
-            first, pool = len(z), 4.4 * np.eye(4)[:1]
-            while len(points := open_minima(5, z, score(z) <= 0, score(z), pool, 14.0, begins)):
-                z = np.vstack([z, points])
-                if len(z) >= first + 100:
-                    break
-            runs += np.count_nonzero(z[first:, 0] < 1.0)
-        return runs
+    def runs_in_the_gap(seed):
+        generator = np.random.default_rng(seed)
+        wide = draw_wide(60, 4, generator, 14.0)
+        z = np.vstack([wide[wide[:, 0] > 1.0], around_plane(generator, 4)])
+        first, pool = len(z), 4.4 * np.eye(4)[:1]
+        while len(points := open_minima(5, z, score(z) <= 0, score(z), pool, 14.0)):
+            z = np.vstack([z, points])
+            if len(z) >= first + 100:
+                break
+        return np.count_nonzero(z[first:, 0] < 1.0)
 
-    strict, near = runs_in_the_gap(14.0), runs_in_the_gap(5.0)
+    strict = sum(map(runs_in_the_gap, range(2)))
     monkeypatch.setattr(parts, "DOUBT", 0.0)
-    without = runs_in_the_gap(14.0)
-    assert strict > 1.5 * without
-    assert without < near < strict  # no doubt where only small parts begin
+    assert strict > 1.5 * sum(map(runs_in_the_gap, range(2)))
+
+
+def test_an_event_is_only_doubted_where_a_part_that_matters_begins(monkeypatch):
+    generator, ends, descend = np.random.default_rng(1), [], parts._descend
+
+    def recorded(*given):
+        ends.append(descend(*given))
+        return ends[-1]
+
+    monkeypatch.setattr(parts, "_descend", recorded)
+    z = np.vstack([draw_wide(60, 4, generator, 14.0), around_plane(generator, 4)])
+    known = 4.4 * np.eye(4)[:1], 14.0, 6.0
+    while len(points := open_minima(5, z, z[:, 0] >= 4.2, 4.2 - z[:, 0], *known)):
+        z = np.vstack([z, points])
+    assert [rarity(points).max() for points, _ in ends[-2:]] == pytest.approx([14.0, 6.0])
+
+
+def test_a_regression_with_little_noise_follows_small_differences():
+    """Smaller scores near a second part were taken for noise about a function without this part."""
+    generator = np.random.default_rng(1)
+    z = draw_wide(100, 4, generator, 14.0)
+    score = np.minimum(4.2 - z[:, 0], np.linalg.norm(z + 4.0 * np.eye(4)[0], axis=1) - 1.5)
+    outcome, errors = graded(score <= 0, score), []
+    for noise in (NOISE, FINE_NOISE):
+        regression = GradedSurrogate(4, noise)
+        regression.fit(z, outcome, learn=True)
+        errors.append(np.std(regression.expect(z)[0] - outcome))
+    assert errors[1] < errors[0] / 2
 
 
 def test_flags_alone_converge_in_many_inputs_only_if_a_certificate_is_stated():
