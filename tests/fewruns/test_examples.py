@@ -32,9 +32,14 @@ def test_every_public_function_and_class_has_an_example():
         assert ">>>" in text or "example" in text or name == "ScoreProblem", name
 
 
-def test_the_guide_runs_from_top_to_bottom(tmp_path):
+def blocks_of_the_guide(*, of_openturns: bool = False) -> list[str]:
+    """Return the examples of the guide, either those of this package or the one of OpenTURNS."""
     blocks = re.findall(r"```python\n(.*?)```", (DOCS / "sampler.md").read_text(encoding="utf-8"), re.DOTALL)
-    names: dict = {}
+    return [block for block in blocks if ("openturns" in block) == of_openturns]
+
+
+def test_the_guide_runs_from_top_to_bottom(tmp_path):
+    blocks, names = blocks_of_the_guide(), {}
     with contextlib.chdir(tmp_path), contextlib.redirect_stdout(io.StringIO()):
         exec(blocks[0], names)
         structure = names["found"]
@@ -52,7 +57,7 @@ def test_the_guide_runs_from_top_to_bottom(tmp_path):
 
 def test_the_same_limit_state_in_openturns(capsys):
     pytest.importorskip("openturns", reason="needs the extra peers")
-    (block,) = re.findall(r"```python\n(.*?)```", (DOCS / "method.md").read_text(encoding="utf-8"), re.DOTALL)
+    (block,) = blocks_of_the_guide(of_openturns=True)
     exec(block, {})
     probability, variation, calls = map(float, capsys.readouterr().out.split())
     resistance, load = stats.norm(7, 1), stats.lognorm(0.3, scale=1.5)
