@@ -298,7 +298,6 @@ def successors_table(successors: pd.DataFrame) -> str:
 
 def chance_table(chance: pd.DataFrame) -> str:
     """Return what the sampler finds for systems that do not repeat themselves."""
-    chance = chance[chance["version"] == "present"]
     some = chance["converged"] > 0
     return formatted(
         chance.assign(
@@ -455,8 +454,9 @@ def by_kind(drawn: pd.DataFrame) -> pd.DataFrame:
     outcome = drawn["problem"].str.endswith("flags").map({True: "flags", False: "scores"})
     inputs = drawn["dimension"].gt(3).map({True: "4 to 8 inputs", False: "2 or 3 inputs"})
     number = drawn["problem"].str.extract(r"(\d+)", expand=False).astype(int)
-    # See DRAWN, SHOWN and LATER in samplers/hidden_problems.py.
-    when = pd.cut(number, [99, 139, 199, 299], labels=["", ", that showed a fault", ", run last"]).astype(str)
+    # See DRAWN, SHOWN, LATER and LAST in samplers/hidden_problems.py.
+    runs = ["", ", that showed a fault", ", run later", ", run last"]
+    when = pd.cut(number, [99, 139, 199, 259, 399], labels=runs).astype(str)
     rows = []
     for kind, problems in drawn.groupby(outcome + ", " + inputs + when):
         seeds = problems["seeds"]
@@ -465,9 +465,11 @@ def by_kind(drawn: pd.DataFrame) -> pd.DataFrame:
             "calls_p95": problems["calls_p95"].max(),
         }
         row |= {name: problems[name].sum() for name in ("seeds", "failed", "claimed")}
-        for name in ("calls_mean", "mean", "coverage80"):
-            row[name] = problems[name] @ seeds / seeds.sum()
-        rows.append(row | {"error": math.sqrt(problems["error"] ** 2 @ seeds / seeds.sum())})
+        found = problems["mean"].notna()  # a problem without any number has neither mean nor error
+        row |= {name: problems[name] @ seeds / seeds.sum() for name in ("calls_mean", "coverage80")}
+        row["mean"] = np.average(problems["mean"][found], weights=seeds[found])
+        row["error"] = math.sqrt(np.average(problems["error"][found] ** 2, weights=seeds[found]))
+        rows.append(row)
     return pd.DataFrame(rows)
 
 

@@ -261,7 +261,7 @@ PROBLEMS: dict[str, Callable[[], Chance]] = {
 }
 
 
-def run_seeds(names: list[str], seeds: range, path: Path, limit: int, version: str) -> None:
+def run_seeds(names: list[str], seeds: range, path: Path, limit: int) -> None:
     """Run the sampler on some problems, and write a row for each seed that is not yet in the file.
 
     Parameters
@@ -272,17 +272,15 @@ def run_seeds(names: list[str], seeds: range, path: Path, limit: int, version: s
         The file.
     limit
         Simulations after which a seed ends.
-    version
-        How the table calls the sampler.
     """
     rows = pd.read_csv(path).to_dict("records") if path.exists() else []
-    known = {(row["problem"], row["version"], row["seed"]) for row in rows}
+    known = {(row["problem"], row["seed"]) for row in rows}
     for name in names:
         chance = PROBLEMS[name]()
         for seed in seeds:
-            if (name, version, seed) in known:
+            if (name, seed) in known:
                 continue
-            rows.append({"problem": name, "version": version, "seed": seed, **run(name, chance, seed, limit)})
+            rows.append({"problem": name, "seed": seed, **run(name, chance, seed, limit)})
             write_csv(path, pd.DataFrame(rows))
             print(rows[-1], flush=True)
 
@@ -310,7 +308,7 @@ def run(name: str, chance: Chance, seed: int, limit: int) -> dict[str, float]:
 def table(runs: pd.DataFrame) -> pd.DataFrame:
     """Sum up the runs, a row a problem."""
     rows = []
-    for (name, version), own in runs.groupby(["problem", "version"], sort=False):
+    for name, own in runs.groupby("problem", sort=False):
         exact = float(own["exact"].iloc[0])
         done = own[own["converged"]]
         ratio = done["probability"] / exact
@@ -322,7 +320,6 @@ def table(runs: pd.DataFrame) -> pd.DataFrame:
             {
                 "problem": name,
                 "exact": exact,
-                "version": version,
                 "seeds": len(own),
                 "converged": len(done),
                 "simulations": own["simulations"].mean(),
@@ -340,13 +337,10 @@ def table(runs: pd.DataFrame) -> pd.DataFrame:
 
 def updated(path: Path, runs: pd.DataFrame) -> pd.DataFrame:
     """Return the table in a file with the rows of the given runs, old rows of other problems included."""
-    new, key = table(runs), ["problem", "version"]
-    old = pd.read_csv(path, dtype={"version": str}) if path.exists() else new.iloc[:0]
-    order = {name: place for place, name in enumerate(PROBLEMS)}
-    merged = pd.concat([old, new]).drop_duplicates(key, keep="last")
-    return merged.sort_values(
-        key, key=lambda column: column.map(order) if column.name == "problem" else column
-    )
+    new = table(runs)
+    old = pd.read_csv(path) if path.exists() else new.iloc[:0]
+    merged = pd.concat([old, new]).drop_duplicates("problem", keep="last")
+    return merged.sort_values("problem", key=lambda names: names.map(list(PROBLEMS).index))
 
 
 def main() -> None:
@@ -357,16 +351,15 @@ def main() -> None:
     running.add_argument("problems", choices=PROBLEMS, nargs="+", metavar="problem")
     running.add_argument("--seeds", type=int, nargs=2, metavar=("FIRST", "END"), required=True)
     running.add_argument("--limit", type=int, default=LIMIT, help="simulations (default: %(default)s)")
-    running.add_argument("--version", default="present", help="what the table calls the sampler")
     summed = steps.add_parser("table", help="sum up all runs")
     summed.add_argument("runs", nargs="+")
     for step in (running, summed):
         step.add_argument("--output", type=Path, required=True)
     asked = parser.parse_args()
     if asked.step == "run":
-        run_seeds(asked.problems, range(*asked.seeds), asked.output, asked.limit, asked.version)
+        run_seeds(asked.problems, range(*asked.seeds), asked.output, asked.limit)
     else:
-        runs = pd.concat([pd.read_csv(path, dtype={"version": str}) for path in asked.runs])
+        runs = pd.concat([pd.read_csv(path) for path in asked.runs])
         write_csv(asked.output, updated(asked.output, runs))
 
 

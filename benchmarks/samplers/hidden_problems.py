@@ -130,9 +130,15 @@ def slab(depth: float, width: float, end: Array, across: Array) -> Margin:
 
 
 # Numbers of the random problems. The second ones, of which only those with scores and more than three inputs
-# are used, showed that estimates of a part of the event were said to have converged. The last ones were only
+# are used, showed that estimates of a part of the event were said to have converged. The later ones were only
 # run after the method had been changed; without scores, they have at most two inputs, or none would converge.
-DRAWN, SHOWN, LATER = range(100, 140), range(140, 193), range(200, 253)
+# It was changed once more for more than three inputs, and the last ones were run after that.
+DRAWN, SHOWN, LATER, LAST = range(100, 140), range(140, 193), range(200, 253), range(260, 340)
+
+
+def has_scores(problem: PublicProblem) -> bool:
+    """Return whether the sampler sees scores."""
+    return not problem.name.endswith("flags")
 
 
 def hidden_problems() -> dict[str, PublicProblem]:
@@ -188,7 +194,7 @@ def hidden_problems() -> dict[str, PublicProblem]:
         orthogonal("planes_3_of_6_flags", 6, 3.5, 3.6, 3.7),
         orthogonal("unequal_planes_4_of_5", 5, 4.0, 4.1, 4.2, 4.3),
         *map(drawn, DRAWN),
-        *(each for each in map(drawn, SHOWN) if each.event.dimension > 3 and "flags" not in each.name),
-        *(each for each in map(drawn, LATER) if each.event.dimension <= 2 or "flags" not in each.name),
+        *(each for each in map(drawn, LATER) if each.event.dimension <= 2 or has_scores(each)),
+        *(each for each in map(drawn, [*SHOWN, *LAST]) if each.event.dimension > 3 and has_scores(each)),
     ]
     return {problem.name: problem for problem in everything}

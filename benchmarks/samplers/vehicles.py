@@ -36,7 +36,6 @@ LAWS = {
     "hazard": "hazard",
 }
 STRIPED = ("reg157",)  # crashes in stripes that the scan of a map would miss
-SEEDS_STRIPED = 2  # the sampler does not end there: each run takes 1,000 simulations and half a minute
 LEAST = 1e-12  # probability below which the sampler is not asked
 LIMITS = ("lead_speed_min", "lead_speed_max", "range_max")
 SHOWN = (
@@ -91,7 +90,7 @@ def estimated(key: str, law: Law, maps: Mapping[str, CrashMap], seeds: int) -> p
     maps
         Crash maps of the study's vehicles by name.
     seeds
-        Number of estimates of each vehicle; two of those that crash in stripes.
+        Number of estimates of each vehicle.
 
     Returns
     -------
@@ -106,8 +105,7 @@ def estimated(key: str, law: Law, maps: Mapping[str, CrashMap], seeds: int) -> p
         runs = pd.DataFrame({"seed": [None]})
         if exact.probability >= LEAST:
             crash = CutInProblem(CUT_IN, law, load_vehicle(name, **vehicles()[name]))
-            count = SEEDS_STRIPED if name in STRIPED else seeds
-            runs = repeated(Problem(f"{key} {name}", name, crash, ours_only=True), METHOD, range(count))
+            runs = repeated(Problem(f"{key} {name}", name, crash, ours_only=True), METHOD, range(seeds))
         parts.append(runs.assign(**known))
     return pd.concat(parts, ignore_index=True)
 

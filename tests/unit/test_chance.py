@@ -179,7 +179,6 @@ def test_the_table_of_the_benchmark_by_hand():
     runs = pd.DataFrame(
         {
             "problem": "one",
-            "version": "present",
             "exact": 1.0,
             "probability": [1.2, 0.4, 5.0],
             "low": [1.1, 0.3, 4.0],
