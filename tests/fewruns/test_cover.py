@@ -8,7 +8,16 @@ import pytest
 from fewruns import Cover, InputError, Sampler, SystemProblem, estimate, parts, results
 from fewruns.certificate import BY_DEFAULT
 from fewruns.combining import combine, counted_batches, estimate_batch
-from fewruns.constants import BASIN_CLOSED, CENTRE_NEAR, CORE, COVER_MISSED, FINE_NOISE, MODES, NOISE
+from fewruns.constants import (
+    BASIN_CLOSED,
+    CENTRE_NEAR,
+    CORE,
+    COVER_MISSED,
+    FINE_NOISE,
+    GRADED_RUNS,
+    MODES,
+    NOISE,
+)
 from fewruns.graded import GradedSurrogate, graded
 from fewruns.parts import open_basins, open_minima, probe
 from fewruns.running import estimate_problem
@@ -305,6 +314,23 @@ def test_a_regression_with_little_noise_follows_small_differences():
     assert errors[1] < errors[0] / 2
 
 
+def test_runs_far_from_all_others_are_kept_in_the_regression():
+    """Of thousands of runs near the boundary, few are needed, and runs at minima are the only ones there."""
+    generator, few = np.random.default_rng(1), 20
+    near = np.array([4.2, 0, 0, 0]) + 0.3 * generator.normal(size=(3000, 4))
+    alone = 4.0 * isotropic(generator, few, 4) - np.array([3.0, 0, 0, 0])
+    place = np.sort(generator.integers(len(near), size=few)) + np.arange(few)
+    z = np.empty((len(near) + few, 4))
+    z[place], z[np.setdiff1d(np.arange(len(z)), place)] = alone, near
+    kept = parts._spread(z, z[:, 0] >= 4.2)
+    assert len(np.unique(kept)) == len(kept) == GRADED_RUNS
+    assert np.isin(place, kept).all()
+    assert np.count_nonzero(z[kept, 0] >= 4.2) == GRADED_RUNS // 4
+    same = parts._spread(np.zeros((500, 2)), np.arange(500) < 10)  # all at the same place
+    assert len(np.unique(same)) == GRADED_RUNS
+    assert (parts._spread(z[:100], z[:100, 0] >= 4.2) == np.arange(100)).all()
+
+
 def test_flags_alone_converge_in_many_inputs_only_if_a_certificate_is_stated():
     event = standard_normal_event(lambda z: 3.5 - z[:, 0], graded=False, dimension=4)
     repeated = SystemProblem(lambda z: (z[:, 0] > 3.5, 1.0 - (z[:, 0] > 3.5)), 4, deterministic=True)
@@ -317,6 +343,18 @@ def test_flags_alone_converge_in_many_inputs_only_if_a_certificate_is_stated():
     assert estimate_problem(event, np.random.default_rng(1), STOPPING, certificate=stated).converged
     scored = standard_normal_event(lambda z: 3.5 - z[:, 0], dimension=4)
     assert estimate_problem(scored, np.random.default_rng(1), STOPPING).converged
+
+
+@pytest.mark.parametrize("dimension", [8, 20])
+def test_scores_converge_in_many_inputs_only_if_a_certificate_is_stated(dimension):
+    event = standard_normal_event(lambda z: 3.5 - z[:, 0], dimension=dimension)
+    silent = estimate_problem(event, np.random.default_rng(1), STOPPING)
+    assert silent.covers(norm.sf(3.5))
+    assert not silent.converged
+    stated = Cover.by_default(dimension)
+    found = estimate_problem(event, np.random.default_rng(1), STOPPING, certificate=stated)
+    assert found.converged
+    assert numbers(found)[:4] == numbers(silent)[:4]
 
 
 def test_a_part_that_only_the_cover_has_found_restarts_the_estimate(monkeypatch):

@@ -7,6 +7,7 @@ from fewruns.combining import counted_batches
 from fewruns.parts import draw_in_balls_together, open_balls, shares_of_parts
 from fewruns.wide_laws import draw_wide
 from sampler_checks import drive, new_sampler, standard_normal_event
+from scipy.sparse.csgraph import connected_components
 from scipy.spatial import cKDTree
 from scipy.special import chndtr
 from scipy.stats import ncx2, norm
@@ -43,6 +44,24 @@ def test_events_belong_to_the_part_with_which_other_events_link_them():
     assert shares_of_parts(z, happened, both)[is_in_ball] == 0.5
     # If no run is between them, nothing separates the two parts.
     assert (shares_of_parts(z[happened], happened[happened], centres) == 1).all()
+
+
+@pytest.mark.parametrize("dimension", [2, 4])
+def test_parts_are_those_of_all_pairs(dimension):
+    """The pairs are examined in blocks, the nearest first; here all of them are at once."""
+    generator, shares = np.random.default_rng(dimension), set()
+    for _ in range(5):
+        z, happened = generator.normal(size=(300, dimension)), generator.random(300) < 0.1
+        centres = generator.normal(size=(20, dimension))
+        points = np.vstack([centres, z[happened]])
+        middle = (points[:, None] + points) / 2
+        apart = cKDTree(z[~happened]).query(middle)[0]
+        linked = apart >= np.linalg.norm(points[:, None] - points, axis=2) / 2
+        part = connected_components(linked, directed=False)[1]
+        expected = [(part[:20] == own).mean() for own in part[20:]]
+        assert (shares_of_parts(z, happened, centres) == expected).all()
+        shares.update(expected)
+    assert len(shares) > 3  # several parts of different sizes
 
 
 def test_balls_are_open_around_an_event_that_the_pool_ignores():

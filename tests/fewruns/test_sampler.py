@@ -5,6 +5,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from fewruns import Cover
 from fewruns.constants import REACH
 from fewruns.wide_laws import bound_without_event, draw_wide
 from sampler_checks import HALF_PLANE, STOPPING, courses, estimate, half_plane, standard_normal_event
@@ -103,11 +104,16 @@ def test_event_everywhere():
     assert result.low == pytest.approx(1 - bound_without_event(60, STOPPING.alpha))
 
 
-@pytest.mark.parametrize(("size", "dimension"), [(25, 2), pytest.param(500, 6, marks=pytest.mark.studies)])
+@pytest.mark.parametrize(
+    ("size", "dimension"), [(25, 2), *(pytest.param(500, d, marks=pytest.mark.studies) for d in (6, 10))]
+)
 def test_large_batches_end_with_an_estimate(size, dimension):
     """Pools grow with the batch, or their own variance would outweigh what so many runs say."""
     event = standard_normal_event(lambda z: 4.0 - z.sum(1) / math.sqrt(dimension), dimension=dimension)
-    found = estimate(event, 1, replace(STOPPING, maximum_simulations=4000), batch_size=size)
+    stated = Cover.by_default(dimension)
+    found = estimate(
+        event, 1, replace(STOPPING, maximum_simulations=4000), batch_size=size, certificate=stated
+    )
     assert found.converged
     assert found.simulations % size == 0
     assert found.low / 1.5 < HALF_PLANE < found.high * 1.5

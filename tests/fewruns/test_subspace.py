@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from fewruns import InputError, Predecessor, Sampler, certificate
+from fewruns import Cover, InputError, Predecessor, Sampler, certificate
 from fewruns.constants import WHOLE_SHARE
 from fewruns.directions import _Model, _Regression, learn_directions
 from fewruns.graded import graded
@@ -13,6 +13,7 @@ from scipy.stats import chi2, kstest, norm
 
 DIMENSION = 20
 ALIKE = np.full(DIMENSION, DIMENSION**-0.5)
+STATED = Cover.by_default(DIMENSION)
 
 
 def half_space(level=4.5):
@@ -169,7 +170,7 @@ def test_in_many_dimensions_draws_look_far_out():
 
 @pytest.fixture(scope="module")
 def course():
-    return drive(new_sampler(DIMENSION, seed=1, batch_size=5), half_space())
+    return drive(new_sampler(DIMENSION, seed=1, batch_size=5, certificate=STATED), half_space())
 
 
 def test_a_half_space_in_20_dimensions_takes_less_than_300_runs(course):
@@ -189,7 +190,9 @@ def test_a_predecessor_of_many_inputs_is_refused():
 def test_batches_are_unbiased_whatever_the_directions():
     errors = []
     for seed in range(2):
-        sampler = drive(new_sampler(DIMENSION, seed=seed, batch_size=5), half_space(3.5)).sampler
+        sampler = drive(
+            new_sampler(DIMENSION, seed=seed, batch_size=5, certificate=STATED), half_space(3.5)
+        ).sampler
         # Batches of a sampler whose directions are wrong: the estimate needs more runs, and is not biased.
         sampler.progress.directions = np.random.default_rng(seed).normal(size=(DIMENSION, 1))
         again = resumed(sampler)

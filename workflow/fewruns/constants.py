@@ -183,9 +183,13 @@ DOUBT = 2.5
 # decrease towards an unknown part were taken for noise about a smoother function.
 FINE_NOISE = 0.03, 0.3
 
-# With more inputs than this, flags alone do not show that there are no other parts: the number of runs that
-# exclude parts of the size of one normal score grows exponentially with the inputs.
-MOST_INPUTS_OF_FLAGS = 2
+# With more inputs than the first number, flags alone do not show that there are no other parts, and with more
+# than the second one, scores do not: the number of runs that exclude parts of the size of one normal score
+# grows exponentially with the inputs.
+MOST_INPUTS_OF_FLAGS, MOST_INPUTS_OF_SCORES = 2, 6
+
+# Number of blocks in which pairs of points are examined that may belong to the same part of the event.
+BLOCKS = 20
 
 # Need to exclude a mode once more, in choosing the runs of a batch, where 1 is the need to exclude it once.
 COVERED_AGAIN = 0.1

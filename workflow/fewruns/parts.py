@@ -17,11 +17,13 @@ import numpy as np
 from scipy.sparse import coo_array
 from scipy.sparse.csgraph import connected_components
 from scipy.spatial import cKDTree
+from scipy.spatial.distance import pdist
 from scipy.special import chdtri, chndtr
 
 from fewruns.arrays import Array, Flags, Indices
 from fewruns.constants import (
     BASIN_CLOSED,
+    BLOCKS,
     CANDIDATES,
     CENTRE_NEAR,
     DESCENT_LENGTHS,
@@ -71,12 +73,16 @@ def draw_in_balls_together(n: int, balls: Array, generator: np.random.Generator)
 
 def shares_of_parts(z: Array, happened: Flags, centres: Array) -> Array:
     """Return the share of the centres that belong to the part of each of k events, shape (k,)."""
-    points = np.vstack([centres, z[happened]])
-    i, j = np.triu_indices(len(points), 1)
-    radius = np.linalg.norm(points[i] - points[j], axis=1) / 2
-    linked = cKDTree(z[~happened]).query((points[i] + points[j]) / 2)[0] >= radius
-    links = coo_array((linked[linked], (i[linked], j[linked])), (len(points), len(points)))
-    part = connected_components(links, directed=False)[1]
+    points, others = np.vstack([centres, z[happened]]), cKDTree(z[~happened])
+    distance, (i, j) = pdist(points), np.triu_indices(len(points), 1)
+    part = np.arange(len(points))
+    # The nearest pairs come first, and link most points, so that few of the other pairs must be examined.
+    for pairs in np.array_split(np.argsort(distance), BLOCKS):
+        pairs = pairs[part[i[pairs]] != part[j[pairs]]]
+        middle = (points[i[pairs]] + points[j[pairs]]) / 2
+        pairs = pairs[others.query(middle)[0] >= distance[pairs] / 2]
+        links = coo_array((np.ones(len(pairs)), (part[i[pairs]], part[j[pairs]])), (len(points), len(points)))
+        part = connected_components(links, directed=False)[1][part]
     share = np.bincount(part[: len(centres)], minlength=len(points)) / max(len(centres), 1)
     return share[part[len(centres) :]]
 
@@ -138,7 +144,7 @@ def probe(
         apart = np.linalg.norm(near[:, None] - points, axis=2).min(axis=1, initial=np.inf)
         apart = np.minimum(apart, BASIN_CLOSED)
         near = near[apart >= apart.max()]  # all of them, unless the basin is full of points
-        points = np.vstack([points, near[surrogate.expect(near)[0].argmin()]])
+        points = np.vstack([points, near[surrogate.mean(near).argmin()]])
     return points
 
 
@@ -168,7 +174,7 @@ def open_minima(
     if not len(centres) or not happened.any() or not say_more(happened, score):
         return found
     outcome, generator = graded(happened, score), np.random.Generator(np.random.PCG64(len(z)))
-    surrogate, kept = GradedSurrogate(d, FINE_NOISE if d > SURROUNDED else NOISE), _spread(happened)
+    surrogate, kept = GradedSurrogate(d, FINE_NOISE if d > SURROUNDED else NOISE), _spread(z, happened)
     surrogate.fit(z[kept], outcome[kept], learn=True)
     near, level = MINIMUM_CLOSED * math.sqrt(d), end_of_events(outcome, happened)
     # With many inputs there may be no run in a large part of the space, and no minimum shows an event there.
@@ -195,21 +201,27 @@ def open_minima(
     return np.resize(found, (n, d)) + around if len(found) else found
 
 
-def _spread(happened: Flags) -> Indices:
+def _spread(z: Array, happened: Flags) -> Indices:
     """Return at most `GRADED_RUNS` runs, few of them events, which say nothing about distant minima."""
     events, others = np.flatnonzero(happened), np.flatnonzero(~happened)
-    most = max(GRADED_RUNS // 4, GRADED_RUNS - len(others))
-    few = _evenly(events, most)
-    return np.sort(np.append(few, _evenly(others, GRADED_RUNS - len(few))))
+    few = events[_apart(z[events], max(GRADED_RUNS // 4, GRADED_RUNS - len(others)))]
+    return np.sort(np.append(few, others[_apart(z[others], GRADED_RUNS - len(few))]))
 
 
-def _evenly(runs: Indices, most: int) -> Indices:
-    """Return at most ``most`` of the runs, evenly spread over their order."""
-    return runs[np.linspace(0, len(runs) - 1, min(most, len(runs))).round().astype(int)]
+def _apart(z: Array, most: int) -> Indices:
+    """Return at most ``most`` of n points, shape (n, d), each as far as possible from those before it."""
+    chosen, distance = [0], np.full(len(z), np.inf)
+    while len(chosen) < min(most, len(z)):
+        distance = np.minimum(distance, np.linalg.norm(z - z[chosen[-1]], axis=1))
+        distance[chosen[-1]] = -1.0  # points at the same place are chosen last, and none of them twice
+        chosen.append(int(distance.argmax()))
+    return np.array(chosen)
 
 
 def _lower(surrogate: GradedSurrogate, doubt: float, z: Array) -> Array:
     """Return the mean of a regression less ``doubt`` standard deviations at z, shape (m, d)."""
+    if not doubt:
+        return surrogate.mean(z)
     mean, deviation = surrogate.expect(z)
     return mean - doubt * deviation
 

@@ -39,6 +39,7 @@ from fewruns.constants import (
     FREQUENT_START,
     LARGEST_SCORE,
     MOST_INPUTS_OF_FLAGS,
+    MOST_INPUTS_OF_SCORES,
     PATIENCE,
     POOL,
     REACH,
@@ -82,8 +83,9 @@ class Sampler:
         Text that identifies the problem, so that a saved state is not resumed for another one.
     certificate
         Bound on unobserved parts of the event that is required for convergence. None, the default, stands for
-        `Cover.by_default`, and for an ``upper_set`` it is replaced by `certificate.BY_DEFAULT`. With flags
-        alone and more than two inputs, an estimate only converges if a certificate is stated.
+        `Cover.by_default`, and for an ``upper_set`` it is replaced by `certificate.BY_DEFAULT`. With more
+        than six inputs, or with flags alone and more than two, an estimate only converges if a certificate is
+        stated.
     upper_set
         Whether it is known that the event is an upper set in one of the inputs, so that it also happens if
         this input is larger, and that it has no separate parts. Fewer runs are then needed.
@@ -314,7 +316,8 @@ class Sampler:
     @property
     def _can_exclude(self) -> bool:
         """Whether the certificate was stated, or the default one excludes parts of a moderate size."""
-        return self.certificate is not None or self._has_scores or self.dimension <= MOST_INPUTS_OF_FLAGS
+        most = MOST_INPUTS_OF_SCORES if self._has_scores else MOST_INPUTS_OF_FLAGS
+        return self.certificate is not None or self.dimension <= most
 
     def _is_drawn(self, *, certify: bool) -> bool:
         """Return whether the next runs are draws of the law itself.
