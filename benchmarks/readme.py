@@ -456,7 +456,7 @@ def by_kind(drawn: pd.DataFrame) -> pd.DataFrame:
     number = drawn["problem"].str.extract(r"(\d+)", expand=False).astype(int)
     # See DRAWN, SHOWN, LATER and LAST in samplers/hidden_problems.py.
     runs = ["", ", that showed a fault", ", run later", ", run last"]
-    when = pd.cut(number, [99, 139, 199, 259, 399], labels=runs).astype(str)
+    when = pd.cut(number, [99, 139, 199, 259, 419], labels=runs).astype(str)
     rows = []
     for kind, problems in drawn.groupby(outcome + ", " + inputs + when):
         seeds = problems["seeds"]
