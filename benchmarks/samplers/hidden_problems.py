@@ -132,8 +132,8 @@ def slab(depth: float, width: float, end: Array, across: Array) -> Margin:
 # Numbers of the random problems. The second ones, of which only those with scores and more than three inputs
 # are used, showed that estimates of a part of the event were said to have converged. The later ones were only
 # run after the method had been changed; without scores, they have at most two inputs, or none would converge.
-# It was changed once more for more than three inputs, and the last ones were run after that, those from 340 on
-# after a third change.
+# It was changed once more for more than three inputs, and the last ones were run after that; a third time
+# before those from 340 on were run.
 DRAWN, SHOWN, LATER, LAST = range(100, 140), range(140, 193), range(200, 253), range(260, 420)
 
 
