@@ -105,15 +105,18 @@ def test_event_everywhere():
 
 
 @pytest.mark.parametrize(
-    ("size", "dimension"), [(25, 2), *(pytest.param(500, d, marks=pytest.mark.studies) for d in (6, 10))]
+    ("size", "dimension", "certificate"),
+    [
+        (25, 2, None),
+        pytest.param(500, 6, None, marks=pytest.mark.studies),
+        pytest.param(500, 10, Cover.by_default(10), marks=pytest.mark.studies),
+    ],
 )
-def test_large_batches_end_with_an_estimate(size, dimension):
+def test_large_batches_end_with_an_estimate(size, dimension, certificate):
     """Pools grow with the batch, or their own variance would outweigh what so many runs say."""
     event = standard_normal_event(lambda z: 4.0 - z.sum(1) / math.sqrt(dimension), dimension=dimension)
-    stated = Cover.by_default(dimension)
-    found = estimate(
-        event, 1, replace(STOPPING, maximum_simulations=4000), batch_size=size, certificate=stated
-    )
+    most = replace(STOPPING, maximum_simulations=4000)
+    found = estimate(event, 1, most, batch_size=size, certificate=certificate)
     assert found.converged
     assert found.simulations % size == 0
     assert found.low / 1.5 < HALF_PLANE < found.high * 1.5

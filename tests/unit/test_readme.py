@@ -72,6 +72,43 @@ def test_texts_state_what_the_main_problem_takes():
     assert f"method {numbers[1]}, the best public tool {numbers[2]}" in readme
 
 
+def test_texts_state_how_often_a_part_of_an_event_is_claimed():
+    rows = pd.read_csv(BLOCKS["hidden"].source)
+    assert not (rows["claimed"].fillna(0) * rows["failed"]).any()
+    has_flags = rows["problem"].str.endswith("flags")
+    few = rows[(rows["dimension"] <= 2) | (~has_flags & (rows["dimension"] == 3))]
+    assert not few["failed"].any()
+    some = rows[~has_flags & rows["dimension"].between(4, 6)]
+    eight = rows[~has_flags & (rows["dimension"] > 6)]
+    random = rows["problem"].str.startswith("drawn").sum()
+    of_all = f"{rows['seeds'].sum():,} estimates of {len(rows)} problems"
+    page, detail, guide = (
+        " ".join(path.read_text(encoding="utf-8").split()) for path in (PAGE, BLOCKS["hidden"].text, GUIDE)
+    )
+    assert f"None of {of_all} that hide a part of the event, {random} of them drawn at random" in page
+    assert f"Of {of_all}, none" in detail
+    assert f"the {few['seeds'].sum():,} estimates of the {len(few)} problems" in detail
+    assert all(f" of {some['seeds'].sum()} estimates" in text for text in (page, detail, guide))
+    assert f"of {eight['seeds'].sum()} estimates end" in detail
+
+
+def test_texts_state_what_vehicles_with_chance_take():
+    rows = pd.read_csv(BLOCKS["chance"].source).set_index("problem")
+    silent = rows[rows.index.str.endswith("undeclared")]
+    page, detail = (
+        " ".join(path.read_text(encoding="utf-8").split()) for path in (PAGE, BLOCKS["chance"].text)
+    )
+    assert all(f"{silent['off'].sum()} of {silent['seeds'].sum()} seeds" in text for text in (page, detail))
+    assert not rows.drop(silent.index)["off"].any()
+    counts = rows[["seeds", "converged", "covered"]]
+    little, noisy, shaken = (counts.loc[name] for name in ("noise_0.1", "noise_0.3", "shaken_0.1"))
+    assert f"{little.covered} of {little.seeds} intervals cover" in page
+    for text in (page, detail):
+        assert f"{noisy.covered} of the {noisy.converged} that converge" in text
+    assert f"({shaken.covered} of {shaken.converged})" in detail
+    assert (rows["seeds"] == 40).all()
+
+
 @pytest.mark.parametrize("problem", ["segment_5_15", "range_1", "range_2", "near_miss_1e-5"])
 def test_the_history_of_the_sampler_states_what_it_takes_now(problem):
     row = pd.read_csv(SAMPLERS).set_index(["problem", "method"]).loc[(problem, "surrogate")]
