@@ -100,8 +100,8 @@ def estimate(
     on_batch
         Function that is called with the estimate after every batch.
     **settings
-        Further arguments of `Sampler`, such as ``batch_size``, ``upper_set`` or ``certificate``, without
-        which an estimate with more than six inputs, or more than two and flags alone, does not converge.
+        Further arguments of `Sampler`, such as ``batch_size``, ``certificate`` or ``upper_set``. With more
+        than six inputs, or more than two and flags alone, one of the last two is needed for convergence.
 
     Raises
     ------

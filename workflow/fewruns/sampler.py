@@ -84,8 +84,8 @@ class Sampler:
     certificate
         Bound on unobserved parts of the event that is required for convergence. None, the default, stands for
         `Cover.by_default`, and for an ``upper_set`` it is replaced by `certificate.BY_DEFAULT`. With more
-        than six inputs, or with flags alone and more than two, an estimate only converges if a certificate is
-        stated.
+        than six inputs, or with flags alone and more than two, an estimate only converges if a certificate or
+        ``upper_set`` is stated.
     upper_set
         Whether it is known that the event is an upper set in one of the inputs, so that it also happens if
         this input is larger, and that it has no separate parts. Fewer runs are then needed.
