@@ -17,6 +17,8 @@ from scipy.special import expit, log_ndtr, ndtr, ndtri
 from fewruns.arrays import Array, Flags
 from fewruns.constants import (
     AMPLITUDE,
+    COVERED,
+    GRADED_RUNS,
     LEAST_TRUST,
     LOG_SLOPE_BOUNDS,
     MOST_TRUST,
@@ -37,8 +39,8 @@ from fewruns.progress import Progress
 class Slopes:
     """Calibration p -> Phi(b Phi^-1(p)); a slope b above 1 corrects an underconfident surrogate."""
 
-    unlikely: float = 1.0  # the slope below one half  # the slope for p below one half
-    likely: float = 1.0  # the slope above one half  # the slope for p above one half
+    unlikely: float = 1.0  # the slope for p below one half
+    likely: float = 1.0  # the slope for p above one half
 
     @classmethod
     def learn(cls, foreseen: Array, happened: Flags) -> Self:
@@ -145,14 +147,18 @@ class Belief:
         elif self._predecessor is None and happened.any() and not happened.all():
             outcome = graded(happened, progress.score)
             self.scores.fit(z @ self.flags.axes, outcome, learn=learn)
-            self._second = partial(self._by_scores, below=end_of_events(outcome, happened))
-        predicted = len(progress.foreseen)
+            below = end_of_events(outcome, happened)
+            self._second = partial(self._by_scores, below=below)
+        foreseen = progress.foreseen
+        is_fitted = self._predecessor is None and self._second is not None and runs <= GRADED_RUNS
+        if is_fitted and len(progress.z[0]) <= COVERED and not self._noisy:
+            # The runs of the search were not predicted, but show as well which surrogate is better.
+            left_out = np.column_stack([self.flags.left_out, self.scores.left_out(below)])
+            foreseen = np.vstack([left_out[: runs - len(foreseen)], foreseen])
         least = 0.0 if self._predecessor is None else 1 - MOST_TRUST
         # If most outcomes are random, the regression with noise is the better model of the flags.
         log_odds = NOISY_LOG_ODDS if self._noisy else 0.0
-        self._calibration = Calibration.learn(
-            progress.foreseen, happened[runs - predicted :], least, log_odds
-        )
+        self._calibration = Calibration.learn(foreseen, happened[runs - len(foreseen) :], least, log_odds)
 
     def refitted(self, progress: Progress) -> "Belief":
         """Return surrogates with unchanged axes and lengths that are fitted to other runs."""

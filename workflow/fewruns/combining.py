@@ -13,7 +13,7 @@ from scipy.optimize import brentq
 from scipy.special import ndtri, stdtrit
 
 from fewruns.arrays import Flags
-from fewruns.constants import AGREEMENT, BEST, USABLE
+from fewruns.constants import AGREEMENT, BEST, COVERED, SURE, USABLE
 from fewruns.two_phase import Prediction, TwoPhaseBatch
 
 
@@ -27,11 +27,12 @@ class BatchEstimate:
     prediction: Prediction
     # Whether an unexpected event happened: at a point that the surrogate had excluded, with a large weight.
     surprising: bool
+    best: float = BEST  # lower bound of the predicted coefficient of variation in the weight
 
     @property
     def importance(self) -> float:
         """Weight of the batch in the estimate: its runs divided by the predicted variance of a single run."""
-        return self.runs / max(self.prediction.variation, BEST**2)
+        return self.runs / max(self.prediction.variation, self.best**2)
 
 
 @dataclass(frozen=True)
@@ -85,6 +86,7 @@ def estimate_batch(batch: TwoPhaseBatch, happened: Flags) -> BatchEstimate:
         runs=n,
         prediction=batch.prediction,
         surprising=bool((happened & ~batch.aimed & matters).any()),
+        best=SURE if batch.z.shape[1] <= COVERED else BEST,
     )
 
 

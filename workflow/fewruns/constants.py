@@ -51,6 +51,18 @@ BEST = 1.5
 # they do not agree, the surrogate still changes too much for an estimate.
 AGREEMENT = 2.0
 
+# ---- at most two inputs
+
+# With at most this number of inputs, few runs of a cover exclude all parts of the event of a moderate size.
+# If a cover is required, it therefore begins as soon as there is an estimate. The search, which would find
+# the same parts, begins with `SHORT_START` runs and ends with one run in every `SHORT_STEP` of rarity. With
+# more inputs, many parts are too small for the cover, and the search has to find them.
+COVERED = 2
+SHORT_START, SHORT_STEP = 10, 1.0
+
+# `BEST` with at most `COVERED` inputs, where surrogates are seldom overconfident.
+SURE = 0.5
+
 # ---- the pool of the first phase
 
 # Smallest number of points of a pool, and smallest number for each run of its batch. The points need no
@@ -142,8 +154,9 @@ UNSEEN_ALPHA = 0.05
 # The default certificate excludes unobserved modes with more than COVER_SHARE of the estimated probability.
 # An estimate that is 20 % too high then still finds a part as large as the known one. Their curvature is at
 # most ROUNDNESS / d^2.5 in d dimensions, because 20 to 60 further runs then exclude them if d is at most 10.
-# With flags alone, only the cover can find a part, and the modes may be half as curved again.
-COVER_SHARE, ROUNDNESS, ROUNDNESS_OF_FLAGS = 0.5, 6.4, 9.6
+# With flags alone, only the cover can find a part, and the modes may be half as curved again. With scores, it
+# is at most ROUNDEST, because minima of the scores lead to smaller parts.
+COVER_SHARE, ROUNDNESS, ROUNDNESS_OF_FLAGS, ROUNDEST = 0.5, 6.4, 9.6, 0.8
 
 # Number of random modes that are checked, their largest distance from the origin in normal scores, and the
 # share of them that need not be excluded.

@@ -24,6 +24,7 @@ from fewruns.constants import (
     COVERED_AGAIN,
     FARTHEST,
     MODES,
+    ROUNDEST,
     ROUNDNESS,
     ROUNDNESS_OF_FLAGS,
 )
@@ -58,7 +59,8 @@ class Cover:
     @classmethod
     def by_default(cls, dimension: int, *, with_scores: bool = True) -> "Cover":
         """Return the default cover for a number of inputs; modes are flatter if there are many."""
-        return cls(COVER_SHARE, (ROUNDNESS if with_scores else ROUNDNESS_OF_FLAGS) / dimension**2.5)
+        curvature = (ROUNDNESS if with_scores else ROUNDNESS_OF_FLAGS) / dimension**2.5
+        return cls(COVER_SHARE, min(curvature, ROUNDEST) if with_scores else curvature)
 
     def unseen(self, z: Array) -> float:
         """Return the probability of the farthest modes up to which all but `COVER_MISSED` contain a run."""

@@ -163,6 +163,7 @@ class EventSurrogate:
         # Precision, and precision times mean, of the Gaussian factor that approximates the likelihood of each
         # flag, those of the predecessor first.
         self.sites = np.empty((2, 0))
+        self.left_out = np.empty(0)  # probability of the event at each fitted run, from the others
         self._kept = np.arange(0)
         self._centre = self.theta.copy()
         self._scale = np.array([*[LENGTH_SPREAD] * len(lengths), AMPLITUDE_SPREAD])
@@ -250,6 +251,7 @@ class EventSurrogate:
             precision = (1 - DAMPING) * precision + DAMPING * target
             shift = (1 - DAMPING) * shift + DAMPING * (matched_mean / matched_variance - centre * rest)
         self.sites[:, self._kept] = precision, shift
+        self.left_out = ndtr(centre / width)
         return evidence, factor, root, weights
 
     def _loss(self, theta: Array, z: Array, sign: Array) -> tuple[float, Array]:

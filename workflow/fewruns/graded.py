@@ -97,6 +97,15 @@ class GradedSurrogate:
             deviation = np.hypot(deviation, math.exp(self.theta[-1]))
         return ndtr((below - mean) / deviation)
 
+    def left_out(self, below: float) -> Array:
+        """Return the probability of an outcome below a value at each fitted run, from the others, (n,).
+
+        The equations are those of Sundararajan and Keerthi (2001).
+        """
+        precision = np.diag(dpotri(self._factor, lower=1)[0])  # of each outcome given the others
+        deviation = np.sqrt(np.maximum(1 / precision - math.exp(2 * self.theta[-1]), LEAST_VARIANCE))
+        return ndtr((below - self._outcome + self._weights / precision) / deviation)
+
     def _covariance(self, z: Array) -> Array:
         """Return the covariances between points z, shape (m, d), and the runs."""
         return covariance_between(z / np.exp(self.theta[:-2]), self._runs, self._variance)[0]

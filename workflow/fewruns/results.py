@@ -11,7 +11,7 @@ from numpy.typing import ArrayLike
 from fewruns.arrays import Array, Flags
 from fewruns.certificate import Certificate, Unseen, look_beyond
 from fewruns.combining import BatchEstimate, Combined, anytime_interval, combine, counted_batches
-from fewruns.constants import FEW, NOISY_USABLE, SURROUNDED, UNSEEN_ALPHA, USABLE
+from fewruns.constants import AGREEMENT, COVERED, FEW, NOISY_USABLE, SURROUNDED, UNSEEN_ALPHA, USABLE
 from fewruns.cover import Cover
 from fewruns.estimates import Estimate, Stopping, effective_number, largest_pareto_k, pareto_k
 from fewruns.parts import draw_in_balls_together, open_balls, open_basins, open_minima, probe
@@ -148,16 +148,20 @@ def runs_of_cover(
 
     The second value is whether they are at minima of the scores, where no pool has points.
 
-    Known parts come first, because the estimate begins again if they are larger than it knows. With many
-    inputs no run is near another one, and if outcomes may be random, only the cover can be checked. With
-    more than three inputs, runs with smaller scores than their nearest runs are frequent and say nothing.
+    Known parts come first, because the estimate begins again if they are larger than it knows; but with at
+    most two inputs the runs of the cover are everywhere. With many inputs no run is near another one, and if
+    outcomes may be random, only the cover can be checked. With more than three inputs, runs with smaller
+    scores than their nearest runs are frequent and say nothing.
     """
     z, happened, probability = progress.z, progress.happened, _mean(progress)
     reach, can_see = reach_of(probability), not progress.chance and z.shape[1] <= FEW
     centres = z[:0] if progress.centres is None else progress.centres
-    if can_see and len(balls := open_balls(z, happened, centres, probability, cover.share)):
-        return draw_in_balls_together(n, balls, generator), False
-    if cover.unseen(z) > cover.share * probability:
+    is_open = cover.unseen(z) > cover.share * probability
+    if can_see and not (is_open and z.shape[1] <= COVERED):
+        balls = open_balls(z, happened, centres, probability, cover.share)
+        if len(balls):
+            return draw_in_balls_together(n, balls, generator), False
+    if is_open:
         return cover.next_runs(n, z, cover.share * probability, generator), False
     known = z, happened, progress.score
     if can_see and z.shape[1] <= SURROUNDED and len(basins := open_basins(*known, reach)):
@@ -171,6 +175,12 @@ def _mean(progress: Progress) -> float:
     """Return the estimate from the batches on which it is based; 0 if there are none."""
     batches = _that_count(progress)
     return combine(batches).probability if batches else 0.0
+
+
+def has_begun(progress: Progress) -> bool:
+    """Return whether two batches agree on an estimate that is not far below the last prediction."""
+    batches = _that_count(progress)
+    return len(batches) > 1 and _mean(progress) > progress.estimates[-1].prediction.probability / AGREEMENT
 
 
 def _that_count(progress: Progress) -> Sequence[BatchEstimate]:

@@ -26,6 +26,7 @@ from fewruns.combining import estimate_batch
 from fewruns.constants import (
     BEYOND,
     CORE,
+    COVERED,
     DEFENCE,
     DEFENCE_ALONE,
     DRIFT_LAG,
@@ -44,6 +45,8 @@ from fewruns.constants import (
     POOL,
     REACH,
     RELEARN,
+    SHORT_START,
+    SHORT_STEP,
     START,
     STEP,
 )
@@ -155,8 +158,9 @@ class Sampler:
         self.generator = generator
         self.emphasis: Callable[[Array], Array] | None = None
         self.belief = Belief(WholeSpace(dimension), predecessor)
-        # Number of the first runs, and their largest rarity.
-        self._first = (FREQUENT_START, FREQUENT_REACH) if frequent else (START, REACH)
+        # Number of the first runs, their largest rarity, and the step of rarity with one run of the search.
+        start, step = (SHORT_START, SHORT_STEP) if self._relies_on_cover else (START, STEP)
+        self._first, self._step = (FREQUENT_START, FREQUENT_REACH) if frequent else (start, REACH), step
 
     # ---- simulations
 
@@ -310,6 +314,11 @@ class Sampler:
         return self.certificate or Cover.by_default(self.dimension, with_scores=self._has_scores)
 
     @property
+    def _relies_on_cover(self) -> bool:
+        """Whether a cover with few runs finds the parts of the event that a longer search would find."""
+        return self.dimension <= COVERED and not isinstance(self.certificate, Certificate)
+
+    @property
     def _has_scores(self) -> bool:
         return say_more(self.progress.happened, self.progress.score)
 
@@ -403,6 +412,7 @@ class Sampler:
                 return PlainBatch(space.draw(z, generator), SEARCH)
         self.belief.fit(progress)
         cover, at_minima = np.empty((0, self.dimension)), False
+        certify |= self._relies_on_cover and results.has_begun(progress)
         if certify and isinstance(required := self.required, Cover):
             cover, at_minima = results.runs_of_cover(progress, required, self.batch_size, generator)
         sampled, known = self.batch_size - len(cover), self.belief
@@ -428,9 +438,9 @@ class Sampler:
         progress.rarest = rarity(self.belief.space.coordinates(events)).min(initial=REACH)
 
     def _is_searching(self) -> bool:
-        """Return whether the search continues: it needs an event and one run in every `STEP` of rarity."""
+        """Return whether the search continues: it needs an event and one run in every step of rarity."""
         progress = self.progress
-        return not progress.happened.any() or (not progress.estimates and progress.searched < 1 / STEP)
+        return not progress.happened.any() or (not progress.estimates and progress.searched < 1 / self._step)
 
     @property
     def _search_reach(self) -> float:
