@@ -20,7 +20,7 @@ from matplotlib.axes import Axes
 from public_problems import PublicProblem
 
 PATH = Path(__file__).resolve().parents[2] / "docs" / "method_course.svg"
-PROBLEM, SEED = "plane_disc", 2  # an estimate in which the search missed the disc
+PROBLEM, SEED = "plane_disc", 1  # an estimate in which the search missed the disc
 GOAL = Stopping(maximum_simulations=1000)
 REACH = 10.0  # of the axes, in normal scores
 RATIOS = [0.4, 0.6, 0.8, 1.0, 1.5, 2.0, 3.0]  # ticks
@@ -36,7 +36,7 @@ PHASES = {  # name in the figure, marker and colour of each phase
 
 @dataclass
 class Moment:
-    """What the sampler knew when the estimate began and when its interval was first narrow."""
+    """What the sampler knew when the estimate began, and before it met the disc."""
 
     z: Array  # the runs, shape (n, d)
     happened: Flags
@@ -123,9 +123,10 @@ def main() -> None:
     sampler, course, moments = sampler_for(problem.event, np.random.default_rng(SEED)), [], {}
     for _ in run_batches(sampler, problem.event, GOAL):
         course.append(sampler.estimate(GOAL))
-        for name, is_now in (("first", course[-1].probability > 0), ("narrow", sampler.is_narrow(GOAL))):
-            if is_now and name not in moments:
-                moments[name] = moment(sampler)
+        met = (sampler.progress.z[sampler.progress.happened, 0] < 0).any()  # whether a run is in the disc
+        if course[-1].probability > 0 and not met:
+            moments["last"] = moment(sampler)
+            moments.setdefault("first", moments["last"])
     found = sampler.estimate(GOAL)
     with paper_style():
         figure, axes = plt.subplots(2, 2, figsize=(2 * COLUMN_WIDTH, 6.4), layout="constrained")
@@ -133,7 +134,7 @@ def main() -> None:
         for each, title in zip(axes.flat, titles, strict=False):
             draw_event(each, problem, title)
         draw_surrogate(axes[0, 0], moments["first"])
-        draw_minima(axes[0, 1], moments["narrow"])
+        draw_minima(axes[0, 1], moments["last"])
         draw_runs(axes[1, 0], found)
         draw_course(axes[1, 1], course, problem.exact)
         figure.savefig(PATH, metadata={"Date": None})

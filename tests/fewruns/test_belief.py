@@ -6,6 +6,7 @@ from fewruns import Predecessor
 from fewruns.belief import Belief
 from fewruns.constants import MOST_TRUST
 from fewruns.gaussian_process import EventSurrogate
+from fewruns.graded import GradedSurrogate
 from fewruns.pools import Subspace, WholeSpace
 from fewruns.progress import Progress
 from fewruns.wide_laws import draw_wide
@@ -147,3 +148,48 @@ def test_what_lies_across_the_directions_counts_as_noise():
     assert error() < 0.08
     belief._scores_are_noisy = False
     assert error() > 0.12  # too sure
+
+
+def half_plane_runs(n=25):
+    """Return points in two inputs, near and far from the boundary of z_1 > 1, and their scores."""
+    z = np.random.default_rng(4).normal(size=(n, 2))
+    z[:, 0] += 1.0
+    return z, 1.0 - z[:, 0]
+
+
+def test_left_out_runs_are_predicted_from_the_others():
+    """Each run is left out in turn, and the surrogate fitted again to the others with the same parameters."""
+    z, outcome = half_plane_runs()
+    scores, flags = GradedSurrogate(2), EventSurrogate(2, amplitude=2.0)
+    scores.fit(z, outcome, learn=False)
+    flags.fit(z, outcome < 0, learn=False)
+    again = np.empty((2, len(z)))
+    for run in range(len(z)):
+        others = np.arange(len(z)) != run
+        by_scores, by_flags = GradedSurrogate(2), EventSurrogate(2, amplitude=2.0)
+        by_scores.fit(z[others], outcome[others], learn=False)
+        by_flags.fit(z[others], outcome[others] < 0, learn=False)
+        again[:, run] = by_scores.probability(z[[run]], 0.0)[0], by_flags.probability(z[[run]])[0]
+    assert scores.left_out(0.0) == pytest.approx(again[0], rel=1e-2, abs=1e-9)
+    # By expectation propagation this is an approximation; a wrong one, with the run itself, is further off.
+    off = np.abs(flags.left_out - again[1])
+    assert off.max() < 0.05
+    assert np.abs(flags.probability(z) - again[1]).max() > 3 * off.max()
+
+
+@pytest.mark.parametrize(("dimension", "compared"), [(2, True), (3, False)])
+def test_runs_of_the_search_compare_the_surrogates_with_two_inputs(dimension, compared):
+    z = np.vstack([draw_wide(20, dimension, np.random.default_rng(1)), np.zeros((20, dimension))])
+    z[20:] += np.random.default_rng(2).normal(size=(20, dimension))
+    z[20:, 0] += 4.5
+    for misleading in (False, True):
+        progress = Progress.start(dimension)
+        progress.z, progress.happened = z, z[:, 0] > 4.5
+        progress.score = np.sin(40 * z[:, 1]) if misleading else 4.5 - z[:, 0]
+        belief = Belief(WholeSpace(dimension), None)
+        belief.fit(progress)
+        trust = belief._calibration.trust
+        if compared:
+            assert (trust < 0.3) if misleading else (trust > 0.7)
+        else:
+            assert trust == MOST_TRUST / 2  # nothing is known of the two

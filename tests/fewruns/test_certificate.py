@@ -126,7 +126,7 @@ def test_runs_are_worth_the_draws_that_are_claimed():
     """
     event = standard_normal_event(lambda z: 3.0 - z[:, 0])
     met, claimed = np.zeros(2), np.zeros(2)
-    for seed in range(8):
+    for seed in range(10):
         sampler = drive(new_sampler(2, seed), event).sampler
         first_run, first_look = sampler.simulations - 10 * len(sampler.progress.estimates), 2
         for certify in (0, 1):

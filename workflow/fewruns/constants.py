@@ -54,9 +54,9 @@ AGREEMENT = 2.0
 # ---- at most two inputs
 
 # With at most this number of inputs, few runs of a cover exclude all parts of the event of a moderate size.
-# If a cover is required, it therefore begins as soon as there is an estimate. The search, which would find
-# the same parts, begins with `SHORT_START` runs and ends with one run in every `SHORT_STEP` of rarity. With
-# more inputs, many parts are too small for the cover, and the search has to find them.
+# If the system is deterministic, the cover begins as soon as there is an estimate. The search, which would
+# find the same parts, begins with `SHORT_START` runs and ends with one run in every `SHORT_STEP` of rarity.
+# With more inputs, many parts are too small for the cover, and the search has to find them.
 COVERED = 2
 SHORT_START, SHORT_STEP = 10, 1.0
 

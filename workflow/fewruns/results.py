@@ -177,10 +177,15 @@ def _mean(progress: Progress) -> float:
     return combine(batches).probability if batches else 0.0
 
 
-def has_begun(progress: Progress) -> bool:
-    """Return whether two batches agree on an estimate that is not far below the last prediction."""
+def can_cover(progress: Progress) -> bool:
+    """Return whether a cover may have the next batch before the interval is narrow: every other one.
+
+    Two batches must agree on an estimate that is not far below the last prediction.
+    """
     batches = _that_count(progress)
-    return len(batches) > 1 and _mean(progress) > progress.estimates[-1].prediction.probability / AGREEMENT
+    if len(batches) < 2 or not progress.estimates[-1].runs:
+        return False
+    return _mean(progress) > progress.estimates[-1].prediction.probability / AGREEMENT
 
 
 def _that_count(progress: Progress) -> Sequence[BatchEstimate]:

@@ -168,7 +168,7 @@ class Sampler:
         """Return the normal scores to simulate next, shape (n, d), until `tell` has received their outcomes.
 
         With ``certify``, most runs exclude unobserved parts of the event, as needed when the interval is
-        narrow.
+        narrow. For a deterministic system with at most two inputs, such runs begin earlier.
         """
         return self._pending_batch(certify=certify).z
 
@@ -315,8 +315,12 @@ class Sampler:
 
     @property
     def _relies_on_cover(self) -> bool:
-        """Whether a cover with few runs finds the parts of the event that a longer search would find."""
-        return self.dimension <= COVERED and not isinstance(self.certificate, Certificate)
+        """Whether a cover with few runs finds the parts of the event that a longer search would find.
+
+        Systems whose outcomes may be random need more runs, which also show whether they drift.
+        """
+        by_cover = not isinstance(self.certificate, Certificate)
+        return by_cover and self.dimension <= COVERED and self.deterministic is True
 
     @property
     def _has_scores(self) -> bool:
@@ -412,7 +416,7 @@ class Sampler:
                 return PlainBatch(space.draw(z, generator), SEARCH)
         self.belief.fit(progress)
         cover, at_minima = np.empty((0, self.dimension)), False
-        certify |= self._relies_on_cover and results.has_begun(progress)
+        certify |= self._relies_on_cover and results.can_cover(progress)
         if certify and isinstance(required := self.required, Cover):
             cover, at_minima = results.runs_of_cover(progress, required, self.batch_size, generator)
         sampled, known = self.batch_size - len(cover), self.belief
