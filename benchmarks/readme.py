@@ -25,8 +25,9 @@ BENCHMARKS = ROOT / "benchmarks"
 SAMPLERS, WORLDS, ANSWERS, MOTORWAY = (
     BENCHMARKS / folder / "README.md" for folder in ("samplers", "worlds", "answers", "motorway")
 )
-JOINT_LAWS = ROOT / "docs" / "joint_laws.md"
-YOUR_RECORDS = ROOT / "docs" / "your_records.md"
+JOINT_LAWS, YOUR_RECORDS, EXPORT = (
+    ROOT / f"docs/{name}.md" for name in ("joint_laws", "your_records", "export")
+)
 OURS = "surrogate"
 LEARNERS = ("ak_mcs", "ak_is", "two_stage", "kde_ais")  # as in benchmarks/samplers/methods.py
 FAMILY = ("paper", "exponential", "heavy", "light", "two kinds")  # kinds of worlds that resemble the laws
@@ -138,6 +139,21 @@ def public_table(public: pd.DataFrame) -> str:
             "no number": "{no_number:.0f}",
             "NAIS: simulations": "{nais:,.0f}",
             "its error": "{nais_error:.2f}",
+        },
+    )
+
+
+def exported_table(exported: pd.DataFrame) -> str:
+    """Return how well exported sets of scenarios estimate the crash probability of each vehicle."""
+    return formatted(
+        exported.assign(vehicle="`" + exported["vehicle"] + "`"),
+        {
+            "vehicle": "{vehicle}",
+            "exact probability": "{exact:.2g}",
+            "mean / exact": "{mean:.2g}",
+            "relative error": "{error:.0%}",
+            "80 % intervals that cover": "{coverage80:.0%}",
+            "95 % intervals that cover": "{coverage95:.0%}",
         },
     )
 
@@ -522,6 +538,7 @@ BLOCKS = {
     "public": result(SAMPLERS, "public", public_table),
     "hidden": result(SAMPLERS, "hidden", hidden_table),
     "vehicles": result(SAMPLERS, "vehicles", vehicles_table),
+    "exported": result(EXPORT, "exported", exported_table),
     "worlds": result(WORLDS, "worlds", worlds_table),
     "beyond": result(WORLDS, "worlds_beyond", beyond_table),
     "causes": result(WORLDS, "worlds_causes", causes_table),

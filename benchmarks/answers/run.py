@@ -5,21 +5,20 @@ tables: a row per vehicle.
 """
 
 import argparse
-from collections.abc import Sequence
+from functools import partial
 from pathlib import Path
 
 import numpy as np
 import pandas as pd
 from accelerated_evaluation.answer.answer import evaluate
 from accelerated_evaluation.answer.by_few_runs import FewRuns
-from accelerated_evaluation.answer.by_map import masses_under, thinned
-from accelerated_evaluation.answer.choice import law_study
+from accelerated_evaluation.answer.by_map import Map
+from accelerated_evaluation.answer.choice import ANSWER, choose_draws
 from accelerated_evaluation.answer.fitted_records import FittedRecords, read_records
 from accelerated_evaluation.answer.posterior import SampledPosterior
 from accelerated_evaluation.base.arrays import Array
 from accelerated_evaluation.base.files import write_csv
 from accelerated_evaluation.base.randomness import child_generator
-from accelerated_evaluation.crash_map.lines import CrashLines
 from accelerated_evaluation.crash_map.mapping import map_crashes
 from accelerated_evaluation.crash_map.maps import Grid
 from accelerated_evaluation.laws.draws import Draws
@@ -45,25 +44,23 @@ def vehicle_named(name: str, config: dict) -> Vehicle:
     return load_vehicle(name, **parameters)
 
 
-def by_map(name: str, config: dict, records: FittedRecords, each: Sequence[Draws]) -> list[Array]:
-    """Return the crash probability of a vehicle under each draw of some laws, from its crash map."""
+def by_map(name: str, config: dict, records: FittedRecords, draws: Draws) -> Array:
+    """Return the crash probability of a vehicle under each draw of the law, from its crash map."""
     grid = Grid(**{key: config["filters"][key] for key in LIMITS}, **config["answer"]["grid"])
-    vehicle, data = vehicle_named(name, config), records.data
-    crashes = map_crashes(vehicle, grid, [], child_generator(ROOT, "answers", "map", name))
-    lines = CrashLines.of(crashes, data.lead_speed, support=data.support)
-    lines = thinned(lines, vehicle, each[0], child_generator(ROOT, "answers", "lines", name))
-    return [masses_under(lines, draws).sum(axis=1) for draws in each]
+    vehicle, generator = vehicle_named(name, config), partial(child_generator, ROOT, "answers")
+    crashes = map_crashes(vehicle, grid, [], generator("map", name))
+    problem = Problem(CUT_IN, draws.proposal, vehicle)
+    answer = Map(crashes, records.data).answer(problem, draws, (), generator("lines", name))
+    return answer.posterior.probabilities
 
 
 def run(name: str, seeds: int, output: Path) -> None:
     """Append the rows of the seeds that a table does not have yet."""
     config = load()
     records = read_records(config)
-    study = law_study(records, config)
-    draws = study.draws(child_generator(config["seed"], "laws", "draws"))
-    others = study.draws(child_generator(ROOT, "answers", "posterior", name))
-    known, independent = by_map(name, config, records, [draws, others])
-    reference = known if name == REFERENCE else by_map(REFERENCE, config, records, [draws])[0]
+    draws = choose_draws(ANSWER, records, config)
+    known = by_map(name, config, records, draws)
+    reference = known if name == REFERENCE else by_map(REFERENCE, config, records, draws)
     problem = Problem(CUT_IN, draws.proposal, vehicle_named(name, config))
     way = FewRuns(Surrogate.stopping(config), config["surrogate"]["batch_size"])
     rows = pd.read_csv(output).to_dict("records") if output.exists() else []
@@ -71,23 +68,18 @@ def run(name: str, seeds: int, output: Path) -> None:
         generator = child_generator(ROOT, "answers", name, seed)
         found = evaluate(problem, draws, way, generator=generator)
         row = {"vehicle": name, "seed": seed, "runs": found.simulations, "converged": found.converged}
-        rows.append(row | compared(found.posterior, known, independent, reference))
+        rows.append(row | compared(found.posterior, known, reference))
         write_csv(output, pd.DataFrame(rows))
 
 
-def compared(
-    posterior: SampledPosterior | None, known: Array, independent: Array, reference: Array
-) -> dict[str, float]:
+def compared(posterior: SampledPosterior | None, known: Array, reference: Array) -> dict[str, float]:
     """Return the logarithms of found over exact quantiles, and by how much the draws differ; {} for None."""
     if posterior is None:
         return {}
     values = posterior.whole.probabilities
     row = {f"few_{name}": np.quantile(values, level) for name, level in ENDS.items()}
     row |= {f"map_{name}": np.quantile(known, level) for name, level in ENDS.items()}
-    for name, level in LEVELS.items():
-        found = np.quantile(values, level)
-        row[name] = np.log(found / np.quantile(known, level))
-        row[f"{name}_independent"] = np.log(found / np.quantile(independent, level))
+    row |= {name: np.log(row[f"few_{name}"] / row[f"map_{name}"]) for name in LEVELS}
     differences = np.log(posterior.probabilities / known)
     row |= {"shared": differences.mean(), "between_draws": differences.std(), "error": posterior.deviation}
     ratio = np.log(np.median(values / np.repeat(reference, values.size // reference.size)))
@@ -100,7 +92,7 @@ def tabulate(runs: pd.DataFrame) -> pd.DataFrame:
     for name, of_vehicle in runs.groupby("vehicle", sort=False):
         row = {"vehicle": name, "seeds": len(of_vehicle), "runs_mean": of_vehicle["runs"].mean()}
         row |= {"runs_p95": of_vehicle["runs"].quantile(0.95), "converged": of_vehicle["converged"].mean()}
-        for column in (*LEVELS, *(f"{level}_independent" for level in LEVELS), "between_draws", "ratio"):
+        for column in (*LEVELS, "between_draws", "ratio"):
             row[column] = np.sqrt((of_vehicle[column] ** 2).mean())
         row |= {"median_bias": of_vehicle["median"].mean(), "median_bias_se": of_vehicle["median"].sem()}
         far = of_vehicle["median"].abs() > np.log(2)

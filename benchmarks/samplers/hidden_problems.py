@@ -133,8 +133,9 @@ def slab(depth: float, width: float, end: Array, across: Array) -> Margin:
 # are used, showed that estimates of a part of the event were said to have converged. The later ones were only
 # run after the method had been changed; without scores, they have at most two inputs, or none would converge.
 # It was changed once more for more than three inputs, and the last ones were run after that; a third time
-# before those from 340 on were run.
+# before those from 340 on were run. Those from 500 on, with at most three inputs, were run after all changes.
 DRAWN, SHOWN, LATER, LAST = range(100, 140), range(140, 193), range(200, 253), range(260, 420)
+UNSEEN = range(500, 620)
 
 
 def has_scores(problem: PublicProblem) -> bool:
@@ -196,6 +197,7 @@ def hidden_problems() -> dict[str, PublicProblem]:
         orthogonal("unequal_planes_4_of_5", 5, 4.0, 4.1, 4.2, 4.3),
         *map(drawn, DRAWN),
         *(each for each in map(drawn, LATER) if each.event.dimension <= 2 or has_scores(each)),
+        *(each for each in map(drawn, UNSEEN) if each.event.dimension <= (3 if has_scores(each) else 2)),
         *(each for each in map(drawn, [*SHOWN, *LAST]) if each.event.dimension > 3 and has_scores(each)),
     ]
     return {problem.name: problem for problem in everything}

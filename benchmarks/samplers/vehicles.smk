@@ -2,7 +2,7 @@
 #
 #   snakemake --snakefile benchmarks/samplers/vehicles.smk --cores 2 [--config seeds=40]
 #
-# A job for the crash map of each vehicle, and one for all estimates under a law.
+# A job for the crash map of each vehicle, one for all estimates under a law, and one for exported sets.
 
 import sys
 
@@ -30,6 +30,7 @@ rule compare:
     """The table, and what it is made from, because the tracked table alone would make a fresh clone look finished."""
     input:
         "benchmarks/results/vehicles.csv",
+        "benchmarks/results/exported.csv",
         expand(f"{RAW}/{{law}}.csv", law=LAWS),
 
 
@@ -75,3 +76,17 @@ rule table:
         "Summing up"
     shell:
         "python {input.script} table {input.runs} --output {output}"
+
+
+rule sets:
+    """Estimate the probabilities from exported sets of scenarios."""
+    input:
+        CODE,
+        records="data/spmd/cut_ins.parquet",
+        maps=expand(rules.map.output, vehicle=vehicles()),
+    output:
+        "benchmarks/results/exported.csv",
+    message:
+        "Exported sets"
+    shell:
+        "python {SCRIPT} sets {input.maps} --output {output}"

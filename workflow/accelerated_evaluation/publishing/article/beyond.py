@@ -140,7 +140,7 @@ def _worlds_beyond(benchmarks: Tables, usual: Iterable[str]) -> dict[str, Any]:
     worlds = worlds[~worlds["kind"].isin(usual)]
     fails = worlds["coverage80_high"] < NOMINAL
     return {
-        "worlds": worlds["worlds"].iloc[0],
+        "fewest": worlds["worlds"].min(),
         "kinds": len(worlds),
         "least": worlds["coverage80"].min(),
         "most": worlds["coverage80"].max(),
