@@ -81,7 +81,7 @@ def requests(measured: pd.DataFrame) -> Iterator[str]:
     for row in measured.itertuples():
         minutes = max(math.ceil(MARGIN * row.seconds_longest / 60), LEAST_MINUTES)
         memory = MEMORY_STEP * math.ceil(MEMORY_MARGIN * row.memory_mb / MEMORY_STEP)
-        yield f"  {row.rule}:\n    runtime: {minutes} * attempt\n    mem_mb: {memory} * attempt\n"
+        yield f"  {row.rule}: {{runtime: {minutes} * attempt, mem_mb: {memory} * attempt}}\n"
 
 
 def profile(text: str, measured: pd.DataFrame) -> str:

@@ -35,8 +35,9 @@ from accelerated_evaluation.publishing.figures.likeliest_crashes import (
 )
 from accelerated_evaluation.records.segments import complete
 from accelerated_evaluation.vehicles import AccAeb, Outcomes
+from rate_car import RATE, RateCar
 
-SIZE, MEAN, RATE = 6000, 2.0, 0.3
+SIZE, MEAN = 6000, 2.0
 GRID = Grid(5, 35, 75, 6, 20, 2, 45.0, 120)
 SLOWEST, WIDTH, SHARE = 2.0, 0.013, 0.25
 
@@ -44,13 +45,6 @@ SLOWEST, WIDTH, SHARE = 2.0, 0.013, 0.25
 def outcomes(crash, range_, closing_speed):
     near = np.where(closing_speed > 0, range_ / np.maximum(closing_speed, 1e-9), np.inf)
     return Outcomes(crash, np.where(crash, 0.0, range_), near, np.where(crash, closing_speed, 0.0))
-
-
-class RateCar:
-    """Crashes where the closing speed exceeds a share of the range a second, whatever the lead speed."""
-
-    def simulate(self, lead_speed, range_, closing_speed):
-        return outcomes(closing_speed > RATE * range_, range_, closing_speed)
 
 
 class FastCar:

@@ -24,7 +24,7 @@ TABLES = (
 # One result of nearly every rule.
 RESUMED = (
     "results/smoke/notebooks/01_introduction.ipynb",
-    "results/smoke/candidates/inverse_range_all.csv",
+    "results/smoke/candidates.csv",
     "results/smoke/coverage/single.csv",
     "results/smoke/crude.csv",
     "results/smoke/estimates/all_heuristic.csv",

@@ -21,13 +21,9 @@ rule search_proposals:
     benchmark:
         benchmark_of("search_proposals", "{method}.tsv")
     threads: WORKERS
-    resources:
-        mem_mb=1000,
     params:
+        **UNDER_TEST,
         seed=config["seed"],
-        vehicle=config["vehicle"],
-        vehicle_content=VEHICLE_CONTENT,
-        simulations=SIMULATIONS,
         seeds=[*SEEDS],
         settings=lambda wildcards: settings_of(wildcards.method),
         library=code_up_to("methods"),
@@ -47,9 +43,6 @@ rule collect_traces:
         log_of("collect_traces.log"),
     benchmark:
         benchmark_of("collect_traces.tsv")
-    threads: 1
-    resources:
-        mem_mb=500,
     params:
         library=code_up_to("base"),
     message:

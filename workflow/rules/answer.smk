@@ -48,8 +48,6 @@ rule study_answer:
         benchmark_of("study_answer.tsv")
     priority: 85
     threads: WORKERS
-    resources:
-        mem_mb=3000,
     params:
         settings=part(
             config,
@@ -92,8 +90,6 @@ rule compare_vehicles:
         benchmark_of("compare_vehicles.tsv")
     priority: 70
     threads: INPUTS.simulating(*OTHERS)[0]
-    resources:
-        mem_mb=3000,
     params:
         seed=config["seed"],
         scenario=config["scenario"],
@@ -128,8 +124,6 @@ if OWN_MAP:
         benchmark:
             benchmark_of("replay_encounters.tsv")
         threads: ALL_WORKERS
-        resources:
-            mem_mb=2000,
         params:
             seed=config["seed"],
             tested="under test",
@@ -161,13 +155,9 @@ elif IS_CUT_IN:
         benchmark:
             benchmark_of("replay_crashes.tsv")
         threads: WORKERS
-        resources:
-            mem_mb=1000,
         params:
+            **UNDER_TEST,
             seed=config["seed"],
-            vehicle=config["vehicle"],
-            vehicle_content=VEHICLE_CONTENT,
-            simulations=SIMULATIONS,
             library=code_up_to("answer"),
         message:
             "Simulating the most probable crashes again"

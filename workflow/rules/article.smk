@@ -23,9 +23,6 @@ rule article:
         log_of("article.log"),
     benchmark:
         benchmark_of("article.tsv")
-    threads: 1
-    resources:
-        mem_mb=1000,
     params:
         study={"results": str(RESULTS), "figures": str(FIGURES)},
         library=code_up_to("publishing"),

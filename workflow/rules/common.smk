@@ -57,6 +57,12 @@ VEHICLES = INPUTS.vehicles
 VEHICLE_FILES = INPUTS.files_of("under_test")
 VEHICLE_CONTENT = INPUTS.content_of("under_test")
 WORKERS, SIMULATIONS = INPUTS.simulating("under_test")
+# Parameters of rules that simulate the vehicle under test.
+UNDER_TEST = {
+    "vehicle": config["vehicle"],
+    "vehicle_content": VEHICLE_CONTENT,
+    "simulations": SIMULATIONS,
+}
 
 
 wildcard_constraints:

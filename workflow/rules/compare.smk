@@ -23,13 +23,9 @@ rule compare_laws:
     benchmark:
         benchmark_of("compare_laws.tsv")
     threads: WORKERS
-    resources:
-        mem_mb=2000,
     params:
+        **UNDER_TEST,
         seed=config["seed"],
-        vehicle=config["vehicle"],
-        vehicle_content=VEHICLE_CONTENT,
-        simulations=SIMULATIONS,
         draws=config["answer"]["draws"],
         support=SUPPORT,
         library=code_up_to("answer"),
@@ -51,13 +47,9 @@ rule compare_record_variants:
     benchmark:
         benchmark_of("compare_record_variants.tsv")
     threads: WORKERS
-    resources:
-        mem_mb=2000,
     params:
+        **UNDER_TEST,
         seed=config["seed"],
-        vehicle=config["vehicle"],
-        vehicle_content=VEHICLE_CONTENT,
-        simulations=SIMULATIONS,
         answer=part(config["answer"], "draws", "quality_draws"),
         support=SUPPORT,
         outlier_rows=INPUTS.source["outlier_rows"],

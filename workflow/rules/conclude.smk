@@ -17,9 +17,6 @@ rule accept_records:
         log_of("accept_records.log"),
     benchmark:
         benchmark_of("accept_records.tsv")
-    threads: 1
-    resources:
-        mem_mb=500,
     params:
         accepted=ACCEPTED,
         records=INPUTS.place,

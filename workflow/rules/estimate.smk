@@ -27,14 +27,10 @@ for _method in REPLICATED:
         benchmark:
             benchmark_of(f"estimate_{_method}", "{scope}.tsv")
         threads: WORKERS
-        resources:
-            mem_mb=1000,
         params:
+            **UNDER_TEST,
             study=STUDY,
             seed=config["seed"],
-            vehicle=config["vehicle"],
-            vehicle_content=VEHICLE_CONTENT,
-            simulations=SIMULATIONS,
             method=_method,
             settings=settings_of(_method),
             stopping=asdict(METHODS[_method].stopping(config)),
@@ -60,9 +56,6 @@ rule collect_estimates:
         log_of("collect_estimates.log"),
     benchmark:
         benchmark_of("collect_estimates.tsv")
-    threads: 1
-    resources:
-        mem_mb=500,
     params:
         library=code_up_to("base"),
     message:

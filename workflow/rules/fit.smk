@@ -16,9 +16,6 @@ rule fit_models:
         log_of("fit_models.log"),
     benchmark:
         benchmark_of("fit_models.tsv")
-    threads: 1
-    resources:
-        mem_mb=1000,
     params:
         models={
             "inverse_range": part(
@@ -49,9 +46,6 @@ rule fit_family:
     benchmark:
         benchmark_of("fit_family.tsv")
     priority: 90
-    threads: 1
-    resources:
-        mem_mb=2000,
     params:
         support=SUPPORT,
         library=code_up_to("answer"),
@@ -64,9 +58,6 @@ rule fit_family:
 # The variables and segments in which the candidates are compared.
 COMPARED = [("inverse_range", segment) for segment in ["all", *SEGMENTS]]
 COMPARED += [("inverse_ttc", segment) for segment in SEGMENTS]
-CANDIDATES = [
-    result("candidates", f"{name}_{segment}.csv") for name, segment in COMPARED
-]
 
 
 rule fit_candidates:
@@ -75,14 +66,11 @@ rule fit_candidates:
         encounters=rules.ingest_encounters.output.encounters,
         models=[rules.fit_models.output[name] for name in PIECEWISE],
     output:
-        tables=CANDIDATES,
+        candidates=result("candidates.csv"),
     log:
         log_of("fit_candidates.log"),
     benchmark:
         benchmark_of("fit_candidates.tsv")
-    threads: 1
-    resources:
-        mem_mb=1000,
     params:
         compared=COMPARED,
         library=code_up_to("laws"),
@@ -90,24 +78,3 @@ rule fit_candidates:
         "Comparing candidate families of R^-1 and TTC^-1"
     script:
         "../scripts/fit_candidates.py"
-
-
-rule collect_candidates:
-    """Join the comparisons of all variables and segments."""
-    input:
-        candidates=CANDIDATES,
-    output:
-        candidates=result("candidates.csv"),
-    log:
-        log_of("collect_candidates.log"),
-    benchmark:
-        benchmark_of("collect_candidates.tsv")
-    threads: 1
-    resources:
-        mem_mb=500,
-    params:
-        library=code_up_to("base"),
-    message:
-        "Collecting the candidate families"
-    script:
-        "../scripts/collect_tables.py"

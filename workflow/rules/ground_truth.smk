@@ -22,8 +22,6 @@ rule map_crashes:
     benchmark:
         f"{MAP_FOLDER}/benchmarks/map_crashes.tsv"
     threads: WORKERS
-    resources:
-        mem_mb=2000,
     params:
         mapped=MAPPED,
         checked=True,
@@ -56,9 +54,6 @@ rule compute_exact:
         log_of("compute_exact.log"),
     benchmark:
         benchmark_of("compute_exact.tsv")
-    threads: 1
-    resources:
-        mem_mb=2000,
     params:
         methods=[method for method in SEARCHING for _ in SEEDS],
         seeds=[seed for _ in SEARCHING for seed in SEEDS],
@@ -84,15 +79,11 @@ rule repeat_searches:
     benchmark:
         benchmark_of("repeat_searches.tsv")
     threads: WORKERS
-    resources:
-        mem_mb=1000,
     params:
+        **UNDER_TEST,
         seed=config["seed"],
         segment=SEGMENTS[0],
         methods=SEARCHING,
-        vehicle=config["vehicle"],
-        vehicle_content=VEHICLE_CONTENT,
-        simulations=SIMULATIONS,
         settings=part(config, "cross_entropy", "importance_sampling"),
         library=code_up_to("methods"),
     message:
@@ -116,14 +107,10 @@ rule study_sensitivity:
     benchmark:
         benchmark_of("study_sensitivity.tsv")
     threads: WORKERS
-    resources:
-        mem_mb=2000,
     params:
+        **UNDER_TEST,
         seed=config["seed"],
         variant=MODEL,
-        vehicle=config["vehicle"],
-        vehicle_content=VEHICLE_CONTENT,
-        simulations=SIMULATIONS,
         sensitivity=config["sensitivity"] | part(INPUTS.source, "outlier_rows"),
         library=code_up_to("crash_map"),
     message:
@@ -145,9 +132,6 @@ rule bootstrap_uncertainty:
         log_of("bootstrap_uncertainty.log"),
     benchmark:
         benchmark_of("bootstrap_uncertainty.tsv")
-    threads: 1
-    resources:
-        mem_mb=2000,
     params:
         seed=config["seed"],
         variant=MODEL,

@@ -19,9 +19,6 @@ rule ingest_encounters:
     benchmark:
         benchmark_of("ingest_encounters.tsv")
     priority: 90
-    threads: 1
-    resources:
-        mem_mb=2000,
     params:
         seed=config["seed"],
         content=content_of_records,
@@ -50,9 +47,6 @@ if IS_CUT_IN:
             log_of("describe_encounters.log"),
         benchmark:
             benchmark_of("describe_encounters.tsv")
-        threads: 1
-        resources:
-            mem_mb=1000,
         params:
             library=code_up_to("records"),
         message:

@@ -16,18 +16,14 @@ rule inspect_records:
         benchmark_of("inspect_records.tsv")
     priority: 100  # faults of the records are shown first; the longest chain of jobs starts afterwards
     threads: WORKERS
-    resources:
-        mem_mb=1000,
     params:
+        **UNDER_TEST,
         seed=config["seed"],
         content=content_of_records,
         scenario=config["scenario"],
         data=config["data"],
         filters=config["filters"],
         segments=config["segments"],
-        vehicle=config["vehicle"],
-        vehicle_content=VEHICLE_CONTENT,
-        simulations=SIMULATIONS,
         replays=not SLOW,
         library=code_up_to("vehicles"),
     message:

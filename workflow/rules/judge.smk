@@ -22,13 +22,9 @@ rule run_crude_monte_carlo:
     benchmark:
         benchmark_of("run_crude_monte_carlo.tsv")
     threads: WORKERS
-    resources:
-        mem_mb=1000,
     params:
+        **UNDER_TEST,
         seed=config["seed"],
-        vehicle=config["vehicle"],
-        vehicle_content=VEHICLE_CONTENT,
-        simulations=SIMULATIONS,
         crude_monte_carlo=config["crude_monte_carlo"],
         alpha=config["importance_sampling"]["alpha"],
         checkpoint=result("crude_checkpoint.json"),
@@ -59,13 +55,9 @@ rule study_coverage:
     benchmark:
         benchmark_of("study_coverage", "{judged}.tsv")
     threads: WORKERS
-    resources:
-        mem_mb=1000,
     params:
+        **UNDER_TEST,
         seed=config["seed"],
-        vehicle=config["vehicle"],
-        vehicle_content=VEHICLE_CONTENT,
-        simulations=SIMULATIONS,
         stopping=part(
             config["importance_sampling"],
             "alpha",
@@ -91,9 +83,6 @@ rule collect_coverage:
         log_of("collect_coverage.log"),
     benchmark:
         benchmark_of("collect_coverage.tsv")
-    threads: 1
-    resources:
-        mem_mb=500,
     params:
         library=code_up_to("base"),
     message:

@@ -19,8 +19,6 @@ rule map_crashes_uncapped:
         mapped="|".join(UNCAPPED),
     priority: 80
     threads: lambda wildcards: INPUTS.simulating(UNCAPPED[wildcards.mapped])[0]
-    resources:
-        mem_mb=2000,
     params:
         mapped=lambda wildcards: answered(UNCAPPED[wildcards.mapped]),
         # Only maps of the vehicle under test and of users' vehicles are checked against simulations.

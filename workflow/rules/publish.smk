@@ -4,10 +4,7 @@
 # In: everything under results/<study>/. Out: figures/<study>/*.{pdf,svg,png,csv}, figures/<study>/tables/*, the
 # executed notebooks, also for reading in figures/<study>/notebooks, and the book. The metadata of each notebook declare its inputs and outputs.
 
-# Templates of the first and the last page; a study of a slow vehicle in cut-ins has another first page.
-PAGES = [PROJECT / "workflow/book"]
-if SLOW and IS_CUT_IN:
-    PAGES += [PROJECT / "workflow/book_slow"]
+PAGES = PROJECT / "workflow/book"  # templates of the first and the last page
 
 
 rule record_configuration:
@@ -18,9 +15,6 @@ rule record_configuration:
         log_of("record_configuration.log"),
     benchmark:
         benchmark_of("record_configuration.tsv")
-    threads: 1
-    resources:
-        mem_mb=500,
     params:
         config=config,
         library=code_up_to("base"),
@@ -47,9 +41,6 @@ for _notebook in NOTEBOOKS:
             log_of("notebooks", f"{_notebook}.log"),
         benchmark:
             benchmark_of("notebooks", f"{_notebook}.tsv")
-        threads: 1
-        resources:
-            mem_mb=1500,
         params:
             parameters={"results": str(RESULTS), "figures": str(FIGURES)},
             library=code_up_to("publishing"),
@@ -83,9 +74,6 @@ if IS_CUT_IN:
         benchmark:
             benchmark_of("explorer.tsv")
         priority: 60
-        threads: 1
-        resources:
-            mem_mb=2000,
         params:
             config=part(config, "seed", "study", "vehicle", "answer"),
             support=SUPPORT,
@@ -109,7 +97,7 @@ rule book:
         guides=GUIDES,
         pictures=PICTURES,
         captions=sorted(map(str, CAPTIONS.glob("*.rst"))),
-        pages=sorted(str(path) for folder in PAGES for path in folder.iterdir()),
+        pages=sorted(map(str, PAGES.iterdir())),
         explorer=[rules.explorer.output.page] if IS_CUT_IN else [],
     output:
         site=directory(result("book")),
@@ -118,12 +106,9 @@ rule book:
         log_of("book.log"),
     benchmark:
         benchmark_of("book.tsv")
-    threads: 1
-    resources:
-        mem_mb=1500,
     params:
         study={"results": str(RESULTS), "figures": str(FIGURES)},
-        pages=[str(folder) for folder in PAGES],
+        pages=str(PAGES),
         tables={name: made.tables for name, made in NOTEBOOKS.items()},
         records=RECORDS,
         library=code_up_to("publishing"),

@@ -19,15 +19,11 @@ rule compare_scenario_methods:
     benchmark:
         benchmark_of("compare_scenario_methods.tsv")
     threads: WORKERS
-    resources:
-        mem_mb=1000,
     params:
+        **UNDER_TEST,
         config=part(
             config, "study", "seed", "scenario", "importance_sampling", "surrogate"
         ),
-        vehicle=config["vehicle"],
-        vehicle_content=VEHICLE_CONTENT,
-        simulations=SIMULATIONS,
         library=code_up_to("answer"),
     message:
         "Comparing the methods on the scenario {params.config[scenario][name]}"
@@ -47,13 +43,9 @@ rule compare_verdicts:
     benchmark:
         benchmark_of("compare_verdicts.tsv")
     threads: WORKERS
-    resources:
-        mem_mb=1000,
     params:
+        **UNDER_TEST,
         scenario=SCENARIO,
-        vehicle=config["vehicle"],
-        vehicle_content=VEHICLE_CONTENT,
-        simulations=SIMULATIONS,
         library=code_up_to("answer"),
     message:
         "Comparing the vehicle with published verdicts"

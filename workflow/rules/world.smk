@@ -17,9 +17,6 @@ rule count_crashes:
         log_of("count_crashes.log"),
     benchmark:
         benchmark_of("count_crashes.tsv")
-    threads: 1
-    resources:
-        mem_mb=500,
     params:
         library=code_up_to("answer"),
     message:
@@ -42,9 +39,6 @@ rule predict_humans:
     benchmark:
         benchmark_of("predict_humans.tsv")
     priority: 60
-    threads: 1
-    resources:
-        mem_mb=1500,
     params:
         seed=config["seed"],
         grid=answered("under_test")["limits"] | config["answer"]["grid"],
@@ -71,9 +65,6 @@ rule study_lead_motion:
         log_of("study_lead_motion.log"),
     benchmark:
         benchmark_of("study_lead_motion.tsv")
-    threads: 1
-    resources:
-        mem_mb=2000,
     params:
         seed=config["seed"],
         content=content_of_records,

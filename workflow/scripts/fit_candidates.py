@@ -1,5 +1,6 @@
 """Fit the candidate families and the piecewise models to each variable in each segment."""
 
+import pandas as pd
 from accelerated_evaluation.base.files import write_csv
 from accelerated_evaluation.laws.files import read_law
 from accelerated_evaluation.laws.paper.candidates import compare_with_candidates
@@ -10,5 +11,5 @@ if __name__ == "__main__":
     with job(snakemake.log[0]):
         encounters = read_encounters(snakemake.input.encounters)
         models = [read_law(path, encounters) for path in snakemake.input.models]
-        for path, place in zip(snakemake.output.tables, snakemake.params.compared, strict=True):
-            write_csv(path, compare_with_candidates(encounters, models, *place))
+        tables = [compare_with_candidates(encounters, models, *place) for place in snakemake.params.compared]
+        write_csv(snakemake.output.candidates, pd.concat(tables, ignore_index=True))

@@ -1,8 +1,7 @@
 """The answer from crude Monte Carlo under the mean of all draws, reweighted for each draw."""
 
-import os
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -17,7 +16,6 @@ from accelerated_evaluation.laws.draws import Draws
 from accelerated_evaluation.methods import METHODS
 from accelerated_evaluation.methods.problem import Problem
 from accelerated_evaluation.methods.study import study_method
-from accelerated_evaluation.methods.surrogate import read_predecessor
 from accelerated_evaluation.scenarios.protocol import ENDED, Event, Scenario
 from accelerated_evaluation.vehicles.protocol import Vehicle, event_named
 
@@ -98,23 +96,18 @@ def compare_methods(
     laws: Mapping[str, Law],
     vehicle: Vehicle,
     config: Mapping[str, Any],
-    methods: Sequence[str] = METHODS_OF_SCORES,
-    predecessor: str | os.PathLike | None = None,
 ) -> dict[str, pd.DataFrame]:
     """Estimate the probability of an event under single laws by several methods.
 
     The result has ``estimates``, with a row for each law, method and replicate, and ``runs``, with a row for
-    each simulation of the surrogate-guided method. A table of runs of a similar vehicle under the same law is
-    its predecessor.
+    each simulation of the surrogate-guided method.
     """
     event = event_named(config["scenario"]["event"], scenario)
     parts: dict[str, list[pd.DataFrame]] = {"estimates": [], "runs": []}
     for law_name, law in laws.items():
         problem = Problem(scenario, law, vehicle, event)
-        for name in methods:
+        for name in METHODS_OF_SCORES:
             method = METHODS[name].configured(config)
-            if predecessor is not None:
-                method = replace(method, predecessor=read_predecessor(predecessor, problem))
             count = method.replicates(config) or 1
             stream = config["seed"], "scenario", name, law_name
             generators = [child_generator(*stream, replicate) for replicate in range(count)]

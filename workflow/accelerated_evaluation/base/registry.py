@@ -21,9 +21,10 @@ class Registry(Mapping[str, Member], Generic[Member]):
     messages, such as ``"vehicle"``. ``package`` and its ``__path__`` contain the modules of the members.
     """
 
-    def __init__(self, what: str, package: str, path: Iterable[str]) -> None:
+    def __init__(self, what: str, package: str, path: Iterable[str], attribute: str | None = None) -> None:
         self.what = what
         self._package, self._path = package, path
+        self._attribute = attribute  # of a member, which is set to its name
         self._members: dict[str, Member] = {}
         self._is_complete = False
 
@@ -37,6 +38,8 @@ class Registry(Mapping[str, Member], Generic[Member]):
             if self._members.get(name, member) is not member:
                 raise ValueError(f"two members of the registry of each {self.what} are called {name!r}")
             self._members[name] = member
+            if self._attribute is not None:
+                setattr(member, self._attribute, name)
             return member
 
         return register

@@ -6,7 +6,7 @@ from pathlib import Path
 from accelerated_evaluation.base.arrays import Array
 from accelerated_evaluation.base.errors import InputError
 from accelerated_evaluation.base.randomness import child_generator
-from accelerated_evaluation.commands import COMMANDS, add_scenario, add_seed, require_seed
+from accelerated_evaluation.commands import COMMANDS, add_scenario, add_seed, refuse_options, require_seed
 from accelerated_evaluation.scenarios import SCENARIOS
 from accelerated_evaluation.scenarios.cut_in import CUT_IN
 from accelerated_evaluation.scenarios.protocol import Scenario
@@ -91,12 +91,7 @@ class Replay:
 def _lead_speeds(arguments: argparse.Namespace, scenario: Scenario) -> Array:
     """Return the lead speeds over time [m/s] that the option ``--motion`` specifies."""
     if scenario is not CUT_IN:
-        raise InputError(
-            "--motion",
-            seen=f"the scenario {scenario.name}",
-            expected="cut_in",
-            change="Leave the option out, because only cut-ins have a lead vehicle.",
-        )
+        refuse_options(arguments, scenario.name, "motion")
     require_seed(arguments.seed)
     encounter = scenario.checked(*([value] for value in arguments.values))[:, 0]
     return lead_speeds_of(arguments.motion, encounter, child_generator(arguments.seed, "replay"))

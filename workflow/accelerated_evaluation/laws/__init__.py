@@ -10,7 +10,7 @@ from accelerated_evaluation.laws.protocol import Box, Law
 from accelerated_evaluation.laws.strata import Factors, StratifiedLaw, Stratum
 
 # Classes of laws, by the name in law files.
-LAWS: Registry[type[Law]] = Registry("law", __name__, __path__)
+LAWS: Registry[type[Law]] = Registry("law", __name__, __path__, "kind")
 # Functions that fit a law of cut-ins to an encounter table by a complete configuration, by the name that a
 # user gives to the option --law.
 FITS: Registry[Callable[[pd.DataFrame, Mapping[str, Any]], Law]] = Registry("fitted law", __name__, __path__)

@@ -93,7 +93,6 @@ class DrawnLaws(Draws, Law):
     As a law it is the proposal.
     """
 
-    kind: ClassVar[str] = "draws"
     laws: Sequence[Law]
     names: tuple[str, ...]
     proposal: Law
@@ -158,7 +157,6 @@ class MixedDraws(Draws, Law):
     The first normal score chooses the part: the parts occupy adjacent intervals of it.
     """
 
-    kind: ClassVar[str] = "mixed_draws"
     needs_records: ClassVar[bool] = True
     parts: Sequence[Draws]
     description: str = "draws of laws of several kinds"

@@ -22,7 +22,6 @@ from accelerated_evaluation.laws.strata import VARIABLES
 class WithLeadSpeeds(Law):
     """A law of range and closing speed that is independent of the lead speed, which is a recorded one."""
 
-    kind: ClassVar[str] = "with_lead_speeds"
     needs_records: ClassVar[bool] = True
     law: Law  # of range [m] and closing speed [m/s]
     lead_speeds: Empirical = field(repr=False)

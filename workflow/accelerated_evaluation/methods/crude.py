@@ -146,7 +146,6 @@ class Crude(Method):
     for a given number of simulations; see `simulate_batches`.
     """
 
-    name: ClassVar[str] = "crude"
     style: ClassVar[dict[str, Any]] = {"color": "#777777", "linestyle": ":", "marker": "v"}
     settings: ClassVar[dict[str, Schema]] = {"crude_monte_carlo": SETTINGS}
 

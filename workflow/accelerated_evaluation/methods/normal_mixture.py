@@ -80,7 +80,6 @@ class NormalMixture:
 class NormalMixtureSampling(Method):
     """Importance sampling from a mixture of normal distributions, fitted by the Cross-Entropy method."""
 
-    name: ClassVar[str] = "normal_mixture"
     style: ClassVar[dict[str, Any]] = {"color": "#b15928", "linestyle": (0, (1, 1)), "marker": "X"}
 
     def estimate(self, problem: ScoreProblem, stopping: Stopping, generator: np.random.Generator) -> Estimate:

@@ -96,7 +96,6 @@ def _rules_of(problem: ScoreProblem) -> dict[str, Any]:
 class Surrogate(Method):
     """Estimate the probability of an event with few simulations, guided by a surrogate of the event."""
 
-    name: ClassVar[str] = "surrogate"
     style: ClassVar[dict[str, Any]] = {"color": "#6a3d9a", "linestyle": (0, (3, 1, 1, 1)), "marker": "D"}
     settings: ClassVar[dict[str, Schema]] = {"surrogate": SETTINGS}
     sections: ClassVar[tuple[str, ...]] = ("surrogate",)

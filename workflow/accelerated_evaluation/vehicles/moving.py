@@ -1,7 +1,7 @@
 """Cut-ins in which the lead vehicle changes its speed: checks and functions for all vehicles."""
 
 from collections.abc import Callable, Mapping, Sequence
-from typing import Any, ClassVar
+from typing import TYPE_CHECKING, Any, ClassVar
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -19,6 +19,9 @@ from accelerated_evaluation.vehicles.protocol import (
     checked_encounters,
 )
 
+if TYPE_CHECKING:
+    import pandas as pd
+
 START = "the lead speed of the encounter"
 TOLERANCE = 1e-9  # [m/s], largest difference of the lead speed and the first of the lead speeds over time
 
@@ -31,6 +34,7 @@ class CompiledVehicle:
     # 1) for lead vehicles that keep their speeds. It writes the outcomes of the encounters from ``begin`` to
     # ``end``, shape (4, n).
     kernel: ClassVar[Callable[..., None]]
+    tracer: ClassVar[Callable[..., "pd.DataFrame"]]  # ``(numbers, encounter, lead_speeds)`` returns a trace
 
     def compiled(self) -> Any:  # noqa: ANN401
         """Return the parameters of the vehicle as numbers for the compiled simulation."""
@@ -63,6 +67,16 @@ class CompiledVehicle:
         """
         encounters = checked_encounters(lead_speed, range_, closing_speed)
         return self.outcomes(encounters, checked_lead_speeds(lead_speeds, encounters[0]))
+
+    def trace(
+        self, lead_speed: float, range_: float, closing_speed: float, lead_speeds: ArrayLike | None = None
+    ) -> "pd.DataFrame":
+        """Simulate one encounter, and return its states, one row for each step of 0.1 s.
+
+        If the lead vehicle changes its speed, ``lead_speeds`` [m/s] are those every 0.1 s.
+        """
+        encounter = checked_encounters([lead_speed], [range_], [closing_speed])
+        return self.tracer(self.compiled(), encounter, checked_motion(lead_speeds, encounter))
 
 
 def kept_speeds(encounters: Array) -> Array:

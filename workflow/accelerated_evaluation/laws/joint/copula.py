@@ -28,7 +28,6 @@ STRONGEST = 0.999  # largest absolute correlation
 class GaussianCopula(JointLaw):
     """Smooth marginal distributions with a Gaussian copula."""
 
-    kind: ClassVar[str] = "gaussian_copula"
     candidates: ClassVar[Mapping[str, Mapping[str, int]]] = {"Gaussian copula": {}}
 
     box: Box
@@ -119,7 +118,6 @@ class GaussianCopula(JointLaw):
 class IndependentVariables(GaussianCopula):
     """Independent variables with smooth marginal distributions."""
 
-    kind: ClassVar[str] = "independent_variables"
     candidates: ClassVar[Mapping[str, Mapping[str, int]]] = {"independent": {}}
 
     @classmethod

@@ -28,7 +28,6 @@ FACTORS = (0.3, 0.4, 0.5, 0.6, 0.75, 0.9, 1.1, 1.4)  # multiples of Scott's band
 class KernelLaw(TruncatedNormalMixture):
     """A mixture of truncated normal distributions, one about each record."""
 
-    kind: ClassVar[str] = "kernel"
     candidates: ClassVar[Mapping[str, Mapping[str, int]]] = {"kernel": {}}
 
     @classmethod

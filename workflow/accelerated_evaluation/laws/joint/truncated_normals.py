@@ -41,7 +41,6 @@ MAPPED_AT_ONCE = 800  # number of points times components, so that arrays stay i
 class TruncatedNormalMixture(JointLaw):
     """Mixture of K normal distributions, each truncated to the box."""
 
-    kind: ClassVar[str] = "truncated_normals"
     candidates: ClassVar[Mapping[str, Mapping[str, int]]] = {
         f"truncated normals, K = {k}": {"components": k} for k in (2, 3, 4, 6, 8)
     }

@@ -5,7 +5,7 @@ import warnings
 from collections.abc import Callable, Mapping
 from contextlib import suppress
 from dataclasses import dataclass, field
-from typing import Any, ClassVar, Self
+from typing import Any, Self
 
 import numpy as np
 import pandas as pd
@@ -72,8 +72,6 @@ class IndependentLaw(StratifiedLaw):
     section VI.A). ValueError is raised if counts, distributions and lead speeds have different segments, or a
     count is not positive.
     """
-
-    kind: ClassVar[str] = "independent"
 
     description: str
     # Lane changes in each segment, in order of speed; their shares are the weights of the segments.

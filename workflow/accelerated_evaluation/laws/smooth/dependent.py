@@ -3,33 +3,28 @@
 import math
 from collections.abc import Mapping
 from dataclasses import dataclass, field
-from typing import Any, ClassVar, Self
+from typing import Any, Self
 
 import numpy as np
 import pandas as pd
-from numpy.typing import ArrayLike
 
 from accelerated_evaluation.base.arrays import Array, numbers_in
 from accelerated_evaluation.laws import LAWS
 from accelerated_evaluation.laws.distributions import Empirical
-from accelerated_evaluation.laws.distributions.pareto import interval_probability
 from accelerated_evaluation.laws.paper.models import recorded_lead_speeds
 from accelerated_evaluation.laws.protocol import Box
 from accelerated_evaluation.laws.smooth.conditional import SpeedLaw, Threshold, range_grid, speed_grid
 from accelerated_evaluation.laws.smooth.excess import Excess
 from accelerated_evaluation.laws.smooth.family import LawFamily, Member
 from accelerated_evaluation.laws.smooth.segments import (
-    COORDINATES,
     SmoothLaw,
     SmoothStratum,
-    floats,
     parts,
     recorded_segments,
 )
 from accelerated_evaluation.laws.smooth.shapes import FarTail
 from accelerated_evaluation.laws.smooth.smooth_hazard import SmoothHazard
 from accelerated_evaluation.laws.smooth.splines import SUPPORT, Support
-from accelerated_evaluation.laws.strata import Factors
 
 PLACES_AT_ONCE = 50_000  # limits the memory to about 100 MB
 
@@ -42,7 +37,6 @@ class DependentStratum(SmoothStratum):
     ranges: SmoothHazard
     speeds: SpeedLaw
     support: Support = SUPPORT
-    factors: Factors = COORDINATES
 
     def points(self, lead_speed: Array, first: Array, second: Array) -> Array:
         """Return the n cut-ins with given v_L [m/s], first and second coordinates, each of shape (n,)."""
@@ -65,24 +59,14 @@ class DependentStratum(SmoothStratum):
         logarithm = self.logarithm(inverse_range)
         return hazards.at(logarithm), hazards.rate(logarithm)
 
-    def second(self, lead_speed: ArrayLike, inverse_range: ArrayLike, closing_speed: ArrayLike) -> Array:
-        """Return the second coordinate -log P(C > c | v_L, R), which is infinite for an infinite c.
-
-        The arguments are v_L [m/s], R^-1 [1/m] and closing speed c [m/s], of shapes that broadcast.
-        """
-        arrays = np.broadcast_arrays(*floats(lead_speed, inverse_range, closing_speed))
-        (coordinate,) = self._second_coordinates(*(array.ravel() for array in arrays))
-        return coordinate.reshape(arrays[0].shape)
-
-    def closing_speed_probability(
-        self, lead_speed: Array, inverse_range: Array, start: Array, end: Array
-    ) -> Array:
-        """Return P(start <= closing speed < end) given v_L [m/s] and R^-1 [1/m].
-
-        The ends of the intervals are in m/s. Arguments and result have shape (n,).
-        """
-        coordinates = self._second_coordinates(lead_speed, inverse_range, start, end)
-        return interval_probability(self.factors.second, *coordinates)
+    def second_at(self, lead_speed: Array, inverse_range: Array, closing_speeds: Array) -> Array:
+        """Return the second coordinate of m closing speeds for each of n pairs of v_L and R^-1, (n, m)."""
+        coordinates = np.empty(closing_speeds.shape)
+        for part in parts(lead_speed.size, PLACES_AT_ONCE):
+            given = self.speeds.given(self.places(lead_speed[part], 1 / inverse_range[part]))
+            for column, speed in enumerate(closing_speeds[part].T):
+                coordinates[part, column] = given.cumulative(speed)
+        return coordinates
 
     def log_second_slope(self, lead_speed: Array, inverse_range: Array, closing_speed: Array) -> Array:
         """Return the log of the derivative of the second coordinate with respect to the closing speed.
@@ -96,22 +80,11 @@ class DependentStratum(SmoothStratum):
             slope[part] = given.log_density(closing_speed[part]) + given.cumulative(closing_speed[part])
         return slope
 
-    def _second_coordinates(self, lead_speed: Array, inverse_range: Array, *closing_speeds: Array) -> Array:
-        """Return the second coordinate for several arrays of closing speeds, each of shape (n,)."""
-        coordinates = np.empty((len(closing_speeds), lead_speed.size))
-        for part in parts(lead_speed.size, PLACES_AT_ONCE):
-            given = self.speeds.given(self.places(lead_speed[part], 1 / inverse_range[part]))
-            for coordinate, closing in zip(coordinates, closing_speeds, strict=True):
-                coordinate[part] = given.cumulative(closing[part])
-        return coordinates
-
 
 @LAWS.add("dependent")
 @dataclass(frozen=True)
 class DependentLaw(SmoothLaw):
     """A law in which v_L is as recorded, the range depends on v_L, and the closing speed on v_L and range."""
-
-    kind: ClassVar[str] = "dependent"
 
     description: str
     # Lane changes by segment, in order of speed; segments only group results, as all have the same

@@ -78,10 +78,6 @@ class LawDraws:
             content.update(np.ascontiguousarray(array).tobytes())
         return content.hexdigest()[:16]
 
-    def thinned(self, size: int) -> Self:
-        """Return ``size`` of the draws, at equal distances in their order; all draws if there are fewer."""
-        return self.only(np.unique(np.linspace(0, self.size - 1, min(size, self.size)).round().astype(int)))
-
     def only(self, chosen: NDArray[np.intp]) -> Self:
         """Return a set of the k draws with the given indices, shape (k,)."""
         used, shared = np.unique(self.shared[chosen], return_inverse=True)

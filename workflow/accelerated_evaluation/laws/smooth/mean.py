@@ -14,11 +14,11 @@ as for the other smooth laws. The inverse of the map is computed by Newton's met
 import math
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
-from typing import Any, ClassVar, Self
+from typing import Any, Self
 
 import numpy as np
 import pandas as pd
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import NDArray
 from scipy.special import logsumexp
 
 from accelerated_evaluation.base.arrays import Array, numbers_in
@@ -31,17 +31,14 @@ from accelerated_evaluation.laws.smooth.conditional import Places, SpeedLaw, Thr
 from accelerated_evaluation.laws.smooth.draws import TOLERANCE, LawDraws, RangeMixture, SpeedsAt, mixed, solve
 from accelerated_evaluation.laws.smooth.excess import Excess
 from accelerated_evaluation.laws.smooth.segments import (
-    COORDINATES,
     SmoothLaw,
     SmoothStratum,
-    floats,
     parts,
     recorded_segments,
 )
 from accelerated_evaluation.laws.smooth.shapes import FarTail
 from accelerated_evaluation.laws.smooth.smooth_hazard import SmoothHazard
 from accelerated_evaluation.laws.smooth.splines import Support
-from accelerated_evaluation.laws.strata import Factors
 
 PLACES_AT_ONCE = 400  # limits the memory to about 100 MB with 500 draws
 LARGEST_LOGARITHM = 50.0  # of R_max / R; the range would otherwise underflow where few records are near
@@ -53,7 +50,6 @@ class MeanStratum(SmoothStratum):
 
     lead_speed: Empirical
     draws: LawDraws
-    factors: Factors = COORDINATES
 
     @property
     def support(self) -> Support:
@@ -89,15 +85,6 @@ class MeanStratum(SmoothStratum):
             places = self.places(lead_speed[part], 1 / inverse_range[part])
             scores[:, part] = self._mixture(places).score(self.logarithm(inverse_range[part]))
         return scores[0], scores[1]
-
-    def second(self, lead_speed: ArrayLike, inverse_range: ArrayLike, closing_speed: ArrayLike) -> Array:
-        """Return the second coordinate -log P(C > c | v_L, R), which is infinite for an infinite c.
-
-        The arguments are v_L [m/s], R^-1 [1/m] and closing speed c [m/s], of shapes that broadcast.
-        """
-        arrays = np.broadcast_arrays(*floats(lead_speed, inverse_range, closing_speed))
-        lead, inverse_range, closing = (array.ravel() for array in arrays)
-        return self.second_at(lead, inverse_range, closing[:, None]).reshape(arrays[0].shape)
 
     def second_at(self, lead_speed: Array, inverse_range: Array, closing_speeds: Array) -> Array:
         """Return the second coordinate of m closing speeds for each of n pairs of v_L and R^-1.
@@ -166,8 +153,6 @@ class MeanStratum(SmoothStratum):
 @dataclass(frozen=True, repr=False)
 class MeanLaw(SmoothLaw, Draws):
     """The law in which v_L is as recorded, and range and closing speed follow the mean of K draws."""
-
-    kind: ClassVar[str] = "mean"
 
     description: str
     # Lane changes by segment, in order of speed; the conditional distributions are the same in all segments.
@@ -252,8 +237,7 @@ class MeanLaw(SmoothLaw, Draws):
 
         They are at most log K. The cut-ins must be within the limits of the law.
         """
-        densities = self.log_densities(x)
-        return densities - (logsumexp(densities, axis=0) - math.log(self.draws.size))
+        return self.log_ratios_to_mean(x)
 
     def content(self) -> dict[str, Any]:
         """Return the content of the law file: the parameters of all draws."""

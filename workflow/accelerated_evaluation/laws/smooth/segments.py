@@ -17,6 +17,7 @@ from numpy.typing import ArrayLike
 
 from accelerated_evaluation.base.arrays import Array
 from accelerated_evaluation.laws.distributions import BoundedExponential, Empirical, PiecewiseMixture
+from accelerated_evaluation.laws.distributions.pareto import interval_probability
 from accelerated_evaluation.laws.paper.models import recorded_lead_speeds
 from accelerated_evaluation.laws.smooth.conditional import Places
 from accelerated_evaluation.laws.smooth.splines import Support
@@ -34,6 +35,7 @@ class SmoothStratum(Stratum):
     """One segment of the lead speed, with unit-exponential coordinates."""
 
     support: Support
+    factors = COORDINATES
 
     @property
     def pieces(self) -> Factors:
@@ -66,6 +68,26 @@ class SmoothStratum(Stratum):
         """
         speed, inverse_range = np.broadcast_arrays(*floats(lead_speed, inverse_range))
         return np.log(self.range_coordinate(speed, inverse_range)[1]) - np.log(inverse_range)
+
+    def second(self, lead_speed: ArrayLike, inverse_range: ArrayLike, closing_speed: ArrayLike) -> Array:
+        """Return the second coordinate -log P(C > c | v_L, R), which is infinite for an infinite c.
+
+        The arguments are v_L [m/s], R^-1 [1/m] and closing speed c [m/s], of shapes that broadcast.
+        """
+        arrays = np.broadcast_arrays(*floats(lead_speed, inverse_range, closing_speed))
+        lead, inverse_range, closing = (array.ravel() for array in arrays)
+        return self.second_at(lead, inverse_range, closing[:, None]).reshape(arrays[0].shape)
+
+    def closing_speed_probability(
+        self, lead_speed: Array, inverse_range: Array, start: Array, end: Array
+    ) -> Array:
+        """Return P(start <= closing speed < end) given v_L [m/s] and R^-1 [1/m], all of shape (n,)."""
+        ends = self.second_at(lead_speed, inverse_range, np.column_stack([start, end]))
+        return interval_probability(self.factors.second, *ends.T)
+
+    @abstractmethod
+    def second_at(self, lead_speed: Array, inverse_range: Array, closing_speeds: Array) -> Array:
+        """Return the second coordinate of m closing speeds for each of n pairs of v_L and R^-1, (n, m)."""
 
     @abstractmethod
     def range_coordinate(self, lead_speed: Array, inverse_range: Array) -> tuple[Array, Array]:

@@ -170,7 +170,6 @@ class CrossEntropyMethod(Method):
 class Single(CrossEntropyMethod):
     """The authors' earlier method: f* is one exponential for each coordinate (paper, sections II and VI)."""
 
-    name: ClassVar[str] = "single"
     style: ClassVar[dict[str, Any]] = {"color": "#b2182b", "linestyle": "--", "marker": "s"}
 
     def start(self, f: Factors) -> tuple[ProposalFamily, ProposalFamily]:
@@ -185,7 +184,6 @@ class Single(CrossEntropyMethod):
 class Piecewise(CrossEntropyMethod):
     """The paper's method: each piece of f is tilted by its own theta and gets a new weight (section V)."""
 
-    name: ClassVar[str] = "piecewise"
     style: ClassVar[dict[str, Any]] = {"color": "#08306b", "linestyle": "-", "marker": "o"}
 
     def start(self, f: Factors) -> tuple[ProposalFamily, ProposalFamily]:
@@ -205,7 +203,6 @@ class Heuristic(Piecewise):
     iteration then draws again, until it has enough events (section V.C.5).
     """
 
-    name: ClassVar[str] = "heuristic"
     style: ClassVar[dict[str, Any]] = {"color": "#41ab5d", "linestyle": "-.", "marker": "^"}
 
     def shift(self) -> Shift:
@@ -222,7 +219,6 @@ class Shifted(Piecewise):
     truncation point stays at least one step below all events.
     """
 
-    name: ClassVar[str] = "shifted"
     style: ClassVar[dict[str, Any]] = {"color": "#e6842a", "linestyle": (0, (5, 1)), "marker": "<"}
 
     def shift(self) -> Shift:

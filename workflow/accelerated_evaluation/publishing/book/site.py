@@ -47,6 +47,7 @@ def known_to_pages(study: Study, records: Iterable[str]) -> dict[str, Any]:
     """
     common = {
         "vehicle": study.config["vehicle"],
+        "slow": study.config["simulations"]["slow"],
         "commit": commit_of(PROJECT),
         "checksums": {str(path): _checksum(Path(path)) for path in records},
         "versions": {"Python": platform.python_version()} | {name: version(name) for name in PACKAGES},
@@ -97,9 +98,7 @@ class Parts:
     tables: Mapping[str, Sequence[str]]  # names of the tables that each notebook makes
     guides: Sequence[Path]  # markdown files, one for each chapter, in order
     captions: Path  # folder with the caption of every figure and table, ``<name>.rst``
-    # Folders with the templates of the first and the last page, the style and a script. A file in a later
-    # folder replaces the file of the same name in an earlier one.
-    pages: Sequence[Path]
+    pages: Path  # folder with the templates of the first and the last page, the style and a script
     # The page ``explorer.html``, which is copied into the site; None if the study has none.
     explorer: Path | None = None
 
@@ -160,8 +159,7 @@ def build_book(parts: Parts, site: Path, names: dict[str, Any]) -> None:
 
 def _write_sources(parts: Parts, sources: Path, names: dict[str, Any]) -> None:
     shutil.copytree(parts.study.figures, sources / "figures")
-    for folder in parts.pages:
-        shutil.copytree(folder, sources, dirs_exist_ok=True)
+    shutil.copytree(parts.pages, sources, dirs_exist_ok=True)
     shutil.copy(files("sphinx-mathjax-offline") / "static" / "mathjax" / MATHJAX, sources)
     for guide in parts.guides:
         text = guide.read_text(encoding="utf-8").replace("](../notebooks/", "](")  # all pages share a folder
@@ -175,8 +173,8 @@ def _write_sources(parts: Parts, sources: Path, names: dict[str, Any]) -> None:
     chapters = {"notebooks": parts.notebooks, "guides": parts.guides}
     known = names | {"study": parts.study, "figure": parts.figure}
     known |= {name: [path.stem for path in paths] for name, paths in chapters.items()}
-    for name in {page.name for folder in parts.pages for page in folder.glob("*.md")}:
-        page = sources / name
+    for template in parts.pages.glob("*.md"):
+        page = sources / template.name
         page.write_text(fill(page.read_text(encoding="utf-8"), known), encoding="utf-8")
 
 

@@ -3,14 +3,11 @@
 from dataclasses import dataclass, field
 from typing import ClassVar
 
-import pandas as pd
-from numpy.typing import ArrayLike
-
 from accelerated_evaluation.scenarios.parameters import AccAebParameters, parameter_error
 from accelerated_evaluation.vehicles.builtin.kernel import STEP, Car, simulate_slice
 from accelerated_evaluation.vehicles.builtin.traces import trace_car
-from accelerated_evaluation.vehicles.moving import CompiledVehicle, checked_motion
-from accelerated_evaluation.vehicles.protocol import VEHICLES, checked_encounters
+from accelerated_evaluation.vehicles.moving import CompiledVehicle
+from accelerated_evaluation.vehicles.protocol import VEHICLES
 
 KMH = 1 / 3.6  # [m/s]
 # Time to collision at which a 2011 Volvo V60 brakes: linear in the speed through two points, then constant.
@@ -31,6 +28,7 @@ class AccAeb(AccAebParameters, CompiledVehicle):
     """
 
     kernel: ClassVar = staticmethod(simulate_slice)
+    tracer: ClassVar = staticmethod(trace_car)
 
     top_start_speed: float = 35.0  # cap on the speed at the start of an encounter [m/s]
 
@@ -46,20 +44,6 @@ class AccAeb(AccAebParameters, CompiledVehicle):
         if not self.aeb:
             return 0.0
         return V60_TTC[1] if self.aeb_ttc is None else self.aeb_ttc
-
-    def trace(
-        self,
-        lead_speed: float,
-        range_: float,
-        closing_speed: float,
-        lead_speeds: ArrayLike | None = None,
-    ) -> pd.DataFrame:
-        """Simulate one encounter, and return its states, one row for each step of 0.1 s.
-
-        If the lead vehicle changes its speed, ``lead_speeds`` [m/s] are those every 0.1 s.
-        """
-        encounter = checked_encounters([lead_speed], [range_], [closing_speed])
-        return trace_car(self.compiled(), encounter, checked_motion(lead_speeds, encounter))
 
     def compiled(self) -> Car:
         """Return the parameters of the vehicle as numbers for the compiled simulation."""

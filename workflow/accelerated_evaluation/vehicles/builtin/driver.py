@@ -4,15 +4,11 @@ import math
 from dataclasses import dataclass, fields
 from typing import Any, ClassVar
 
-import pandas as pd
-from numpy.typing import ArrayLike
-
 from accelerated_evaluation.scenarios.parameters import check_number, parameter_error, zero_or_more
 from accelerated_evaluation.vehicles.builtin.driver_kernel import STEP, follow_slice
 from accelerated_evaluation.vehicles.builtin.driver_numbers import Driver
 from accelerated_evaluation.vehicles.builtin.traces import trace_driver
-from accelerated_evaluation.vehicles.moving import CompiledVehicle, checked_motion
-from accelerated_evaluation.vehicles.protocol import checked_encounters
+from accelerated_evaluation.vehicles.moving import CompiledVehicle
 
 G = 9.81  # [m/s^2], as in JRC-FSM
 
@@ -42,6 +38,7 @@ class ReferenceDriver(CompiledVehicle):
 
     deterministic: ClassVar[bool] = True
     kernel: ClassVar = staticmethod(follow_slice)
+    tracer: ClassVar = staticmethod(trace_driver)
 
     # Of the other car [m/s]; 0 for a car that is in the lane from the start. With a lateral speed the driver
     # can react before the cut-in, or too late. Real cut-ins have 0.2 to 2 m/s.
@@ -72,20 +69,6 @@ class ReferenceDriver(CompiledVehicle):
         if self.lateral_speed * STEP >= self.width:
             expected = f"less than {self.width / STEP:g} m/s, a car's width in a step"
             raise parameter_error("lateral_speed", self.lateral_speed, expected)
-
-    def trace(
-        self,
-        lead_speed: float,
-        range_: float,
-        closing_speed: float,
-        lead_speeds: ArrayLike | None = None,
-    ) -> pd.DataFrame:
-        """Simulate one encounter, and return its states, one row for each step of 0.1 s.
-
-        If the lead vehicle changes its speed, ``lead_speeds`` [m/s] are those every 0.1 s.
-        """
-        encounter = checked_encounters([lead_speed], [range_], [closing_speed])
-        return trace_driver(self.compiled(), encounter, checked_motion(lead_speeds, encounter))
 
     def _numbers(self, rule: int, reaction_time: float, **numbers: Any) -> Driver:  # noqa: ANN401
         """Return the parameters of a driver for the compiled code.

@@ -2,7 +2,6 @@
 
 import math
 from dataclasses import dataclass
-from typing import ClassVar
 
 from accelerated_evaluation.laws import FITS, LAWS
 from accelerated_evaluation.laws.distributions import BoundedExponential, Pareto
@@ -13,8 +12,6 @@ from accelerated_evaluation.laws.paper.models import IndependentLaw, recorded_le
 @dataclass(frozen=True)
 class ToyLaw(IndependentLaw):
     """As its parent, under the name that its files state."""
-
-    kind: ClassVar[str] = "toy_law"
 
 
 @FITS.add("toy_law")

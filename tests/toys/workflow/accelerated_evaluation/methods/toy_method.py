@@ -14,7 +14,6 @@ from accelerated_evaluation.methods.intervals import binomial_interval
 class ToyMethod(Method):
     """Draws from the law itself."""
 
-    name: ClassVar[str] = "toy_method"
     style: ClassVar[dict] = {"color": "black", "linestyle": "-", "marker": "P"}
     settings: ClassVar[dict] = {"toy_method": section(size=integer(1000, 100, 10000, "Simulations."))}
     sections: ClassVar[tuple] = ("toy_method",)
