@@ -322,3 +322,12 @@ def test_the_same_study_gives_the_same_bytes(study, tmp_path):
     for ending in ("csv", "md", "tex"):
         one, two = ((tmp_path / folder / f"claims.{ending}").read_bytes() for folder in ("one", "two"))
         assert one == two
+
+
+def test_a_vehicle_that_always_crashes_needs_no_simulations(study):
+    study["exact"] = study["exact"].assign(probability=1.0)
+    table = claims_table(**study).set_index("claim")
+    faster = table[table.index.str.contains("times faster than crude Monte Carlo")]
+    assert (faster["ours"] == 0).any()
+    study["variation"] = study["variation"].assign(variation_trimmed=0.0)
+    assert claims_table(**study).set_index("claim").loc[faster.index, "ours"].isna().any()

@@ -4,7 +4,6 @@ import math
 from collections.abc import Mapping
 from typing import Any, NamedTuple
 
-import numpy as np
 import pandas as pd
 from scipy.special import ndtri
 
@@ -133,7 +132,7 @@ def _faster(evidence: Evidence, alpha: float, beta: float) -> dict[str, Spread]:
         "faster_search": together["single"].over(together["piecewise"]).interval(what),
         "half": saved._replace(value=1 - saved.value).interval(what),
         "faster": ratio,
-        "orders": Spread(*(float(np.log10(number)) for number in ratio[:3]), ratio.of),
+        "orders": Spread(*(math.log10(size) if size > 0 else math.nan for size in ratio[:3]), ratio.of),
     }
 
 

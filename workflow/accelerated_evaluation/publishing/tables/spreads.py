@@ -51,10 +51,13 @@ class Mean(NamedTuple):
     def over(self, other: Self) -> Self:
         """Return the ratio to another, independent mean.
 
-        The error is that of the delta method, with the degrees of freedom of Welch (1947).
+        The error is that of the delta method, with the degrees of freedom of Welch (1947). It is NaN, as the
+        ratio, if the other mean is 0.
         """
+        if not other.value:
+            return type(self)(math.nan, math.nan, math.nan)
         ratio = self.value / other.value
-        parts = [(ratio * mean.error / mean.value) ** 2 for mean in (self, other)]
+        parts = [(error / other.value) ** 2 for error in (self.error, ratio * other.error)]
         spent = parts[0] ** 2 / self.freedom + parts[1] ** 2 / other.freedom
         return type(self)(ratio, math.sqrt(sum(parts)), sum(parts) ** 2 / spent if spent else math.inf)
 
