@@ -192,7 +192,8 @@ def main() -> None:
         law = single_law(ANSWER, read_records(config), config)
         write_csv(arguments.output, reproducible(exported(law, maps, SETS)))
     else:
-        write_csv(arguments.output, table(pd.concat(map(pd.read_csv, arguments.runs), ignore_index=True)))
+        whole = table(pd.concat(map(pd.read_csv, arguments.runs), ignore_index=True))
+        write_csv(arguments.output, reproducible(whole))
 
 
 if __name__ == "__main__":

@@ -1,6 +1,7 @@
 """The loop over batches and the estimate for a function: against closed forms, and with each hook."""
 
 from dataclasses import replace
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -37,10 +38,75 @@ def test_flags_alone_are_enough_and_a_number_of_inputs_stands_for_normal_ones():
     assert known.diagnostics["repeats"] == 0
 
 
-@pytest.mark.parametrize("answer", [lambda z: z[:, 0], lambda z: (4 - z[:, 0], z[:, 0])])
-def test_a_function_without_flags_is_refused(answer):
-    with pytest.raises(InputError, match=r"the function: seen values of the type float64; expected booleans"):
+@pytest.mark.parametrize(
+    ("answer", "seen"),
+    [
+        (lambda z: z[:, 0], "flags of the type float64"),
+        (lambda z: (4 - z[:, 0], z[:, 0]), "flags of the type float64"),
+        (lambda z: np.where(z[:, 0] > 4, np.nan, 0.0), "flags of the type float64"),  # a run without outcome
+        (lambda z: np.where(z[:, 0] > 4, "1", "0"), "flags of the type <U1"),
+        (lambda z: [None] * len(z), "flags of the type object"),
+        (lambda z: (z[:, 0] > 4, z[:, 0].astype(str)), "and scores of the type <U"),
+        (lambda z: (z[:, 0] > 4, z[:, 0], z[:, 1]), "the function: seen 3 values"),
+        (lambda z: z[:1, 0] > 4, r"\(1,\) flags"),
+    ],
+)
+def test_a_function_with_other_outcomes_is_refused(answer, seen):
+    with pytest.raises(InputError, match=seen):
         estimate(answer, 2, np.random.default_rng(1))
+
+
+@pytest.mark.parametrize(
+    "given",
+    [
+        {"inputs": 0},
+        {"inputs": 2.0},
+        {"inputs": [stats.norm(), "normal"]},
+        {"inputs": stats.norm()},
+        {"generator": 1},
+        {"batch_size": 2.5},
+        {"batch_size": True},
+        {"certificate": 0.5},
+        {"deterministic": "no"},
+        {"state_file": "state.json"},  # without a fingerprint
+        {"state_file": "no/such/folder/state.json", "fingerprint": "a plane"},
+        {"state_file": ".", "fingerprint": "a plane"},
+        {"stopping": SimpleNamespace(maximum_simulations=4)},
+    ],
+    ids=str,
+)
+def test_no_run_is_made_with_arguments_that_cannot_be_used(given):
+    calls = []
+    arguments = {"inputs": 2, "generator": np.random.default_rng(1)} | given
+    with pytest.raises(InputError):
+        estimate(calls.append, **arguments)
+    assert not calls
+
+
+@pytest.mark.parametrize(
+    "rule",
+    [{"alpha": 80}, {"alpha": 0}, {"beta": np.nan}, {"beta": "0.2"}, {"maximum_simulations": 0}],
+    ids=str,
+)
+def test_a_stopping_rule_that_nothing_satisfies_is_refused(rule):
+    with pytest.raises(InputError, match=next(iter(rule))):
+        Stopping(**rule)
+
+
+def test_a_function_may_change_its_points():
+    def changes(x):
+        x *= 2
+        return x[:, 0] > 8, 8 - x[:, 0]
+
+    found = estimate(changes, 2, np.random.default_rng(1), deterministic=True)
+    assert numbers(found) == numbers(
+        estimate(lambda x: (x[:, 0] > 4, 8 - 2 * x[:, 0]), 2, np.random.default_rng(1), deterministic=True)
+    )
+
+
+def test_a_problem_with_another_number_of_inputs_is_refused():
+    with pytest.raises(InputError, match="seen points with 3 normal scores; expected 2"):
+        next(run_batches(new_sampler(3), half_plane(), STOPPING))
 
 
 def test_the_function_of_every_batch_may_be_followed_and_its_state_resumed(tmp_path):

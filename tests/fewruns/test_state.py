@@ -75,8 +75,20 @@ def test_other_shapes_are_refused(reported):
 
 
 def test_a_score_that_is_no_number_is_refused():
+    sampler = new_sampler()
+    sampler.ask()
     with pytest.raises(InputError, match="10 of them NaN"):
-        new_sampler().tell(np.zeros(10, bool), np.full(10, np.nan))
+        sampler.tell(np.zeros(10, bool), np.full(10, np.nan))
+
+
+def test_outcomes_are_only_received_once():
+    sampler = new_sampler()
+    for _ in range(2):
+        sampler.ask()
+    sampler.tell(np.zeros(10, bool))
+    with pytest.raises(InputError, match="no requested batch"):
+        sampler.tell(np.ones(10, bool))
+    assert sampler.simulations == 10
 
 
 @pytest.mark.parametrize("batch_size", [0, 501])
@@ -319,6 +331,7 @@ def test_a_state_that_cannot_be_written_leaves_the_earlier_one(file, monkeypatch
 def test_an_event_seen_once_is_no_silent_zero():
     sampler = new_sampler(5, seed=4)
     for batch in range(5):
+        sampler.ask()
         sampler.tell((np.arange(10) == 0) & (batch == 0))
         result = sampler.estimate(STOPPING)
         assert result.events > 0

@@ -19,6 +19,7 @@ GUIDE = ROOT / "docs" / "sampler.md"
 IDEAS = ROOT / "benchmarks" / "IDEAS.md"
 SAMPLERS = BLOCKS["samplers"].source
 PAGE, LINES = BENCHMARKS / "README.md", 120
+SAMPLERS_PAGE = BLOCKS["samplers"].text
 PAGES = [*ROOT.glob("*.md"), *ROOT.glob("docs/*.md"), *BENCHMARKS.rglob("*.md")]
 DEPLOYMENTS = "../../deployments/github-pages"  # on the hosting page of the repository
 
@@ -142,6 +143,27 @@ def test_the_benchmarks_state_how_far_thresholds_move_the_answer():
     moved = threshold_ratio(pd.read_csv(TABLES / "answer_thresholds.csv"))
     text = " ".join(WORLDS.read_text(encoding="utf-8").split())
     assert f"the answer moves by {moved:.2f} over the thresholds" in text
+
+
+@pytest.mark.skipif(not TABLES.exists(), reason="the tables of the real events are not in this copy")
+def test_the_benchmarks_are_of_the_present_laws():
+    laws = pd.read_csv(TABLES / "laws.csv").iloc[1:].set_index("law")
+    heaviest = laws["weight"].idxmax()
+    exact = pd.read_csv(BLOCKS["vehicles"].source).query("vehicle == 'acc_aeb'").set_index("law")["exact"]
+    exported = pd.read_csv(BLOCKS["exported"].source).set_index("vehicle")["exact"]
+    for found, law in {
+        exact["answer"]: heaviest,
+        exact["two_kinds"]: "two kinds 0.98",
+        exact["hazard"]: "hazard",
+        exported["acc_aeb"]: heaviest,
+    }.items():
+        assert found == pytest.approx(laws.loc[law, "probability"], rel=0.05)
+    answer = pd.read_csv(TABLES / "answer.csv").set_index("event").loc["crash"]
+    runs = pd.read_csv(BLOCKS["answers"].source.with_stem("answers_runs")).set_index("vehicle")
+    for end in ("low80", "median", "high80"):
+        assert runs.loc["acc_aeb", f"map_{end}"].iloc[0] == pytest.approx(answer[end], rel=0.05)
+    assert f"under the law '{heaviest}'" in (ROOT / "docs/campaign.md").read_text(encoding="utf-8")
+    assert f'support best, "{heaviest}"' in SAMPLERS_PAGE.read_text(encoding="utf-8")
 
 
 @pytest.mark.skipif(not TABLES.exists(), reason="the tables of the real events are not in this copy")

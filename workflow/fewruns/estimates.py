@@ -2,6 +2,7 @@
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field
+from numbers import Real
 from typing import TYPE_CHECKING, Any
 
 from scipy.special import ndtri
@@ -13,6 +14,7 @@ import math
 import numpy as np
 
 from fewruns.arrays import Array
+from fewruns.errors import InputError
 
 
 def normal_reach(alpha: float) -> float:
@@ -47,6 +49,19 @@ class Stopping:
     minimum_events: int = 1
     maximum_simulations: int = 100_000
     anytime: bool = False
+
+    def __post_init__(self) -> None:
+        """Check the values."""
+        for name, least, most in (
+            ("alpha", 0.0, 1.0),
+            ("beta", 0.0, math.inf),
+            ("minimum_events", -1, math.inf),
+            ("maximum_simulations", 0, math.inf),
+        ):
+            value = getattr(self, name)
+            if not isinstance(value, Real) or not least < value < most:
+                expected = f"a number above {least:g} and below {most:g}"
+                raise InputError(name, seen=repr(value), expected=expected, change="Choose another value.")
 
 
 @dataclass(frozen=True)

@@ -88,6 +88,9 @@ class SystemProblem:
 
     def evaluate(self, z: Array) -> Response:
         """Run the system at normal scores z, shape (n, d); return whether the event happened, and scores."""
+        if z.shape[1] != self.dimension:
+            seen, expected = f"points with {z.shape[1]} normal scores", f"{self.dimension}, as it has inputs"
+            raise InputError("the problem", seen=seen, expected=expected, change="Make another sampler.")
         return self.respond(self.inputs(z))
 
 
@@ -128,6 +131,11 @@ class Predecessor:
     z: Annotated[Array, "runs", "dimension"]
     happened: Annotated[Flags, "runs"]
 
+    def __post_init__(self) -> None:
+        """Take lists as arrays."""
+        object.__setattr__(self, "z", np.asarray(self.z, dtype=float))
+        object.__setattr__(self, "happened", np.asarray(self.happened, dtype=bool))
+
     def check(self, dimension: int) -> None:
         """Raise InputError if the runs cannot be used for a problem with ``dimension`` normal scores."""
         seen = expected = ""
@@ -135,6 +143,8 @@ class Predecessor:
             seen, expected = f"{dimension} inputs", f"at most {FEW}"
         elif self.z.shape != (len(self.happened), dimension):
             seen, expected = f"points of the shape {self.z.shape}", f"{(len(self.happened), dimension)}"
+        elif not np.isfinite(self.z).all():
+            seen, expected = "points that are not finite", "finite normal scores"
         elif not self.happened.any():
             seen, expected = "no event in its runs", "at least one"
         if seen:

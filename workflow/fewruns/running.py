@@ -52,6 +52,9 @@ def run_batches(
     >>> sampler.estimate(goal).converged
     True
     """
+    if not sampler.simulations and stopping.maximum_simulations < sampler.batch_size:
+        seen, expected = f"{stopping.maximum_simulations}", f"a batch of {sampler.batch_size} or more"
+        raise InputError("maximum_simulations", seen=seen, expected=expected, change="Allow more.")
     is_enough = partial(sampler.is_narrow, stopping) if is_enough is None else is_enough
     repeat = getattr(problem, "repeat", problem.evaluate)
     while sampler.simulations + sampler.batch_size <= stopping.maximum_simulations:
@@ -94,7 +97,8 @@ def estimate(
         Whether the function always returns the same for the same point. If this is not known (None), five
         points are evaluated twice.
     fingerprint
-        A text that identifies the function and its inputs in the saved state.
+        A text that identifies the function and its inputs in the saved state, which cannot tell otherwise
+        that it belongs to another function.
     state_file
         File in which the state is saved after every batch. If it exists, the runs are continued.
     on_batch
@@ -106,7 +110,8 @@ def estimate(
     Raises
     ------
     InputError
-        If the function does not return booleans, or the state file is damaged or belongs to another problem.
+        If an argument cannot be used, if the function does not return booleans, or if the state file has no
+        fingerprint, cannot be written, is damaged, or belongs to another problem.
 
     Examples
     --------
@@ -122,7 +127,11 @@ def estimate(
     >>> found.converged, found.simulations < 200, bool(0.7 < found.probability / exact < 1.4)
     (True, True, True)
     """
-    dimension, marginals = (inputs, None) if isinstance(inputs, int) else (len(inputs), inputs)
+    dimension, marginals = _dimension_of(inputs)
+    if state_file is not None and not fingerprint:
+        expected = "a text that identifies the function and its inputs, because a state is saved"
+        change = "State one, such as fingerprint='overload, normal inputs', and change it with the function."
+        raise InputError("fingerprint", seen="none", expected=expected, change=change)
     problem = SystemProblem(partial(_answer, function), dimension, marginals, fingerprint, deterministic)
     return estimate_problem(problem, generator, stopping, state_file, on_batch, **settings)
 
@@ -136,6 +145,9 @@ def estimate_problem(
     **settings: Any,  # noqa: ANN401
 ) -> Estimate:
     """Return the probability of the event of a problem; the arguments are those of `estimate`."""
+    if state_file is not None and (Path(state_file).is_dir() or not Path(state_file).parent.is_dir()):
+        expected, change = "a file in an existing folder", "Make the folder, or name another file."
+        raise InputError("state_file", seen=repr(str(state_file)), expected=expected, change=change)
     sampler = sampler_for(problem, generator, state_file, **settings)
     for _ in run_batches(sampler, problem, stopping):
         if state_file is not None:
@@ -157,6 +169,7 @@ def sampler_for(
     """
     is_formula = isinstance(problem, SystemProblem)
     own = {"fingerprint": problem.fingerprint, "dimension": problem.dimension}
+    own["deterministic"] = settings.pop("deterministic", getattr(problem, "deterministic", None))
     if state_file is not None and Path(state_file).exists():
         size = {name: settings[name] for name in ("batch_size",) if name in settings}
         sampler = read_state(state_file, **own, **size)
@@ -165,7 +178,6 @@ def sampler_for(
     checks = {
         "enough_repeats": FIRST_REPEATS if is_formula else ENOUGH_REPEATS,
         "enough_draws": 0 if is_formula else ENOUGH_DRAWS,
-        "deterministic": getattr(problem, "deterministic", None),
         "upper_set": getattr(problem, "upper_set", False),
     }
     return Sampler(generator=generator, **own, **(checks | settings))
@@ -174,12 +186,19 @@ def sampler_for(
 def _answer(function: Callable[[Array], Flags | Response], x: Array) -> Response:
     """Return the flags and the scores of a function at points; scores are None if it returns only flags."""
     answer = function(x)
-    happened, score = answer if isinstance(answer, tuple) else (answer, None)
-    if (happened := np.asarray(happened)).dtype != bool:
-        raise InputError(
-            "the function",
-            seen=f"values of the type {happened.dtype}",
-            expected="booleans that state whether the event happens, or a pair of booleans and scores",
-            change="Return, for example, `margin <= 0, margin`.",
-        )
-    return happened, score
+    if not isinstance(answer, tuple):
+        return answer, None
+    if len(answer) != 2:
+        expected, change = "booleans, or a pair of booleans and scores", "Return `margin <= 0, margin`."
+        raise InputError("the function", seen=f"{len(answer)} values", expected=expected, change=change)
+    return answer
+
+
+def _dimension_of(inputs: int | Sequence[Marginal]) -> tuple[int, Sequence[Marginal] | None]:
+    """Return the number of inputs, and their distributions if they are stated."""
+    if isinstance(inputs, int | np.integer):
+        return int(inputs), None
+    if isinstance(inputs, Sequence) and all(hasattr(law, "ppf") and hasattr(law, "isf") for law in inputs):
+        return len(inputs), inputs
+    expected = "a number of inputs, or a list of distributions with the methods ppf and isf"
+    raise InputError("inputs", seen=f"{inputs!r:.80}", expected=expected, change="Correct the argument.")

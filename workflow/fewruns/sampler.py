@@ -143,11 +143,9 @@ class Sampler:
         enough_draws: int = 0,
         frequent: bool = False,
     ) -> None:
+        _check_settings(dimension, generator, batch_size, certificate, deterministic)
         if predecessor is not None:
             predecessor.check(dimension)
-        if not 1 <= batch_size <= POOL // 4:
-            expected, change = f"1 to {POOL // 4}", "Choose another size."
-            raise InputError("batch_size", seen=str(batch_size), expected=expected, change=change)
         self.dimension, self.batch_size, self.fingerprint = dimension, batch_size, fingerprint
         self.certificate = BY_DEFAULT if certificate is None and upper_set else certificate
         self.frequent, self.predecessor = frequent, predecessor
@@ -167,25 +165,24 @@ class Sampler:
     def ask(self, *, certify: bool = False) -> Array:
         """Return the normal scores to simulate next, shape (n, d), until `tell` has received their outcomes.
 
+        The array is a copy, which may be changed.
+
         With ``certify``, most runs exclude unobserved parts of the event, as needed when the interval is
         narrow. For a deterministic system with at most two inputs, such runs begin earlier.
         """
-        return self._pending_batch(certify=certify).z
+        return self._pending_batch(certify=certify).z.copy()
 
     def tell(self, happened: ArrayLike, score: ArrayLike | None = None) -> None:
         """Receive the outcomes of the batch that `ask` returned last: flags and scores, shape (n,).
 
-        A score is smaller the closer a run came to the event. InputError is raised if a shape or score is
-        wrong.
+        A score is smaller the closer a run came to the event. InputError is raised if no batch has been
+        requested, if the flags are not boolean, or if a shape or score is wrong.
         """
-        batch, progress = self._pending_batch(), self.progress
-        n, happened = len(batch.z), np.asarray(happened, dtype=bool)
-        score = np.zeros(n) if score is None else np.asarray(score, dtype=float)
-        if happened.shape != (n,) or score.shape != (n,) or np.isnan(score).any():
-            seen = f"{happened.shape} flags and {score.shape} scores, {np.isnan(score).sum()} of them NaN"
-            change = "Report the outcomes of all runs of the batch, in their order."
-            raise InputError("the outcomes", seen=seen, expected=f"{n} of each, and numbers", change=change)
-        score = np.clip(score, -LARGEST_SCORE, LARGEST_SCORE)
+        progress = self.progress
+        if (batch := progress.pending) is None:
+            expected, change = "those of a requested batch", "Call `ask` once before each `tell`."
+            raise InputError("the outcomes", seen="no requested batch", expected=expected, change=change)
+        happened, score = _outcomes(happened, score, len(batch.z))
         progress.pending = None
         if isinstance(batch, RepeatBatch):
             self._take_repeats(batch, happened, score)
@@ -450,3 +447,47 @@ class Sampler:
     def _search_reach(self) -> float:
         """Rarity up to which the search extends: that of the most probable known event plus `BEYOND`."""
         return min(self.progress.rarest + BEYOND, REACH)
+
+
+def _check_settings(
+    dimension: object, generator: object, batch_size: object, certificate: object, deterministic: object
+) -> None:
+    """Raise InputError if an argument of a sampler has another type or is out of range."""
+    for name, value, fits, expected in (
+        ("dimension", dimension, _is_count(dimension), "a whole number, at least 1"),
+        ("generator", generator, isinstance(generator, np.random.Generator), "a numpy.random.Generator"),
+        (
+            "batch_size",
+            batch_size,
+            _is_count(batch_size) and batch_size <= POOL // 4,
+            f"a whole number, 1 to {POOL // 4}",
+        ),
+        (
+            "certificate",
+            certificate,
+            isinstance(certificate, Certificate | Cover | None),
+            "a Cover, a Certificate or None",
+        ),
+        ("deterministic", deterministic, isinstance(deterministic, bool | None), "True, False or None"),
+    ):
+        if not fits:
+            raise InputError(name, seen=repr(value), expected=expected, change="Choose another value.")
+
+
+def _is_count(value: object) -> bool:
+    return isinstance(value, int | np.integer) and not isinstance(value, bool) and value >= 1
+
+
+def _outcomes(happened: ArrayLike, score: ArrayLike | None, n: int) -> tuple[Flags, Array]:
+    """Return the flags and scores of n runs as arrays, shape (n,); without scores they are 0."""
+    happened, score = np.asarray(happened), np.zeros(n) if score is None else np.asarray(score)
+    if happened.dtype != bool or score.dtype.kind not in "biuf":
+        seen = f"flags of the type {happened.dtype} and scores of the type {score.dtype}"
+        expected = "booleans that state whether the event happens, and real numbers"
+        change = "Return, for example, `margin <= 0, margin`."
+        raise InputError("the outcomes", seen=seen, expected=expected, change=change)
+    if happened.shape != (n,) or score.shape != (n,) or np.isnan(score).any():
+        seen = f"{happened.shape} flags and {score.shape} scores, {np.isnan(score).sum()} of them NaN"
+        change = "Report the outcomes of all runs of the batch, in their order."
+        raise InputError("the outcomes", seen=seen, expected=f"{n} of each, and numbers", change=change)
+    return happened, np.clip(score.astype(float), -LARGEST_SCORE, LARGEST_SCORE)

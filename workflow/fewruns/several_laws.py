@@ -16,12 +16,14 @@ from fewruns.arrays import Array, Indices
 from fewruns.combining import BatchEstimate
 from fewruns.crossfit import Control, cross_fitted
 from fewruns.emphasis import Emphasis
+from fewruns.errors import InputError
 from fewruns.estimates import effective_number
 from fewruns.progress import LawDraws, Progress
 from fewruns.sampler import Sampler
 from fewruns.two_phase import TwoPhaseBatch
 
 INNER = (0.1, 0.9)  # quantile levels between which laws are used for the shared error
+LARGEST_LOG = 700.0  # logarithm of the largest density ratio
 SMALLEST = 1e-3  # lower bound of the estimate of a law, as a share of the mean; estimates may be negative
 
 
@@ -104,8 +106,18 @@ class SeveralLaws:
         self._estimates: dict[int, tuple[Array, Array]] = {}
 
     def ratios(self, z: Array) -> Array:
-        """Return the density ratios f_k / f_sampled at normal scores z, shape (n, d), as an array (K, n)."""
-        return np.exp(self._log_ratios(self._to_points(z)))
+        """Return the density ratios f_k / f_sampled at normal scores z, shape (n, d), as an array (K, n).
+
+        InputError is raised if they have another shape, or if a ratio is infinite or not a number.
+        """
+        logarithms = np.asarray(self._log_ratios(self._to_points(z)))
+        if logarithms.ndim != 2 or logarithms.shape[1] != len(z) or not (logarithms < LARGEST_LOG).all():
+            seen = (
+                f"an array of the shape {logarithms.shape}, with the maximum {logarithms.max(initial=0.0):g}"
+            )
+            expected = f"log(f_k / f_sampled) of all laws at {len(z)} points, shape (K, {len(z)}), all finite"
+            raise InputError("log_ratios", seen=seen, expected=expected, change="Correct the function.")
+        return np.exp(logarithms)
 
     def only(self, chosen: Indices) -> "SeveralLaws":
         """Return the laws with the given indices, shape (k,)."""
