@@ -22,6 +22,7 @@ from accelerated_evaluation.base.files import write_csv
 from accelerated_evaluation.methods import Stopping
 from accelerated_evaluation.methods.intervals import Sums, gamma_interval
 from accelerated_evaluation.scenarios import SCENARIOS
+from accelerated_evaluation.scenarios.record_table import read_scenario_records
 from numpy.typing import NDArray
 from scipy.stats import norm
 
@@ -121,7 +122,7 @@ def crude_runs_needed(estimated: float, true: float) -> float:
 def authors_records(name: str) -> Array:
     """Return the records of a scenario to which the authors fitted their law, shape (n, d)."""
     scenario = SCENARIOS[name]
-    table = scenario.read_records(ROOT / scenario.records)
+    table = read_scenario_records(scenario)
     own = table[table[IN_FIT].astype(bool)] if IN_FIT in table else table
     return own[list(scenario.names)].to_numpy(float)
 

@@ -10,8 +10,7 @@ import pytest
 from accelerated_evaluation.crash_map.lines import CrashLines
 from accelerated_evaluation.crash_map.mapping import map_crashes
 from accelerated_evaluation.crash_map.maps import Grid
-from accelerated_evaluation.laws.smooth.family import DistinctRecords, Fitter, members_at
-from accelerated_evaluation.laws.smooth.splines import SUPPORT
+from accelerated_evaluation.laws.smooth.family import Fitter, members_at
 
 pytestmark = pytest.mark.studies
 ROOT = Path(__file__).resolve().parents[2]
@@ -21,7 +20,7 @@ import beyond  # noqa: E402
 import causes  # noqa: E402
 import kinds  # noqa: E402
 import unseen  # noqa: E402
-from rate_car import RateCar  # noqa: E402
+from rate_car import RateCar, exponential_records  # noqa: E402
 from setting import WorldSettings, runs_of, simulate_records  # noqa: E402
 from summarise_beyond import tabulate  # noqa: E402
 
@@ -35,10 +34,7 @@ FRESH = ("slow trucks", "double bend", "gradual bend", "aggressive when near")
 
 @pytest.fixture(scope="module")
 def events():
-    generator = np.random.default_rng(1)
-    lead_speed = generator.uniform(5, 34.9, SIZE)
-    range_ = SUPPORT.range_max * generator.uniform(0, 1, SIZE) ** 0.5
-    return DistinctRecords(lead_speed, range_, 2.0 * generator.standard_exponential(SIZE))
+    return exponential_records(SIZE, 2.0)
 
 
 @pytest.fixture(scope="module")

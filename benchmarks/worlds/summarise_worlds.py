@@ -4,19 +4,11 @@ import argparse
 
 import numpy as np
 import pandas as pd
+from accelerated_evaluation.answer.extrapolation import exact_interval
 from accelerated_evaluation.publishing.figures.coverage import fig24_worlds
 from accelerated_evaluation.publishing.figures.style import save_figure
-from scipy.stats import beta
 
 COVERAGES = (0.5, 0.8, 0.95)
-LIMITS = (0.025, 0.975)  # of the shares
-
-
-def limits(hits: int, size: int) -> tuple[float, float]:
-    """Return the exact binomial limits of a share (Clopper and Pearson 1934)."""
-    low = beta.ppf(LIMITS[0], hits, size - hits + 1) if hits else 0.0
-    high = beta.ppf(LIMITS[1], hits + 1, size - hits) if hits < size else 1.0
-    return float(low), float(high)
 
 
 def coverages(rows: pd.DataFrame) -> dict[str, float]:
@@ -29,7 +21,7 @@ def coverages(rows: pd.DataFrame) -> dict[str, float]:
         name = f"coverage{100 * level:.0f}"
         hits = int(rows["truth"].between(rows[f"low{level:g}"], rows[f"high{level:g}"]).sum())
         reported[name] = hits / len(rows)
-        reported[f"{name}_low"], reported[f"{name}_high"] = limits(hits, len(rows))
+        reported[f"{name}_low"], reported[f"{name}_high"] = exact_interval(hits, len(rows))
     return reported
 
 

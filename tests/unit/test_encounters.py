@@ -11,6 +11,7 @@ from accelerated_evaluation.base.tables import read_csv
 from accelerated_evaluation.records.ingest import Account, ingest, opening_cut_ins
 from accelerated_evaluation.records.segments import (
     COLUMNS,
+    CONFIDENCE,
     NUMBERS,
     assign_segments,
     complete,
@@ -452,15 +453,16 @@ def test_empty_segments_are_an_error(csv_config):
 
 
 def test_interval_covers_the_true_tau_of_dependent_variables():
-    rho, level, repetitions = 0.7, 0.9, 100
+    rho, repetitions = 0.7, 100
     tau = 2 / np.pi * np.arcsin(rho)  # Kendall's tau of the bivariate normal distribution
     generator = np.random.default_rng(2016)
     covered = 0
     for _ in range(repetitions):
         rows = normal_pairs(generator, 300, rho)
-        estimate, half_width = tau_interval(rows["inverse_range"], rows["inverse_ttc"], level)
+        estimate, half_width = tau_interval(rows["inverse_range"], rows["inverse_ttc"])
         covered += abs(estimate - tau) <= half_width
-    assert binom.ppf(0.001, repetitions, level) <= covered <= binom.ppf(0.999, repetitions, level)
+    low, high = binom.interval(0.998, repetitions, CONFIDENCE)
+    assert low <= covered <= high
 
 
 def test_repeated_rows_do_not_narrow_the_interval():

@@ -24,8 +24,7 @@ from accelerated_evaluation.crash_map.lines import CrashLines
 from accelerated_evaluation.laws.paper.models import recorded_lead_speeds
 from accelerated_evaluation.laws.smooth.conditional import Places
 from accelerated_evaluation.laws.smooth.dependent import DependentLaw
-from accelerated_evaluation.laws.smooth.family import DistinctRecords, Fitter, Member, members_at
-from accelerated_evaluation.laws.smooth.splines import SUPPORT
+from accelerated_evaluation.laws.smooth.family import Fitter, Member, members_at
 from accelerated_evaluation.publishing.figures.counted import fig30_preventable
 from accelerated_evaluation.publishing.figures.likeliest_crashes import (
     CRASHES,
@@ -35,7 +34,7 @@ from accelerated_evaluation.publishing.figures.likeliest_crashes import (
 )
 from accelerated_evaluation.records.segments import complete
 from accelerated_evaluation.vehicles import AccAeb, Outcomes
-from rate_car import RATE, RateCar
+from rate_car import RATE, RateCar, exponential_records
 
 SIZE, MEAN = 6000, 2.0
 GRID = Grid(5, 35, 75, 6, 20, 2, 45.0, 120)
@@ -64,10 +63,7 @@ class StripedCar:
 
 @pytest.fixture(scope="module")
 def records():
-    generator = np.random.default_rng(1)
-    lead_speed = generator.uniform(5, 34.9, SIZE)
-    range_ = SUPPORT.range_max * generator.uniform(0, 1, SIZE) ** 0.5
-    return DistinctRecords(lead_speed, range_, MEAN * generator.standard_exponential(SIZE))
+    return exponential_records(SIZE, MEAN)
 
 
 def encounters_of(records):

@@ -36,7 +36,6 @@ TOY = ae.Scenario(
     [ae.Event("crash", scored_by="distance")],
     {},
     "none",
-    read_records=None,
 )
 
 

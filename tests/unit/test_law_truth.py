@@ -34,7 +34,7 @@ from accelerated_evaluation.crash_map.lines import CrashLines, crash_places
 from accelerated_evaluation.laws.paper.models import recorded_lead_speeds
 from accelerated_evaluation.laws.smooth.conditional import Places
 from accelerated_evaluation.laws.smooth.dependent import DependentLaw
-from accelerated_evaluation.laws.smooth.family import DistinctRecords, Fitter, Member, members_at
+from accelerated_evaluation.laws.smooth.family import Fitter, Member, members_at
 from accelerated_evaluation.laws.smooth.independent import IndependentTail
 from accelerated_evaluation.laws.smooth.shapes import Exponential
 from accelerated_evaluation.laws.smooth.splines import SUPPORT
@@ -42,7 +42,7 @@ from accelerated_evaluation.laws.strata import VARIABLES
 from accelerated_evaluation.records.segments import complete
 from accelerated_evaluation.vehicles import AccAeb
 from accelerated_evaluation.vehicles.protocol import CRASH
-from rate_car import RATE, RateCar
+from rate_car import RATE, RateCar, exponential_records
 from scipy.stats import poisson
 
 SIZE = 12_000
@@ -68,10 +68,7 @@ class ExponentialSpeeds:
 
 @pytest.fixture(scope="module")
 def records():
-    generator = np.random.default_rng(1)
-    lead_speed = generator.uniform(5, 34.9, SIZE)
-    range_ = SUPPORT.range_max * generator.uniform(0, 1, SIZE) ** 0.5  # P(R < r) = (r / 75)^2
-    return DistinctRecords(lead_speed, range_, MEAN * generator.standard_exponential(SIZE))
+    return exponential_records(SIZE, MEAN)
 
 
 @pytest.fixture(scope="module")

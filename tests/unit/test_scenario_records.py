@@ -7,14 +7,14 @@ import pandas as pd
 import pytest
 from accelerated_evaluation import SCENARIOS, InputError
 from accelerated_evaluation.scenarios.protocol import CLUSTER, FITTED
-from accelerated_evaluation.scenarios.record_table import OUTSIDE, REPEATED, account
+from accelerated_evaluation.scenarios.record_table import OUTSIDE, REPEATED, account, read_scenario_records
 
 ROOT = Path(__file__).parents[2]
 NAMES = ("left_turn", "pedestrian")
 
 
 def records(name):
-    return SCENARIOS[name].read_records(ROOT / SCENARIOS[name].records)
+    return read_scenario_records(SCENARIOS[name])
 
 
 @pytest.mark.parametrize(
@@ -78,7 +78,7 @@ def test_a_user_may_bring_a_table_of_text(tmp_path):
         "b,10.123456789012345,5,40\n"
         "b,36,5,40\n"
     )
-    table = SCENARIOS["left_turn"].read_records(path)
+    table = read_scenario_records(SCENARIOS["left_turn"], path)
     assert table["sdv_speed_mps"][0] == 10.123456789012345
     assert table[FITTED].tolist() == [True, False, True, False]
     assert table[REPEATED].tolist() == [False, True, False, False]
@@ -106,4 +106,4 @@ def test_a_faulty_table_is_one_error(tmp_path, text, message):
     path = tmp_path / "mine.csv"
     path.write_text(text)
     with pytest.raises(InputError, match=message):
-        SCENARIOS["left_turn"].read_records(path)
+        read_scenario_records(SCENARIOS["left_turn"], path)

@@ -1,4 +1,4 @@
-"""Studies of other scenarios than the cut-in, in miniature; and a scenario that three files add."""
+"""Studies of other scenarios than the cut-in, in miniature; and a scenario that two files add."""
 
 import os
 import shutil
@@ -80,7 +80,7 @@ def run(tmp_path, environment, *commands):
 
 
 @pytest.mark.studies
-def test_three_files_add_a_scenario_that_is_simulated_and_estimated(tmp_path, with_toy):
+def test_two_files_add_a_scenario_that_is_simulated_and_estimated(tmp_path, with_toy):
     generator = np.random.default_rng(1)
     records = pd.DataFrame({"speed_mps": generator.normal(9, 2, 400), "gap_m": generator.normal(35, 8, 400)})
     records.clip([1, 1], [19, 99], axis=1).assign(driver=np.arange(400) % 40).to_csv(tmp_path / "records.csv")

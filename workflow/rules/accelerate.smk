@@ -31,21 +31,3 @@ rule search_proposals:
         "Cross-Entropy searches, method {wildcards.method}"
     script:
         "../scripts/search_proposals.py"
-
-
-rule collect_traces:
-    """Join the traces of all searches."""
-    input:
-        trace=searched("_trace.csv", *SEARCHING),
-    output:
-        trace=result("cross_entropy_trace.csv"),
-    log:
-        log_of("collect_traces.log"),
-    benchmark:
-        benchmark_of("collect_traces.tsv")
-    params:
-        library=code_up_to("base"),
-    message:
-        "Collecting the traces of the Cross-Entropy searches"
-    script:
-        "../scripts/collect_tables.py"

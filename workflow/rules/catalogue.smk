@@ -26,7 +26,6 @@ GUIDES = sorted(map(str, (PROJECT / "docs").glob("*.md"))) if IS_CUT_IN else []
 PICTURES = sorted(map(str, (PROJECT / "docs").glob("*.svg"))) if IS_CUT_IN else []
 ON_FIRST_PAGE = ["records_report.csv", "laws/answer.csv"]
 if IS_CUT_IN:
-    ON_FIRST_PAGE = ["records_report.csv", "laws/answer.csv"]
     ON_FIRST_PAGE += ["laws/compared.csv"] if SLOW else ["exact.csv", "crude.csv"]
 try:
     NOTEBOOKS = {name: read_contents(path) for name, path in PATHS.items()}

@@ -40,25 +40,3 @@ for _method in REPLICATED:
             f"Estimating by the method {_method}, segments {{wildcards.scope}}"
         script:
             "../scripts/estimate_probability.py"
-
-
-rule collect_estimates:
-    """Join the estimates of all methods, the courses of those that have one, and the runs of the others."""
-    input:
-        estimates=estimates_of("estimates"),
-        course=estimates_of("course"),
-        runs=estimates_of("runs"),
-    output:
-        estimates=result("estimates.csv"),
-        course=result("estimates_course.csv"),
-        runs=result("estimates_runs.csv"),
-    log:
-        log_of("collect_estimates.log"),
-    benchmark:
-        benchmark_of("collect_estimates.tsv")
-    params:
-        library=code_up_to("base"),
-    message:
-        "Collecting the estimates"
-    script:
-        "../scripts/collect_tables.py"

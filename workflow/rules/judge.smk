@@ -71,21 +71,3 @@ rule study_coverage:
         "Computing the coverage of the intervals of {wildcards.judged}"
     script:
         "../scripts/study_coverage.py"
-
-
-rule collect_coverage:
-    """Join the tables of coverage of all methods."""
-    input:
-        coverage=expand(rules.study_coverage.output.coverage, judged=JUDGED),
-    output:
-        coverage=result("coverage.csv"),
-    log:
-        log_of("collect_coverage.log"),
-    benchmark:
-        benchmark_of("collect_coverage.tsv")
-    params:
-        library=code_up_to("base"),
-    message:
-        "Collecting the coverage of intervals"
-    script:
-        "../scripts/collect_tables.py"

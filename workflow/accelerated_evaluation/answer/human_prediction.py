@@ -99,11 +99,11 @@ class BrakingHuman:
         return self.simulate_given(lead_speed, range_, closing_speed, self.human.draw_next(len(lead_speed)))
 
 
-def predictive_limits(means: Array, levels: tuple[float, float] = LIMITS) -> tuple[int, int]:
-    """Return quantiles of a count whose distribution is Poisson with an uncertain mean, given by draws."""
+def predictive_limits(means: Array) -> tuple[int, int]:
+    """Return the quantiles `LIMITS` of a count that is Poisson with an uncertain mean, given by draws."""
     top = int(poisson.isf(1e-6, means.max())) + 1
     below = poisson.cdf(np.arange(top)[:, None], means).mean(axis=1)
-    low, high = np.searchsorted(below, levels)
+    low, high = np.searchsorted(below, LIMITS)
     return int(low), int(high)
 
 

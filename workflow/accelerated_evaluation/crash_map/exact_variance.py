@@ -22,6 +22,7 @@ from accelerated_evaluation.vehicles.protocol import CRASH
 _NODES, _NODE_WEIGHTS = np.polynomial.legendre.leggauss(8)
 POINTS = 4000  # number of points of the grid on which the tail of f^2 / f* is integrated
 DECADES = 60  # the survival function of f decreases by this number of powers of ten along the grid
+IGNORED_SHARE = 1e-3  # of the crash probability, in cells that f* hardly reaches
 
 
 def exact_variation(
@@ -137,16 +138,15 @@ def variation_table(
     crash_map: CrashMap,
     law: StratifiedLaw,
     proposals: Mapping[tuple[str, int], Mapping[str, Factors]],
-    ignored_share: float = 1e-3,
 ) -> pd.DataFrame:
     """Tabulate the exact coefficient of variation for the f* of each method and seed.
 
-    In ``variation_trimmed`` a share of the crash probability is ignored, as in `exact_variation`; ``decay``
-    is the larger value of `tail_decay` in both coordinates and over all strata.
+    In ``variation_trimmed`` the share `IGNORED_SHARE` of the crash probability is ignored, as in
+    `exact_variation`; ``decay`` is the larger value of `tail_decay` in both coordinates and over all strata.
     """
     rows = []
     for (method, seed), factors in proposals.items():
-        found = exact_variation(crash_map, law, factors, ignored_shares=(0.0, ignored_share))
+        found = exact_variation(crash_map, law, factors, ignored_shares=(0.0, IGNORED_SHARE))
         decays = {
             name: max(
                 tail_decay(stratum.factors.first, factors[name].first),

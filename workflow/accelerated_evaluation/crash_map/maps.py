@@ -179,9 +179,9 @@ class CrashMap(Lines):
             )
         return self.events[event]
 
-    def smallest_inverse_ttc(self, event: Event = CRASH) -> float:
-        """Return the smallest TTC^-1 [1/s] at which the event happens; infinite if it never happens."""
-        intervals = self.intervals(event)
+    def smallest_inverse_ttc(self) -> float:
+        """Return the smallest TTC^-1 [1/s] at which there is a crash; infinite if there is none."""
+        intervals = self.intervals(CRASH)
         return float(np.min(intervals.start * self.inverse_range[intervals.line], initial=np.inf))
 
 

@@ -157,6 +157,9 @@ class StratifiedLaw(Law):
     ----------
     closing_speed_max
         Cap on the closing speed [m/s]; infinity means no cap.
+    counts
+        Number of lane changes in each stratum, by name of the stratum and in order of the lead speed. A law
+        whose `shares` do not follow from them has no counts.
     shares
         Share of each stratum in the lane changes, by name of the stratum and in order of the lead speed; the
         shares sum to one.
@@ -166,11 +169,13 @@ class StratifiedLaw(Law):
 
     needs_records: ClassVar[bool] = True
     closing_speed_max: float
+    counts: Mapping[str, int]
 
     @property
-    @abstractmethod
-    def shares(self) -> Mapping[str, float]:
+    def shares(self) -> dict[str, float]:
         """Share of each stratum, by name of the stratum."""
+        total = sum(self.counts.values())
+        return {stratum: count / total for stratum, count in self.counts.items()}
 
     @property
     @abstractmethod

@@ -72,6 +72,7 @@ def read_encounters(path: str | os.PathLike) -> pd.DataFrame:
 
 VARIABLES = ("lead_speed", "inverse_range", "inverse_ttc")
 BLOCKS = 30
+CONFIDENCE = 0.95
 QUANTILES = (0.5, 0.9, 0.95, 0.99)
 # With fewer rows, and two equal values among them, the tail of TTC^-1 above the 95 % quantile would be fitted
 # to a single row.
@@ -150,7 +151,7 @@ def segment_counts(encounters: pd.DataFrame) -> pd.DataFrame:
     return pd.DataFrame({"segment": order, "rows": rows.to_numpy(), "share": (rows / rows.sum()).to_numpy()})
 
 
-def dependence(encounters: pd.DataFrame, confidence: float = 0.95) -> pd.DataFrame:
+def dependence(encounters: pd.DataFrame) -> pd.DataFrame:
     """Return Kendall's tau-b of each pair of variables in each segment, with a confidence interval.
 
     The rows are in the order of the record. The intervals are valid for dependent variables and for rows that
@@ -162,12 +163,12 @@ def dependence(encounters: pd.DataFrame, confidence: float = 0.95) -> pd.DataFra
         rows = encounters[encounters["segment"] == segment]
         for pair in combinations(VARIABLES, 2):
             x, y = (rows[name].to_numpy() for name in pair)
-            tau, half_width = tau_interval(x, y, confidence)
+            tau, half_width = tau_interval(x, y)
             table.append((segment, " vs ".join(pair), tau, tau - half_width, tau + half_width, len(rows)))
     return pd.DataFrame(table, columns=["segment", "pair", "tau", "ci_low", "ci_high", "n"])
 
 
-def tau_interval(x: np.ndarray, y: np.ndarray, confidence: float) -> tuple[float, float]:
+def tau_interval(x: np.ndarray, y: np.ndarray) -> tuple[float, float]:
     """Return Kendall's tau-b of x and y, each of shape (n,), and the half-width of its confidence interval.
 
     The interval is symmetric, from the error of `jackknife` and Student's t with 29 degrees of freedom. It
@@ -180,10 +181,10 @@ def tau_interval(x: np.ndarray, y: np.ndarray, confidence: float) -> tuple[float
         return kendalltau(x[kept], y[kept]).statistic
 
     value, standard_error = jackknife(tau, len(x))
-    return value, t.ppf((1 + confidence) / 2, BLOCKS - 1) * standard_error
+    return value, t.ppf((1 + CONFIDENCE) / 2, BLOCKS - 1) * standard_error
 
 
-def similarity(encounters: pd.DataFrame, confidence: float = 0.95) -> pd.DataFrame:
+def similarity(encounters: pd.DataFrame) -> pd.DataFrame:
     """Compare quantiles of TTC^-1 [1/s] between the segments; the ratio is one if the segments are alike.
 
     The rows are in the order of the record. The ratio is that of the largest to the smallest value. Its
@@ -194,7 +195,7 @@ def similarity(encounters: pd.DataFrame, confidence: float = 0.95) -> pd.DataFra
 
     of_segments = {name: rows["inverse_ttc"].to_numpy() for name, rows in encounters.groupby("segment")}
     pairs = max(math.comb(len(of_segments), 2), 1)
-    reach, table = t.ppf(1 - (1 - confidence) / (2 * pairs), BLOCKS - 1), []
+    reach, table = t.ppf(1 - (1 - CONFIDENCE) / (2 * pairs), BLOCKS - 1), []
     for level in QUANTILES:
         found = {
             name: jackknife(lambda kept, x=x, level=level: np.log(np.quantile(x[kept], level)), len(x))

@@ -1,8 +1,8 @@
 """Interface of a scenario: variables, limits, outcomes, events, records and vehicles of a kind of encounter.
 
-One module defines a `Scenario`, a second module reads its records, and each of its vehicles has a further
-module. Problems, methods, stores, commands and figures take the names, units and limits from the scenario,
-and therefore work for every scenario.
+One module defines a `Scenario`, and each of its vehicles has a further module. Problems, methods, stores,
+commands and figures take the names, units and limits from the scenario, and therefore work for every
+scenario.
 """
 
 from collections.abc import Callable, Mapping, Sequence
@@ -203,7 +203,8 @@ class Scenario:
         Name of the vehicle that is simulated if the user names no vehicle.
     read_records
         Function that reads a table of records and checks it. The result has the columns of the variables,
-        `CLUSTER` (driver or device, as text) and `FITTED` (whether laws are fitted to the row).
+        `CLUSTER` (driver or device, as text) and `FITTED` (whether laws are fitted to the row). If it is
+        None, `record_table.read_record_table` reads the table.
     records, verdicts
         File of the records that come with the project, and file of published outcomes of a vehicle, relative
         to the root of the project; None if there are none. The file of outcomes has the columns of the
@@ -235,6 +236,8 @@ class Scenario:
         of the mapping from names of variables to values.
     panels
         Panels of the figure of one simulated encounter; by default one for every column of the trace.
+    cluster
+        Name of the column of a table of records that identifies who or what made a record.
     """
 
     name: str
@@ -244,7 +247,7 @@ class Scenario:
     events: Sequence[Event]
     vehicles: Mapping[str, type]
     default_vehicle: str
-    read_records: Callable[[Path], pd.DataFrame]
+    read_records: Callable[[Path], pd.DataFrame] | None = None
     records: Path | None = None
     verdicts: Path | None = None
     restrictions: Mapping[str, Callable[[Array], NDArray[np.bool_]]] = field(default_factory=dict)
@@ -264,6 +267,7 @@ class Scenario:
     )
     derived: Mapping[str, Callable[[Mapping[str, Any]], Any]] = field(default_factory=dict)
     panels: Sequence[Panel] = ()
+    cluster: str = "driver"
 
     @property
     def names(self) -> tuple[str, ...]:

@@ -2,6 +2,7 @@
 
 import os
 from collections.abc import Mapping
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -58,7 +59,7 @@ def read_scenario_records(scenario: Scenario, path: str | os.PathLike | None = N
             change="Name the file of the records.",
         )
     source = project_file(source)
-    table = scenario.read_records(source)
+    table = _read_records(scenario, source)
     fitted = table[table[FITTED]]
     scenario.checked(*(fitted[name] for name in scenario.names), source=str(source), rows=fitted.index + 2)
     return table
@@ -94,7 +95,7 @@ def records_to_check(scenario: Scenario, table: pd.DataFrame, simulate: Simulate
         kept=rows[((values >= low) & (values <= high)).all(axis=1)],
         repeated=rows.index[rows.duplicated()],
         simulate=simulate,
-        known=None if shipped is None or not shipped.exists() else scenario.read_records(shipped),
+        known=None if shipped is None or not shipped.exists() else _read_records(scenario, shipped),
     )
 
 
@@ -133,6 +134,12 @@ def records_account(scenario: Scenario, records: pd.DataFrame) -> pd.DataFrame:
             }
         )
     return pd.DataFrame(rows)
+
+
+def _read_records(scenario: Scenario, path: Path) -> pd.DataFrame:
+    if scenario.read_records is None:
+        return read_record_table(scenario, path, scenario.cluster)
+    return scenario.read_records(path)
 
 
 def _names_of_clusters(column: pd.Series, path: str) -> pd.Series:

@@ -78,14 +78,14 @@ def mean_risks(impact_speed: Array, tabulated: Mapping[Key, Array]) -> Array:
     return np.array(means)
 
 
-def tabulated_risks(masses: MassRatio | None = None) -> dict[Key, Array]:
+def tabulated_risks() -> dict[Key, Array]:
     """Return the risks of all published curves at `SPEEDS`, averaged over the masses of the cars.
 
     For each curve there is a second entry under the level ``gentle(level)``, whose risk is 0 at impact speeds
-    of `GENTLE` or more. The keys are level of injury, struck end of the car and source of the curve. By
-    default both cars have the same distribution of the mass.
+    of `GENTLE` or more. The keys are level of injury, struck end of the car and source of the curve. Both
+    cars have the same distribution of the mass.
     """
-    masses = MassRatio() if masses is None else masses
+    masses = MassRatio()
     risks = {
         (level, impact, source): masses.expected_risk(curve, impact, SPEEDS)
         for level in LEVELS

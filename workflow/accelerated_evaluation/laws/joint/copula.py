@@ -44,11 +44,7 @@ class GaussianCopula(JointLaw):
         weights: Array | None = None,
         start: Self | None = None,
     ) -> Self:
-        """Return the law fitted to records x, shape (n, d): marginal distributions, then correlations.
-
-        ``box`` contains the limits of the variables, ``weights`` a weight for each record, and ``start`` an
-        earlier fit from which the iterations begin. The correlations are those of the normal scores.
-        """
+        """Return the law with fitted marginal distributions, and the correlations of their normal scores."""
         box.require(x, "the records")
         margins = tuple(
             _margin(values, side(box, j), generator, weights, None if start is None else start.margins[j])
@@ -78,10 +74,7 @@ class GaussianCopula(JointLaw):
         return np.linalg.cholesky(self.correlation)
 
     def log_density(self, x: Array) -> Array:
-        """Return the log density, shape (n,), at points x, shape (n, d).
-
-        The log density is -inf at points beyond the limits of the variables.
-        """
+        """Return the log density, shape (n,), at points x, shape (n, d); it is -inf outside the box."""
         logs, inside = np.full(len(x), -np.inf), self.box.contains(x)
         z = _scores(self.margins, x[inside])
         e = np.linalg.solve(self._factor, z.T)

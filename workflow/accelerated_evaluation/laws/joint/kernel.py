@@ -40,11 +40,7 @@ class KernelLaw(TruncatedNormalMixture):
         weights: Array | None = None,
         start: Self | None = None,
     ) -> Self:
-        """Return the kernel law of records x, shape (n, d), with a fitted bandwidth.
-
-        ``box`` contains the limits of the variables, and ``weights`` a weight for each record. If ``start``,
-        an earlier law, is given, its covariance matrix is used without a fit.
-        """
+        """Return the law with the fitted bandwidth, or with the covariance matrix of ``start``."""
         box.require(x, "the records")
         shares = normalised(weights, len(x)) / len(x)
         if start is not None and np.array_equal(start.normals.mean, x):

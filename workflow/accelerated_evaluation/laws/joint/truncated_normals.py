@@ -60,11 +60,7 @@ class TruncatedNormalMixture(JointLaw):
         start: Self | None = None,
         components: int = COMPONENTS,
     ) -> Self:
-        """Return the mixture fitted to records x, shape (n, d), by the EM algorithm for truncated data.
-
-        ``box`` contains the limits of the variables, ``weights`` a weight for each record, and ``start`` an
-        earlier fit from which the iterations begin. ``components`` is the number K of components.
-        """
+        """Return the mixture of K ``components``, fitted by the EM algorithm for truncated data."""
         box.require(x, "the records")
         begin = None if start is None else (start.shares, start.normals)
         return cls(*fit_mixture(x, box, components, generator, weights, begin))

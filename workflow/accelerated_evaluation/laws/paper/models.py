@@ -74,7 +74,6 @@ class IndependentLaw(StratifiedLaw):
     """
 
     description: str
-    # Lane changes in each segment, in order of speed; their shares are the weights of the segments.
     counts: Mapping[str, int]
     inverse_range: Described  # of R^-1 [1/m]
     inverse_ttc: Mapping[str, Described]  # of TTC^-1 [1/s], by segment
@@ -94,12 +93,6 @@ class IndependentLaw(StratifiedLaw):
     def segments(self) -> tuple[str, ...]:
         """Names of the segments, in order of speed."""
         return tuple(self.counts)
-
-    @property
-    def shares(self) -> dict[str, float]:
-        """Share of the lane changes in each segment, by name of the segment."""
-        total = sum(self.counts.values())
-        return {segment: count / total for segment, count in self.counts.items()}
 
     @property
     def strata(self) -> dict[str, IndependentStratum]:

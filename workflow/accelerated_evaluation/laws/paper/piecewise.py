@@ -58,6 +58,7 @@ class PieceFamily:
 
 
 EXPONENTIAL = PieceFamily("bounded exponential")
+MINIMUM_SHARE = 0.005  # of the sample, in each piece between knots of a profile likelihood
 
 
 def piece_kinds() -> list[str]:
@@ -140,17 +141,12 @@ def usable_knots(x: Array, knots: Sequence[float]) -> list[float]:
 
 
 def knots_by_profile_likelihood(
-    x: Array,
-    lower: float,
-    families: Sequence[PieceFamily],
-    quantiles: Sequence[float],
-    *,
-    minimum_share: float = 0.005,
+    x: Array, lower: float, families: Sequence[PieceFamily], quantiles: Sequence[float]
 ) -> list[float]:
     """Return the knots with the largest likelihood among all increasing choices from a grid of quantiles.
 
     The log-likelihood is a sum over pieces (equation 7), so each interval of the grid is fitted only once.
-    Pieces with less than ``minimum_share`` of the sample are excluded. ConvergenceError is raised if no
+    Pieces with less than `MINIMUM_SHARE` of the sample are excluded. ConvergenceError is raised if no
     choice of knots can be fitted.
     """
     x = np.sort(x)
@@ -166,7 +162,7 @@ def knots_by_profile_likelihood(
     ]
     for start, end, family in tqdm(set(intervals), desc="profile likelihood", unit="fit", mininterval=5):
         inside = x[cuts[start] : cuts[end]]
-        if inside.size < max(2, minimum_share * x.size) or inside[0] == inside[-1]:
+        if inside.size < max(2, MINIMUM_SHARE * x.size) or inside[0] == inside[-1]:
             continue
         try:
             piece = family.fit(inside, grid[start], grid[end])

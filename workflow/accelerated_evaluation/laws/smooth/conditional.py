@@ -26,35 +26,34 @@ from accelerated_evaluation.laws.smooth.shapes import FarTail
 from accelerated_evaluation.laws.smooth.smooth_hazard import Cumulative, HazardGrid, SmoothHazard
 from accelerated_evaluation.laws.smooth.splines import SUPPORT, Basis, Constant, Support
 
+SPEED_BINS = (30, 24)  # numbers of bins of the lead speed and of the square root of the range
+SPEED_STEP = 0.5  # [m/s], width of the bins of the closing speed
+RANGE_BINS = (30, 100)  # numbers of bins of the lead speed and of log(R_max / R)
+SPEED_SEGMENTS, RANGE_SEGMENTS = 9, 12  # numbers of segments of the splines
 
-def speed_grid(
-    support: Support = SUPPORT, segments: int = 9, bins: tuple[int, int] = (30, 24), step: float = 0.5
-) -> HazardGrid:
+
+def speed_grid(support: Support = SUPPORT) -> HazardGrid:
     """Return the grid for a smooth hazard of the closing speed given the lead speed and the range.
 
-    The covariates of the grid are the lead speed and the square root of the range. The bins are those of the
-    lead speed and of the square root of the range. The bins of the closing speed have the width ``step``
-    [m/s].
+    The covariates of the grid are the lead speed and the square root of the range.
     """
     edges = [
         np.linspace(basis.low, basis.high, count + 1)
-        for basis, count in zip(support.bases, bins, strict=True)
+        for basis, count in zip(support.bases, SPEED_BINS, strict=True)
     ]
-    speeds = np.arange(0, support.closing_top + step / 2, step)
-    return HazardGrid((*edges, speeds), (*support.bases, Basis(0.0, support.closing_top, segments)))
+    speeds = np.arange(0, support.closing_top + SPEED_STEP / 2, SPEED_STEP)
+    return HazardGrid((*edges, speeds), (*support.bases, Basis(0.0, support.closing_top, SPEED_SEGMENTS)))
 
 
-def range_grid(
-    support: Support = SUPPORT, segments: int = 12, bins: tuple[int, int] = (30, 100)
-) -> HazardGrid:
+def range_grid(support: Support = SUPPORT) -> HazardGrid:
     """Return the grid for a smooth hazard of the range given the lead speed.
 
     The variable of the grid is log(R_max / R), where R_max is the largest range in the limits of the records.
-    The bins are those of the lead speed and of log(R_max / R).
     """
-    top, ends = support.log_range_top, support.lead_speeds
-    edges = np.linspace(*ends, bins[0] + 1), np.array([0.0, 1.0]), np.linspace(0, top, bins[1] + 1)
-    return HazardGrid(edges, (support.bases[0], Constant(), Basis(0.0, top, segments)))
+    top, (of_speed, of_range) = support.log_range_top, RANGE_BINS
+    speeds, ranges = np.linspace(*support.lead_speeds, of_speed + 1), np.linspace(0, top, of_range + 1)
+    bases = support.bases[0], Constant(), Basis(0.0, top, RANGE_SEGMENTS)
+    return HazardGrid((speeds, np.array([0.0, 1.0]), ranges), bases)
 
 
 @dataclass(frozen=True)

@@ -105,14 +105,7 @@ class SmoothStratum(Stratum):
 class SmoothLaw(StratifiedLaw):
     """Base class of laws whose conditional distributions given v_L are the same in all segments of v_L."""
 
-    counts: Mapping[str, int]  # lane changes in each segment, in order of speed
     lead_speeds: Mapping[str, Empirical]  # the recorded v_L [m/s] by segment
-
-    @property
-    def shares(self) -> dict[str, float]:
-        """Share of the lane changes in each segment, by name of the segment."""
-        total = sum(self.counts.values())
-        return {segment: count / total for segment, count in self.counts.items()}
 
     def only(self, stratum: str) -> Self:
         """Return the law restricted to one segment, given by its name, whose share is then one."""

@@ -16,7 +16,7 @@ from tqdm import tqdm
 
 from accelerated_evaluation.base.errors import InputError
 from accelerated_evaluation.base.files import read_json, write_json
-from accelerated_evaluation.crash_map.exact_variance import exact_variation
+from accelerated_evaluation.crash_map.exact_variance import IGNORED_SHARE, exact_variation
 from accelerated_evaluation.crash_map.maps import CrashMap
 from accelerated_evaluation.laws import Factors
 from accelerated_evaluation.laws.distributions import from_dict
@@ -123,7 +123,6 @@ def _unfinished(state: Search, settings: SearchSettings, reached: str) -> Search
 
 SEEDS = range(8)
 CRASH_UPDATES = (2, 6, 12)  # numbers of updates with the crash itself, after which a search ends
-IGNORED_SHARE = 1e-3  # of the crash probability, as in `exact_variance.variation_table`
 
 
 def repeated_searches(

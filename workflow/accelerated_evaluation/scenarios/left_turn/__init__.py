@@ -2,11 +2,10 @@
 
 The records were made by instrumented cars in Michigan. They were published by the laboratory of the paper
 (zhao-lab/accelerated-evaluation, MIT licence), with the model of the vehicle that `vehicle` follows.
+Some left turns are in the file twice, with different times, and are counted once.
 """
 
 from pathlib import Path
-
-import pandas as pd
 
 from accelerated_evaluation.base.registry import Registry
 from accelerated_evaluation.scenarios import SCENARIOS
@@ -14,17 +13,6 @@ from accelerated_evaluation.scenarios.crossing import PANELS, CrossingOutcomes, 
 from accelerated_evaluation.scenarios.protocol import Event, Scenario, Variable
 
 SLOWEST = 0.2  # [m/s]; for a slower turning car the host waits, and rounding decides the outcome
-
-
-def _read_records(path: Path) -> pd.DataFrame:
-    """Return the records in a file; the drivers of the instrumented vehicles are the clusters.
-
-    Some left turns are in the authors' file twice, with different times, and are counted once. The column
-    ``in_fit`` of this file marks the rows to which the authors fitted their law.
-    """
-    from accelerated_evaluation.scenarios.record_table import read_record_table
-
-    return read_record_table(LEFT_TURN, path, "driver")
 
 
 LEFT_TURN = SCENARIOS.add("left_turn")(
@@ -52,7 +40,6 @@ LEFT_TURN = SCENARIOS.add("left_turn")(
         ),
         vehicles=Registry("vehicle", __name__, __path__),
         default_vehicle="acc_aeb",
-        read_records=_read_records,
         outcome_rules=outcome_rules,
         reported_rules=reported_rules,
         panels=PANELS,

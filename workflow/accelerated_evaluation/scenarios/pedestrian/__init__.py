@@ -1,14 +1,13 @@
 """The scenario pedestrian: a pedestrian crosses the lane of the vehicle under test.
 
-The records were made by instrumented vehicles at one crossing in Michigan. They were published by the
-laboratory of the paper (zhao-lab/accelerated-evaluation, MIT licence), with the model of the vehicle that
-`vehicle` follows.
+The records were made by instrumented vehicles at one crossing in Michigan, when each was nearest to a
+pedestrian. They were published by the laboratory of the paper (zhao-lab/accelerated-evaluation, MIT licence),
+with the model of the vehicle that `vehicle` follows.
 """
 
 from pathlib import Path
 
 import numpy as np
-import pandas as pd
 
 from accelerated_evaluation.base.registry import Registry
 from accelerated_evaluation.scenarios import SCENARIOS
@@ -20,16 +19,6 @@ SLOWEST = 0.3  # [m/s]; almost all crashes with slower pedestrians are artefacts
 # are then a few percent of the encounters in any neighbourhood. All of them have a smaller impact than 1 m/s.
 CREEPING = 1.0  # [m/s]
 FILLED = 0.02  # share of crashes in such neighbourhoods
-
-
-def _read_records(path: Path) -> pd.DataFrame:
-    """Return the records in a file, of the moment when a vehicle was nearest to a pedestrian.
-
-    The recording devices are the clusters.
-    """
-    from accelerated_evaluation.scenarios.record_table import read_record_table
-
-    return read_record_table(PEDESTRIAN, path, "device")
 
 
 PEDESTRIAN = SCENARIOS.add("pedestrian")(
@@ -65,11 +54,11 @@ PEDESTRIAN = SCENARIOS.add("pedestrian")(
         ),
         vehicles=Registry("vehicle", __name__, __path__),
         default_vehicle="acc_aeb",
-        read_records=_read_records,
         outcome_rules=outcome_rules,
         reported_rules=reported_rules,
         panels=PANELS,
         records=Path("data/pedestrian/records.parquet"),
+        cluster="device",
         divided_by=("pedestrian_speed_mps", (0.13, 0.2, 0.3)),
         verdicts=Path("data/pedestrian/verdicts.csv.gz"),
         restrictions={"pedestrian speed 0.3 m/s or more": lambda x: np.abs(x[:, 1]) >= SLOWEST},

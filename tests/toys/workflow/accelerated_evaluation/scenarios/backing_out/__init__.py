@@ -1,10 +1,8 @@
 """A toy scenario: a parked car backs out in front of the vehicle under test."""
 
 from dataclasses import dataclass
-from pathlib import Path
 
 import numpy as np
-import pandas as pd
 from accelerated_evaluation.base.arrays import Array
 from accelerated_evaluation.base.registry import Registry
 from accelerated_evaluation.scenarios import SCENARIOS
@@ -20,12 +18,6 @@ class BackingOutOutcomes:
     gap_left: Array = outcome("m", "distance that was left; 0 or less after a crash")
 
 
-def _read_records(path: Path) -> pd.DataFrame:
-    from accelerated_evaluation.scenarios.backing_out.records import read_records
-
-    return read_records(path)
-
-
 BACKING_OUT = SCENARIOS.add("backing_out")(
     Scenario(
         name="backing_out",
@@ -38,6 +30,5 @@ BACKING_OUT = SCENARIOS.add("backing_out")(
         events=(Event("crash", scored_by="gap_left"),),
         vehicles=Registry("vehicle", __name__, __path__),
         default_vehicle="braking_car",
-        read_records=_read_records,
     )
 )
