@@ -51,23 +51,29 @@ def draw_panel(axes: Axes, rows: pd.DataFrame) -> None:
     heights = {method: height for height, method in enumerate(LABELS)}
     for row in rows.itertuples():
         y, look = heights[row.method], LOOKS[row.method]
+        if row.seeds == 0:  # crude Monte Carlo by theory
+            style = {"ha": "right", "va": "center", "fontsize": 5}
+            axes.text(0.98, y, in_powers(row.calls_mean), transform=axes.get_yaxis_transform(), **style)
+            continue
         predicted = not np.isfinite(row.effective_calls)
         missed = row.failed >= FAILING or (predicted and row.error > Target().cov)
         hollow = {"markerfacecolor": "white"} if missed else {}
         reach = row.effective_calls * relative_reach(row)
-        axes.errorbar(
+        drawn = axes.errorbar(
             row.calls_mean if predicted else row.effective_calls,
             y,
             xerr=reach if np.isfinite(reach) else None,
             linestyle="none",
             **{"markersize": 3.5, "elinewidth": 0.8} | look | hollow,
         )
+        drawn[0].set_clip_on(False)  # the marker, but not its bar
         axes.plot(row.calls_mean, y, marker="|", color="black", markersize=5, markeredgewidth=0.6)
         axes.text(1.02, y, remark(row), transform=axes.get_yaxis_transform(), va="center", fontsize=5)
-    axes.set(xscale="log", xlim=(8, 3e6), ylim=(len(LABELS) - 0.4, -0.6))
+    axes.set(xscale="log", xlim=(8, 1e7), ylim=(len(LABELS) - 0.4, -0.6))
     axes.set_xticks([100, 10_000, 1_000_000])
     axes.minorticks_off()
     axes.set_yticks(range(len(LABELS)), LABELS.values())
+    axes.text(1.02, 1.01, "% (failed)", transform=axes.transAxes, va="bottom", fontsize=5)
     label = problems()[rows["problem"].iloc[0]].label
     axes.set_title(f"{label}, {in_powers(rows['reference'].iloc[0])}", fontsize=6)
 
@@ -78,9 +84,7 @@ def relative_reach(row: pd.Series) -> float:
 
 
 def remark(row: pd.Series) -> str:
-    """Tell coverage, and failures where there are any, in percent."""
-    if row.seeds == 0:
-        return in_powers(row.calls_mean)
+    """Return the coverage, and the failures if there are any, in percent."""
     failed = f" ({100 * row.failed:.3g})" if row.failed > 0 else ""
     return f"{100 * row.coverage80:.0f}{failed}"
 
@@ -124,10 +128,10 @@ def draw(table: pd.DataFrame) -> Figure:
     )
     note_source(
         figure,
-        f"{seeds_made(compared)}; at the edge: crude by theory.\n"
+        f"{seeds_made(compared)}; a number in a panel: crude by theory.\n"
         "Marker: simulations for a root-mean-square error of 0.156 (95 % limits), or those made where a\n"
         "method estimates from predictions alone (hollow where its error is above 0.156).\n"
-        "Beside it: how often the method's own 80 % interval covers, and (failed seeds), in %",
+        "On the right: how often the method's own 80 % interval covers, and (failed seeds), in %",
     )
     return figure
 

@@ -26,6 +26,7 @@ REACH = 10.0  # of the axes, in normal scores
 RATIOS = [0.4, 0.6, 0.8, 1.0, 1.5, 2.0, 3.0]  # ticks
 GRID = np.meshgrid(*[np.linspace(-REACH, REACH, 200)] * 2)
 POINTS = np.column_stack([each.ravel() for each in GRID])
+LEGEND = {"loc": "upper center", "bbox_to_anchor": (0.5, -0.16), "ncols": 2}  # below the axes
 PHASES = {  # name in the figure, marker and colour of each phase
     "search": ("search", "o", "#9ecae1"),
     "learn": ("learning", "v", "#4292c6"),
@@ -79,18 +80,18 @@ def draw_runs(axes: Axes, found: Estimate) -> None:
         runs = found.tables["runs"]
         runs = runs[runs["phase"] == phase]
         axes.plot(runs["z_1"], runs["z_2"], marker, color=colour, label=f"{name}, {len(runs)}", markersize=3)
-    axes.legend(loc="upper left", frameon=True)
+    axes.legend(**LEGEND)
 
 
 def draw_surrogate(axes: Axes, now: Moment) -> None:
     """Draw the predicted probability of the event, and the batch that was chosen by it."""
-    levels = [0.1, 0.5, 0.9]
-    lines = axes.contour(*GRID, now.probability, levels=levels, colors="#4292c6", linewidths=[0.7, 1.6, 0.7])
-    axes.clabel(lines, fontsize=6)
+    for level, line in ((0.1, ":"), (0.5, "-"), (0.9, "--")):
+        axes.contour(*GRID, now.probability, levels=[level], colors="#4292c6", linestyles=line)
+        axes.plot([], [], line, color="#4292c6", label=f"probability {level}")
     axes.plot(*now.z[~now.happened].T, ".", color="black", markersize=2, label="run without the event")
     axes.plot(*now.z[now.happened].T, "x", color="black", markersize=3, label="event")
     axes.plot(*now.batch.T, "s", color="#08306b", markersize=3.5, label="last batch")
-    axes.legend(loc="upper left", frameon=True)
+    axes.legend(**LEGEND)
 
 
 def draw_minima(axes: Axes, now: Moment) -> None:
@@ -99,7 +100,7 @@ def draw_minima(axes: Axes, now: Moment) -> None:
     axes.contour(*GRID, now.mean, levels=[now.level], colors="#08306b", linewidths=1.6, linestyles="solid")
     axes.plot(*now.z.T, ".", color="black", markersize=2, label="run")
     axes.plot(*now.minima.T, "^", color="#d94801", markersize=5, label="minimum that is not known")
-    axes.legend(loc="upper left", frameon=True)
+    axes.legend(**LEGEND)
 
 
 def draw_course(axes: Axes, course: list[Estimate], exact: float) -> None:
@@ -129,7 +130,7 @@ def main() -> None:
             moments.setdefault("first", moments["last"])
     found = sampler.estimate(GOAL)
     with paper_style():
-        figure, axes = plt.subplots(2, 2, figsize=(2 * COLUMN_WIDTH, 6.4), layout="constrained")
+        figure, axes = plt.subplots(2, 2, figsize=(2 * COLUMN_WIDTH, 7.4), layout="constrained")
         titles = "(a) first estimate", "(b) scores", "(c) all runs"
         for each, title in zip(axes.flat, titles, strict=False):
             draw_event(each, problem, title)

@@ -1,12 +1,12 @@
-"""Tabulate coverage, width and bias over all worlds that were run, and draw the figure."""
+"""Tabulate coverage, width and bias over all worlds that were run."""
 
 import argparse
 
 import numpy as np
 import pandas as pd
 from accelerated_evaluation.answer.extrapolation import exact_interval
-from accelerated_evaluation.publishing.figures.coverage import fig24_worlds
-from accelerated_evaluation.publishing.figures.style import save_figure
+from accelerated_evaluation.base.files import write_csv
+from accelerated_evaluation.publishing.tables.display import reproducible
 
 COVERAGES = (0.5, 0.8, 0.95)
 
@@ -41,16 +41,15 @@ def judge(rows: pd.DataFrame) -> dict[str, float]:
 
 
 def main() -> None:
-    """Write the table and the figure."""
+    """Write the table."""
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("runs", nargs="+")
-    parser.add_argument("--folder", required=True)
+    parser.add_argument("--output", required=True)
     arguments = parser.parse_args()
     runs = pd.concat([pd.read_csv(path) for path in arguments.runs], ignore_index=True)
     groups = runs.groupby(["kind", "procedure"], sort=False)
     table = pd.DataFrame([{"kind": kind, "procedure": name} | judge(rows) for (kind, name), rows in groups])
-    drawn, data = fig24_worlds(table, table.head(0))
-    save_figure(drawn, data, arguments.folder, "worlds")
+    write_csv(arguments.output, reproducible(table))
 
 
 if __name__ == "__main__":

@@ -66,17 +66,15 @@ def test_only_all_segments_and_two_methods_are_in_figure_12(estimates, course):
     assert data.loc[data["kind"] == "exact", "probability"].tolist() == [9e-7]
 
 
-def test_circles_are_where_replicates_converge(estimates, course):
+def test_markers_are_where_replicates_converge(estimates, course):
     for figure, data in (
         fig12_crash_probability(estimates, course, EXACT, 0.2, "made up"),
         fig13_relative_half_width(estimates, course, "5-15", 0.2, "made up"),
     ):
         ends = data[data["kind"] == "converged"]
         assert ends["replicate"].tolist() == [0] * data["method"].nunique()
-        circles = [
-            line for line in figure.axes[0].get_lines() if line.get_marker() == "o" and line.get_xdata().size
-        ]
-        assert {int(x) for line in circles for x in line.get_xdata()} == {700}
+        markers = [line for line in figure.axes[0].get_lines() if line.get_marker() in ("o", "|")]
+        assert {int(x) for line in markers for x in line.get_xdata()} == {700}
 
 
 def test_half_widths_are_those_of_the_segment_alone(estimates, course):
@@ -103,7 +101,5 @@ def test_the_replicate_in_front_is_the_median_one(course):
     three = pd.concat([course, course[course["replicate"] == 0].assign(replicate=2)])
     course = three[three["method"] == "single"]
     figure, _ = fig13_relative_half_width(ends.assign(ci_low=0, ci_high=1), course, "5-15", 0.2, "made up")
-    (large,) = (
-        line for line in figure.axes[0].get_lines() if line.get_markersize() == 6 and line.get_marker() == "o"
-    )
-    assert large.get_xdata().tolist() == [300]
+    large = [line.get_xdata() for line in figure.axes[0].get_lines() if line.get_markersize() == 10]
+    assert [x for xs in large for x in xs] == [300]

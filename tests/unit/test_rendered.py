@@ -8,6 +8,8 @@ from pathlib import Path
 import nbformat
 import pytest
 from accelerated_evaluation.publishing.book.execution import template_digest, write_rendered
+from markdown_it import MarkdownIt
+from mdit_py_plugins.dollarmath import dollarmath_plugin
 from nbformat.v4 import new_code_cell, new_markdown_cell, new_notebook, new_output
 from PIL import Image
 
@@ -87,6 +89,16 @@ def test_the_rendered_notebooks_are_current(path):
     texts = " ".join(cell.source for cell in made.cells if cell.cell_type == "markdown")
     assert not re.search(r"\{%|\{\{", texts)
     assert any(cell.get("outputs") for cell in made.cells)
+
+
+@pytest.mark.parametrize("path", sorted(RENDERED.glob("*.ipynb")), ids=lambda path: path.stem)
+def test_every_formula_of_the_rendered_texts_is_set(path):
+    markdown = MarkdownIt("commonmark").enable("table").use(dollarmath_plugin)  # as in the book
+    for cell in nbformat.read(path, as_version=4).cells:
+        if cell.cell_type == "markdown":
+            inline = [part for token in markdown.parse(cell.source) for part in token.children or []]
+            texts = [part.content for part in inline if part.type == "text"]
+            assert not [text for text in texts if "$" in text], cell.id
 
 
 def test_the_rendered_notebooks_are_small_and_name_no_folder_of_the_machine():

@@ -123,7 +123,7 @@ class Parts:
         second page, it needs another label there.
         """
         first, *rest = self.caption(name)
-        sentence = " ".join(re.split(r"(?<=[.:]) ", " ".join(first.split()), maxsplit=1)[0].split())
+        sentence = " ".join(re.split(r"(?<=\.) ", " ".join(first.split()), maxsplit=1)[0].split())
         number = int(re.search(r"\d+", name)[0])
         width = int.from_bytes((self.study.figures / f"{name}.png").read_bytes()[16:20], "big") // PIXELS
         # A click on the picture opens it alone, where a browser can enlarge it.

@@ -78,13 +78,8 @@ def fig24_worlds(worlds: pd.DataFrame, beyond: pd.DataFrame) -> tuple[Figure, pd
     of median estimate and truth. The data are the rows of both tables that it shows, with ``group``.
     """
     further = beyond[~beyond["kind"].isin(worlds["kind"]) & (beyond["procedure"] == "map")]
-    parts = {"similar to the models": worlds, "break an assumption": further.assign(procedure=OURS)}
-    parts = {
-        f"{name}, {' or '.join(map(str, sorted(part['worlds'].unique())))} worlds each": part
-        for name, part in parts.items()
-        if len(part)
-    }
-    data = pd.concat([part.assign(group=name) for name, part in parts.items()], ignore_index=True)
+    further = further.assign(procedure=OURS, group="break an assumption")
+    data = pd.concat([worlds.assign(group="similar to the models"), further], ignore_index=True)
     rows = data.drop_duplicates("kind")
     y = pd.Series(1.8 * spaced(rows["group"], 1.0), index=rows["kind"])
     with paper_style():
@@ -96,8 +91,10 @@ def fig24_worlds(worlds: pd.DataFrame, beyond: pd.DataFrame) -> tuple[Figure, pd
             look = {"color": color, "marker": marker, "linestyle": "none", "markersize": 3.5}
             share = own["coverage80"]
             reach = [share - own["coverage80_low"], own["coverage80_high"] - share]
+            sizes = " or ".join(map(str, sorted(own["worlds"].unique())))
+            label = f"{procedure}, {sizes} worlds of each kind"
             panels[0].errorbar(
-                100 * share, at, xerr=100 * np.array(reach), label=procedure, elinewidth=0.8, **look
+                100 * share, at, xerr=100 * np.array(reach), label=label, elinewidth=0.8, **look
             )
             panels[1].plot(own["width80"], at, **look)
             panels[2].plot(own["median_ratio"], at, **look)
@@ -120,7 +117,7 @@ def _name_panels(panels: Iterable[Axes]) -> None:
     bias.set_title("(c) bias", loc="left")
     bias.set_xlabel("median estimate / truth")
     bias.axvline(1, color="black", linewidth=0.6, linestyle=":")
-    for axes, ticks in ((width, (2, 5, 10, 20, 50)), (bias, (0.3, 0.5, 1, 2))):
+    for axes, ticks in ((width, (2, 10, 50, 250)), (bias, (0.3, 1, 3, 6))):
         axes.set_xscale("log")
         axes.minorticks_off()
         axes.set_xticks(ticks, [f"{tick:g}" for tick in ticks])
@@ -179,7 +176,7 @@ def fig37_extrapolation(
             )
         fastest = encounters["closing_speed"].max()
         axes.axhline(fastest, color="black", linewidth=0.6, linestyle=":", label="fastest record")
-        ends = round(encounters["range"].max()), max(36, 1.6 * fastest)
+        ends = round(encounters["range"].max()), 1.05 * max([fastest, *crashes["closing_speed"]])
         axes.set(xlabel="range [m]", ylabel="closing speed [m/s]", xlim=(0, ends[0]), ylim=(0, ends[1]))
         axes.legend(loc="lower center", bbox_to_anchor=(0.5, 1.0), fontsize=6)
         note_source(drawn, source)

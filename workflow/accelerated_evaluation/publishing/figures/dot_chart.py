@@ -16,7 +16,7 @@ from accelerated_evaluation.publishing.figures.style import PIECES, note_source
 from accelerated_evaluation.publishing.tables.display import readable
 
 INTERVAL = ("probability", "ci_low", "ci_high")
-TRUTH = {"color": "black", "linewidth": 0.8, "zorder": 1}
+TRUTH = {"color": "black", "linewidth": 0.8, "zorder": 1.8}  # above the grid, below the points
 DOT = {"color": PIECES[0], "marker": "o", "linestyle": "none", "markersize": 3.5}
 ROW = 0.13  # [in], height of a row
 PLAIN = 1e-3  # the ticks of a logarithmic axis are plain numbers if it begins above this
@@ -53,9 +53,10 @@ def name_rows(axes: Axes, y: Array, groups: pd.Series, names: pd.Series) -> None
     axes.set_yticks([*y, *(y[starts] - 1)], [*names, *groups[starts]])
     for label in axes.get_yticklabels()[len(y) :]:
         label.set_fontweight("bold")
-    for tick in axes.yaxis.get_major_ticks()[len(y) :]:
-        tick.gridline.set_visible(False)
-        tick.tick1line.set_visible(False)
+    for panel in axes.get_shared_y_axes().get_siblings(axes):
+        for tick in panel.yaxis.get_major_ticks()[len(y) :]:
+            tick.gridline.set_visible(False)
+            tick.tick1line.set_visible(False)
 
 
 def name_groups(axes: Axes, y: Array, groups: pd.Series) -> None:

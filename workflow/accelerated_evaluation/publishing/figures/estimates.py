@@ -23,6 +23,8 @@ from accelerated_evaluation.publishing.tables.spreads import of_method
 
 NUMBERS = ("probability", "ci_low", "ci_high", "relative_half_width")
 COMPARED = ("piecewise", "single")  # in the paper's figure 12
+# Marker of convergence, and its sizes for the median replicate and for the others.
+CIRCLE, STROKE = ("o", 6, 2.5), ("|", 10, 5)  # for points of the same height
 REFERENCES = {
     "exact": {"color": "black", "linewidth": 1.0, "linestyle": "-"},
     "paper": {"color": "black", "linewidth": 0.8, "linestyle": ":"},
@@ -52,7 +54,7 @@ def fig12_crash_probability(
             "ab", panels, table.groupby("method", sort=False), strict=True
         ):
             axes.set_title(f"({letter}) {method}", loc="left")
-            _draw_replicates(axes, rows, method, "probability")
+            _draw_replicates(axes, rows, method, "probability", CIRCLE)
             front = rows[(rows["kind"] == "course") & (rows["replicate"] == _front(rows))]
             style = {"color": "#808080", "alpha": 0.3, "linewidth": 0, "zorder": 1}
             label = f"{100 * (1 - alpha):g} % interval"
@@ -84,7 +86,7 @@ def fig13_relative_half_width(
     with paper_style():
         drawn, axes = plt.subplots(figsize=(COLUMN_WIDTH, 3.0))
         for method, rows in table.groupby("method", sort=False):
-            _draw_replicates(axes, rows, method, "relative_half_width")
+            _draw_replicates(axes, rows, method, "relative_half_width", STROKE)
         axes.axhline(beta, label=rf"$\beta$ = {beta:g}", **REFERENCES["beta"])
         axes.set(xscale="log", yscale="log", ylabel="relative half-width")
         axes.set_xlabel(f"simulations, $v_L$ {segment.replace('-', '–')} m/s")
@@ -120,8 +122,10 @@ def _front(rows: pd.DataFrame) -> int:
     return rows["replicate"].min() if ends.empty else ends["replicate"].iloc[(len(ends) - 1) // 2]
 
 
-def _draw_replicates(axes: Axes, rows: pd.DataFrame, method: str, column: str) -> None:
-    """Draw all replicates of a method, the median one in front, with circles where they converge."""
+def _draw_replicates(
+    axes: Axes, rows: pd.DataFrame, method: str, column: str, sign: tuple[str, float, float]
+) -> None:
+    """Draw all replicates of a method, the median one in front, with signs where they converge."""
     look = style_of(method, "color", "linestyle")
     front = _front(rows)
     for replicate, course in rows[rows["kind"] == "course"].groupby("replicate"):
@@ -130,11 +134,13 @@ def _draw_replicates(axes: Axes, rows: pd.DataFrame, method: str, column: str) -
             depth = {"zorder": 3, "label": method}
         axes.plot(course["simulations"], course[column], **look, **depth)
     ends = rows[rows["kind"] == "converged"]
-    for is_front, size in ((False, 2.5), (True, 6)):
+    marker, large, small = sign
+    style = {"marker": marker, "markerfacecolor": "white", "linestyle": "none", "zorder": 4}
+    for is_front, size in ((False, small), (True, large)):
         chosen = ends[(ends["replicate"] == front) == is_front]
-        circle = {"marker": "o", "markersize": size, "markerfacecolor": "white", "linestyle": "none"}
-        label = "converged" if is_front and len(chosen) else None
-        axes.plot(chosen["simulations"], chosen[column], color=look["color"], zorder=4, label=label, **circle)
+        axes.plot(chosen["simulations"], chosen[column], color=look["color"], markersize=size, **style)
+    if len(ends):
+        axes.plot([], [], color="black", markersize=large, label="converged", **style)
 
 
 def _add_legend(drawn: Figure, methods: Sequence[str]) -> None:

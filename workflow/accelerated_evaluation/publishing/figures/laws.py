@@ -27,7 +27,7 @@ REGIONS = {
 }
 MIXTURE = "all laws, weighted"
 BLANK = {"facecolor": "white", "edgecolor": "none", "pad": 0.5}  # hides the lines behind a text
-MARGIN = 1.2  # the largest difference of an accepted law, times this, is the end of a panel of figure 21
+MARGIN = 1.5  # the largest difference of an accepted law, times this, is the end of a panel of figure 21
 
 
 @figure
@@ -77,7 +77,7 @@ def _draw_differences(
             axes.hlines(y[rows], *ends, color=DEFENDED, linewidth=0.7, zorder=1)
     for at, value in zip(y[far], below[far], strict=True):
         axes.text(end, at, f"{value:,.0f} →", ha="right", va="center", fontsize=6, bbox=BLANK)
-    axes.set_xlim(-0.08 * end, 1.05 * end)
+    axes.set_xlim(min(0, (below - error).min()) - 0.08 * end, 1.05 * end)
 
 
 # What the figure counts: the quantity in the table, and the heading of its rows.

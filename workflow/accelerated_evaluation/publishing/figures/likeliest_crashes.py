@@ -49,7 +49,7 @@ def fig28_ways_to_crash(
         f"({letter}) {100 * part:.0f} % of the crashes:\n{in_math(probability)} per cut-in"
         for letter, part, probability in zip(LETTERS, share, shown["probability"], strict=False)
     ]
-    return _draw(shown, traces, titles, CRASHES, source)
+    return _draw(shown, traces, titles, CRASHES, f"simulated under a law fitted to {source}")
 
 
 @figure

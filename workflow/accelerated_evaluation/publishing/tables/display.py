@@ -77,7 +77,7 @@ def reproducible_value(value: Any, digits: int = DIGITS) -> Any:  # noqa: ANN401
 
 
 def as_markdown(text: Any) -> Any:  # noqa: ANN401
-    """Escape characters with a meaning in Markdown, HTML or MathJax.
+    """Escape characters with a meaning in Markdown, HTML or MathJax, and write ^-1 as a superscript.
 
     Values other than text are not changed.
     """
@@ -85,7 +85,7 @@ def as_markdown(text: Any) -> Any:  # noqa: ANN401
         return text
     escaped = _MARKDOWN.sub(lambda found: f"&#{ord(found[0])};", text)
     # MathJax searches the page for formulas between dollar signs, but only within one element.
-    return escaped.replace("&#36;", "<span>&#36;</span>")
+    return escaped.replace("&#36;", "<span>&#36;</span>").replace("^-1", "⁻¹")
 
 
 def readable(value: Any, digits: int = 3) -> Any:  # noqa: ANN401
@@ -249,7 +249,8 @@ def _repeated(shown: pd.DataFrame) -> list[str]:
 def _html(shown: pd.DataFrame) -> str:
     with pd.option_context("display.max_colwidth", None):
         html = shown.to_html(index=False, border=0, na_rep="–", escape=True)
-    return html.replace(" × 10", "\N{NO-BREAK SPACE}×\N{NO-BREAK SPACE}10")
+    html = html.replace(" × 10", "\N{NO-BREAK SPACE}×\N{NO-BREAK SPACE}10")
+    return html.replace("^-1", "⁻¹").replace(" +- ", " ± ")
 
 
 def _quantity(value: Any) -> Any:  # noqa: ANN401
