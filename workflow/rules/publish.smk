@@ -108,7 +108,6 @@ rule book:
         benchmark_of("book.tsv")
     params:
         study={"results": str(RESULTS), "figures": str(FIGURES)},
-        pages=str(PAGES),
         tables={name: made.tables for name, made in NOTEBOOKS.items()},
         records=RECORDS,
         library=code_up_to("publishing"),

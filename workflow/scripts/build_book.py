@@ -17,7 +17,7 @@ if __name__ == "__main__":
             tables=snakemake.params.tables,
             guides=[Path(path) for path in snakemake.input.guides],
             captions=Path(snakemake.input.captions[0]).parent,
-            pages=Path(snakemake.params.pages),
+            pages=Path(snakemake.input.pages[0]).parent,
             explorer=next(map(Path, snakemake.input.explorer), None),
         )
         build_book(parts, Path(snakemake.output.site), known_to_pages(study, snakemake.params.records))
