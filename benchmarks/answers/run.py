@@ -24,6 +24,7 @@ from accelerated_evaluation.crash_map.maps import Grid
 from accelerated_evaluation.laws.draws import Draws
 from accelerated_evaluation.methods.problem import Problem
 from accelerated_evaluation.methods.surrogate import Surrogate
+from accelerated_evaluation.publishing.tables.display import reproducible
 from accelerated_evaluation.scenarios.cut_in import CUT_IN
 from accelerated_evaluation.study.configuration import load
 from accelerated_evaluation.study.preflight import compared_sections
@@ -116,7 +117,8 @@ def main() -> None:
     if arguments.step == "run":
         run(arguments.vehicle, arguments.seeds, arguments.output)
     else:
-        write_csv(arguments.output, tabulate(pd.concat(map(pd.read_csv, arguments.runs), ignore_index=True)))
+        runs = pd.concat(map(pd.read_csv, arguments.runs), ignore_index=True)
+        write_csv(arguments.output, reproducible(tabulate(runs)))
 
 
 if __name__ == "__main__":
