@@ -73,7 +73,7 @@ def test_a_function_with_other_outcomes_is_refused(answer, seen):
         {"state_file": ".", "fingerprint": "a plane"},
         {"stopping": SimpleNamespace(maximum_simulations=4)},
     ],
-    ids=str,
+    ids=lambda given: next(iter(given)),
 )
 def test_no_run_is_made_with_arguments_that_cannot_be_used(given):
     calls = []
