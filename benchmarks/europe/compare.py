@@ -23,6 +23,7 @@ from accelerated_evaluation.laws.motion.recorded import Recorded
 from accelerated_evaluation.laws.smooth.conditional import Places, SpeedLaw
 from accelerated_evaluation.laws.smooth.family import DistinctRecords
 from accelerated_evaluation.laws.smooth.splines import Support
+from accelerated_evaluation.publishing.tables.display import reproducible
 from accelerated_evaluation.study.configuration import load
 from accelerated_evaluation.vehicles import Vehicle, load_vehicle
 from scipy.stats import beta, norm
@@ -170,7 +171,7 @@ def main() -> None:
         *(of_lead_motion(name, followed, records, study, grid) for name in MOVING),
         *of_answer(answer, len(closing)),
     ]
-    write_csv(given.table, pd.DataFrame(rows))
+    write_csv(given.table, reproducible(pd.DataFrame(rows)))
 
 
 if __name__ == "__main__":

@@ -24,6 +24,7 @@ from accelerated_evaluation.laws.smooth.independent import IndependentTail
 from accelerated_evaluation.laws.smooth.shapes import Exponential, Generalised
 from accelerated_evaluation.laws.smooth.smooth_hazard import fit_hazard
 from accelerated_evaluation.laws.smooth.splines import Support
+from accelerated_evaluation.publishing.tables.display import reproducible
 from accelerated_evaluation.records.segments import read_encounters
 from accelerated_evaluation.vehicles import load_vehicle
 from extremes import ConditionalExtremes
@@ -70,4 +71,4 @@ if __name__ == "__main__":
     parser.add_argument("results", type=Path, help="folder of a finished study")
     parser.add_argument("table", type=Path, help="CSV file to write")
     arguments = parser.parse_args()
-    write_csv(arguments.table, scored(arguments.results))
+    write_csv(arguments.table, reproducible(scored(arguments.results)))
