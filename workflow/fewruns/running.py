@@ -52,9 +52,6 @@ def run_batches(
     >>> sampler.estimate(goal).converged
     True
     """
-    if not sampler.simulations and stopping.maximum_simulations < sampler.batch_size:
-        seen, expected = f"{stopping.maximum_simulations}", f"a batch of {sampler.batch_size} or more"
-        raise InputError("maximum_simulations", seen=seen, expected=expected, change="Allow more.")
     is_enough = partial(sampler.is_narrow, stopping) if is_enough is None else is_enough
     repeat = getattr(problem, "repeat", problem.evaluate)
     while sampler.simulations + sampler.batch_size <= stopping.maximum_simulations:
