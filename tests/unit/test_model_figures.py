@@ -17,6 +17,7 @@ from accelerated_evaluation.laws.distributions import (
 from accelerated_evaluation.laws.paper.models import IndependentLaw
 from accelerated_evaluation.publishing.figures import data as concept_figures
 from accelerated_evaluation.publishing.figures import data as data_figures
+from accelerated_evaluation.publishing.figures import laws as law_figures
 from accelerated_evaluation.publishing.figures import models as model_figures
 from accelerated_evaluation.publishing.tables.models import (
     candidates_table,
@@ -268,3 +269,13 @@ def test_close_calls_against_counts_and_laws(encounters):
     # The records were drawn from the model: within five binomial standard errors of it.
     error = np.sqrt(table["two"] * (1 - table["two"]) / [len(encounters), *EVENTS.values()])
     assert ((table["empirical"] - table["two"]).abs() < 5 * error).all()
+
+
+def test_the_scores_are_drawn_if_few_records_refuse_all_laws():
+    gains = pd.DataFrame({"law": ["all laws, weighted", "hazard", "two kinds 0.9"]})
+    for number, region in enumerate(law_figures.REGIONS):
+        gains[region] = [5.0, 4.0 - number, 6.0]
+        gains[region.replace("gain", "error")] = [0.3, 0.2, 0.0]
+    gains = gains.assign(behind=[0.0, 4.0, 3.0], weight=[0.0, 0.4, 0.6], refused=True)
+    drawn, _ = law_figures.fig21_scores(gains, "made up")
+    assert all(np.isfinite(axes.get_xlim()).all() for axes in drawn.axes)

@@ -68,7 +68,7 @@ def _draw_differences(
     axes: Axes, y: Array, below: pd.Series, refused: pd.Series, error: pd.Series | float = 0.0
 ) -> None:
     """Draw the differences of accepted laws and the near ones; others are written as numbers at the edge."""
-    end = MARGIN * (below + error)[~refused].max()
+    end = MARGIN * (below + error)[~refused | refused.all()].max()
     far = (below > end).to_numpy()
     for rows, fill in ((~refused & ~far, DEFENDED), (refused & ~far, "white")):
         axes.plot(below[rows], y[rows], "o", color=DEFENDED, markersize=3.5, markerfacecolor=fill)
