@@ -53,10 +53,9 @@ def name_rows(axes: Axes, y: Array, groups: pd.Series, names: pd.Series) -> None
     axes.set_yticks([*y, *(y[starts] - 1)], [*names, *groups[starts]])
     for label in axes.get_yticklabels()[len(y) :]:
         label.set_fontweight("bold")
-    for panel in axes.get_shared_y_axes().get_siblings(axes):
-        for tick in panel.yaxis.get_major_ticks()[len(y) :]:
-            tick.gridline.set_visible(False)
-            tick.tick1line.set_visible(False)
+    for tick in axes.yaxis.get_major_ticks()[len(y) :]:
+        tick.gridline.set_visible(False)
+        tick.tick1line.set_visible(False)
 
 
 def name_groups(axes: Axes, y: Array, groups: pd.Series) -> None:
