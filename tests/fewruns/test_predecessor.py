@@ -83,6 +83,9 @@ def test_the_state_keeps_the_predecessor():
         (np.zeros((3, 2)), np.zeros(3, bool), "no event"),
         (np.zeros((3, 3)), np.ones(3, bool), r"shape \(3, 3\); expected \(3, 2\)"),
         (np.zeros((3, 2)), np.ones(2, bool), r"shape \(3, 2\); expected \(2, 2\)"),
+        (np.full((3, 2), np.nan), np.ones(3, bool), "points that are not finite"),
+        (np.zeros((3, 2)), [0.0, np.nan, 1.0], "flags of the type float64; expected booleans"),
+        (np.zeros((3, 2)), ["0", "0", "1"], "flags of the type <U1; expected booleans"),
     ],
 )
 def test_runs_that_do_not_fit_are_refused(z, happened, message):

@@ -94,6 +94,23 @@ def test_texts_state_how_often_a_part_of_an_event_is_claimed():
     assert f"of {eight['seeds'].sum()} estimates end" in detail
 
 
+def test_texts_state_what_the_vehicles_of_the_study_take():
+    rows = pd.read_csv(BLOCKS["vehicles"].source)
+    striped = rows["vehicle"] == "reg157"
+    of_five, of_one = rows[~striped], rows[striped]
+    assert not of_five["failed"].any()
+    assert not of_one["claimed"].any()
+    covered = (of_five["coverage80"] * of_five["seeds"]).sum() / of_five["seeds"].sum()
+    contain = f"{(of_one['coverage80'] * of_one['seeds']).sum():.0f} of {of_one['seeds'].sum()} intervals"
+    made = pd.read_csv(SAMPLERS).query("method == 'surrogate'")["seeds"].sum()
+    for path in (PAGE, SAMPLERS_PAGE):
+        text = " ".join(path.read_text(encoding="utf-8").split())
+        assert f"{of_five['seeds'].sum()}" in text
+        assert f"{covered:.0%}".replace("%", " %") + " of the" in text
+        assert contain in text
+        assert f"{made:,} estimates" in text
+
+
 def test_texts_state_what_vehicles_with_chance_take():
     rows = pd.read_csv(BLOCKS["chance"].source).set_index("problem")
     silent = rows[rows.index.str.endswith("undeclared")]
@@ -151,12 +168,12 @@ def test_the_benchmarks_are_of_the_present_laws():
     heaviest = laws["weight"].idxmax()
     exact = pd.read_csv(BLOCKS["vehicles"].source).query("vehicle == 'acc_aeb'").set_index("law")["exact"]
     exported = pd.read_csv(BLOCKS["exported"].source).set_index("vehicle")["exact"]
-    for found, law in {
-        exact["answer"]: heaviest,
-        exact["two_kinds"]: "two kinds 0.98",
-        exact["hazard"]: "hazard",
-        exported["acc_aeb"]: heaviest,
-    }.items():
+    for found, law in (
+        (exact["answer"], heaviest),
+        (exact["two_kinds"], "two kinds 0.98"),
+        (exact["hazard"], "hazard"),
+        (exported["acc_aeb"], heaviest),
+    ):
         assert found == pytest.approx(laws.loc[law, "probability"], rel=0.05)
     answer = pd.read_csv(TABLES / "answer.csv").set_index("event").loc["crash"]
     runs = pd.read_csv(BLOCKS["answers"].source.with_stem("answers_runs")).set_index("vehicle")

@@ -134,7 +134,7 @@ class Predecessor:
     def __post_init__(self) -> None:
         """Take lists as arrays."""
         object.__setattr__(self, "z", np.asarray(self.z, dtype=float))
-        object.__setattr__(self, "happened", np.asarray(self.happened, dtype=bool))
+        object.__setattr__(self, "happened", np.asarray(self.happened))
 
     def check(self, dimension: int) -> None:
         """Raise InputError if the runs cannot be used for a problem with ``dimension`` normal scores."""
@@ -143,6 +143,8 @@ class Predecessor:
             seen, expected = f"{dimension} inputs", f"at most {FEW}"
         elif self.z.shape != (len(self.happened), dimension):
             seen, expected = f"points of the shape {self.z.shape}", f"{(len(self.happened), dimension)}"
+        elif self.happened.dtype != bool:
+            seen, expected = f"flags of the type {self.happened.dtype}", "booleans"
         elif not np.isfinite(self.z).all():
             seen, expected = "points that are not finite", "finite normal scores"
         elif not self.happened.any():
