@@ -17,6 +17,7 @@ from fewruns.constants import (
     GRADED_RUNS,
     MODES,
     NOISE,
+    REACHED,
 )
 from fewruns.graded import GradedSurrogate, graded
 from fewruns.parts import open_basins, open_minima, probe
@@ -131,6 +132,21 @@ def test_with_two_inputs_the_cover_begins_with_the_estimate_and_the_search_is_sh
     event = standard_normal_event(lambda z: 4.0 - z[:, 0])
     stated = drive(new_sampler(2, 1, upper_set=True), event)
     assert (stated.result.tables["runs"]["phase"] == "search").sum() > 0.7 * searched[1]
+
+
+@pytest.mark.parametrize(("settings", "may_be_lower"), [({}, False), ({"upper_set": True}, True)])
+def test_a_low_estimate_goes_on_if_the_surrogate_has_learnt_of_another_part(settings, may_be_lower):
+    course = drive(new_sampler(2, 1, **settings), standard_normal_event(lambda z: 4.0 - z[:, 0]))
+    estimates, probability = course.sampler.progress.estimates, course.result.probability
+    last = estimates[-1]
+
+    def converges(predicted):
+        prediction = dataclasses.replace(last.prediction, probability=predicted)
+        estimates[-1] = dataclasses.replace(last, prediction=prediction)
+        return course.sampler.has_converged(STOPPING)
+
+    assert converges(0.99 * REACHED * probability)
+    assert converges(1.01 * REACHED * probability) == may_be_lower
 
 
 def test_runs_of_a_cover_have_no_weight_in_the_estimate_and_are_resumed():

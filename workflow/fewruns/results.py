@@ -185,7 +185,15 @@ def can_cover(progress: Progress) -> bool:
     batches = _that_count(progress)
     if len(batches) < 2 or not progress.estimates[-1].runs:
         return False
-    return _mean(progress) > progress.estimates[-1].prediction.probability / AGREEMENT
+    return reaches_prediction(progress, AGREEMENT)
+
+
+def reaches_prediction(progress: Progress, factor: float) -> bool:
+    """Return whether the estimate is more than the last predicted probability divided by ``factor``.
+
+    If not, the surrogate has learnt of a part of the event that most batches of the estimate missed.
+    """
+    return _mean(progress) > progress.estimates[-1].prediction.probability / factor
 
 
 def _that_count(progress: Progress) -> Sequence[BatchEstimate]:

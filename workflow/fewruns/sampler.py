@@ -44,6 +44,7 @@ from fewruns.constants import (
     PATIENCE,
     POOL,
     REACH,
+    REACHED,
     RELEARN,
     SHORT_START,
     SHORT_STEP,
@@ -350,7 +351,9 @@ class Sampler:
         """Return whether the certificate is met and all checks are made; only lapses may then remain."""
         if self.repeats_wanted(certify=True) or self._draws_wanted():
             return False
-        return results.is_certified(self.progress, self.required)
+        if not results.is_certified(self.progress, self.required):
+            return False
+        return not self._relies_on_cover or results.reaches_prediction(self.progress, REACHED)
 
     def estimate(self, stopping: Stopping) -> Estimate:
         """Return the estimate from the runs so far; ``tables["runs"]`` has a row for each run.
