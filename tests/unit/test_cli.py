@@ -163,7 +163,8 @@ def test_old_output_survives_an_error(table, tmp_path):
         ),
         (["in.csv", "out.csv", "--vehicle", "car.py:Failing"], "simulate: seen RuntimeError: two lines;"),
         (["in.csv", "in.csv/out.csv"], "a file stands where its folder should be"),
-        (["in.csv", "x" * 300], "cannot be written (File name too long)"),
+        (["in.csv", "out.parquet"], "error: OUT.csv: seen out.parquet; expected a name that ends in .csv"),
+        (["in.csv", "x" * 300 + ".csv"], "cannot be written (File name too long)"),
         (["in.csv", "out.csv", *["--parameter", "headway=1"] * 2], "--parameter: seen headway twice"),
     ],
 )

@@ -164,6 +164,9 @@ def simulate_table(
     (.gz). Values above ``caps`` are simulated with these, but the table keeps the original values. InputError
     names file, row and column.
     """
+    if target.suffix != ".csv":
+        change = "Write an uncompressed CSV table, and convert it afterwards."
+        raise InputError("OUT.csv", seen=str(target), expected="a name that ends in .csv", change=change)
     with _opened(source) as file:
         rows = _rows(file, source)
         header = [name.strip() for name in next(rows, Row(0, [])).fields]
