@@ -34,6 +34,7 @@ from accelerated_evaluation.laws.motion.recorded import Ngsim
 from accelerated_evaluation.laws.smooth.conditional import SpeedLaw
 from accelerated_evaluation.laws.smooth.family import DistinctRecords
 from accelerated_evaluation.laws.smooth.smooth_hazard import SmoothHazard
+from accelerated_evaluation.scenarios.cut_in import SPEED_LIMIT
 from accelerated_evaluation.vehicles.moving import MovingVehicle, simulate_motion, takes_motion
 from accelerated_evaluation.vehicles.protocol import CRASH, RandomVehicle, Vehicle, simulate_inner
 
@@ -132,7 +133,9 @@ class MovingProblem:
         for stratum in range(STRATA):
             least, width = float(stratum), np.inf if stratum == STRATA - 1 else 1.0
             level = least - np.log1p(generator.random(PLACES) * np.expm1(-width))
-            cut_ins = np.array([places.lead_speed, places.range_, given.inverse(level)])
+            # Tails of very few records are so heavy that they have larger speeds than a vehicle accepts.
+            closing_speed = np.minimum(given.inverse(level), SPEED_LIMIT)
+            cut_ins = np.array([places.lead_speed, places.range_, closing_speed])
             terms += -np.expm1(-width) * np.exp(-least) * self._crashes(cut_ins, inputs, inner)
         return Means.of(weights * terms, LARGEST_WEIGHT * len(proposals) * place.sum())
 

@@ -115,13 +115,13 @@ def fig30_preventable(
     The density of the records is drawn in the background, and dotted lines show the closing speeds that a
     law exceeds with given probabilities.
 
-    The figure has a panel for each lead speed; the data are the table ``preventable``.
+    The figure has a panel for each of at most three lead speeds; the data are the table ``preventable``.
     """
     speeds = preventable["lead_speed"].unique()
     with paper_style():
         size = (2 * COLUMN_WIDTH, 1.2 * COLUMN_WIDTH)
         drawn, all_axes = plt.subplots(1, len(speeds), sharex=True, sharey=True, figsize=size, squeeze=False)
-        for letter, axes, speed in zip("abc", all_axes[0], speeds, strict=True):
+        for letter, axes, speed in zip("abc", all_axes[0], speeds, strict=False):
             near = encounters[np.abs(encounters["lead_speed"] - speed) <= BAND]
             _draw_records(axes, near)
             _draw_lines(axes, preventable[preventable["lead_speed"] == speed])

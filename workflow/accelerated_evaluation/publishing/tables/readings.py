@@ -125,7 +125,7 @@ def _faster(evidence: Evidence, alpha: float, beta: float) -> dict[str, Spread]:
         sizes[method] = Mean.of(needed)
         together[method] = Mean.of(needed + totals[method].to_numpy())
     crude = Mean(crude_sample_size(evidence.exact, alpha, beta).value, 0.0, math.inf)
-    what = f"exact variances of {sizes['single'].freedom + 1} searches each"
+    what = _by_exact_variances(len(needed))
     saved = sizes["piecewise"].over(sizes["single"])
     ratio = crude.over(sizes["piecewise"]).interval(what)
     return {
@@ -141,7 +141,11 @@ def _heuristic(repeated: pd.DataFrame) -> Spread:
     rows = repeated[repeated["crash_updates"] == repeated["crash_updates"].min()]
     needed = {name: Mean.of(found["needed"]) for name, found in rows.groupby("method")}
     ratio = needed["piecewise"].over(needed["heuristic"])
-    return ratio.interval(f"exact variances of {rows['seed'].nunique()} searches each")
+    return ratio.interval(_by_exact_variances(rows["seed"].nunique()))
+
+
+def _by_exact_variances(searches: int) -> str:
+    return f"exact variances of {searches} search{'es' * (searches != 1)} each"
 
 
 # Where in the paper; what it says; what is done here; and the effect in the study.
