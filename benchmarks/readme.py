@@ -471,7 +471,7 @@ def by_kind(drawn: pd.DataFrame) -> pd.DataFrame:
     inputs = drawn["dimension"].gt(3).map({True: "4 to 8 inputs", False: "2 or 3 inputs"})
     number = drawn["problem"].str.extract(r"(\d+)", expand=False).astype(int)
     # See DRAWN, SHOWN, LATER, LAST and UNSEEN in samplers/hidden_problems.py.
-    runs = ["", ", that showed a fault", ", run later", ", run last", ", run after all changes"]
+    runs = ["", ", that showed a fault", ", run later", ", run last", ", run after all but the last change"]
     when = pd.cut(number, [99, 139, 199, 259, 419, 619], labels=runs).astype(str)
     rows = []
     for kind, problems in drawn.groupby(outcome + ", " + inputs + when):

@@ -133,7 +133,8 @@ def slab(depth: float, width: float, end: Array, across: Array) -> Margin:
 # are used, showed that estimates of a part of the event were said to have converged. The later ones were only
 # run after the method had been changed; without scores, they have at most two inputs, or none would converge.
 # It was changed once more for more than three inputs, and the last ones were run after that; a third time
-# before those from 340 on were run. Those from 500 on, with at most three inputs, were run after all changes.
+# before those from 340 on were run. Those from 500 on, with at most three inputs, were run after that, before
+# the rule about the last prediction (`constants.REACHED`) was added.
 DRAWN, SHOWN, LATER, LAST = range(100, 140), range(140, 193), range(200, 253), range(260, 420)
 UNSEEN = range(500, 620)
 
