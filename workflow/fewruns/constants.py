@@ -64,8 +64,8 @@ SHORT_START, SHORT_STEP = 10, 1.0
 SURE = 0.5
 
 # The cover may find a part of the event after most batches, which have missed it. So an estimate with at most
-# `COVERED` inputs must not be lower than the last prediction divided by this factor. Otherwise their ratio
-# varies by 0.11 (108 estimates of nine problems), so the factor is three standard deviations.
+# `COVERED` inputs must not be lower than the last prediction divided by this factor. In 108 other
+# estimates of nine problems the ratio of the two has a standard deviation of 0.11; three are allowed.
 REACHED = 4 / 3
 
 # ---- the pool of the first phase

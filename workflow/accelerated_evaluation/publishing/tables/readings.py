@@ -125,7 +125,7 @@ def _faster(evidence: Evidence, alpha: float, beta: float) -> dict[str, Spread]:
         sizes[method] = Mean.of(needed)
         together[method] = Mean.of(needed + totals[method].to_numpy())
     crude = Mean(crude_sample_size(evidence.exact, alpha, beta).value, 0.0, math.inf)
-    what = _by_exact_variances(len(needed))
+    what = _by_exact_variances(len(totals["single"]))
     saved = sizes["piecewise"].over(sizes["single"])
     ratio = crude.over(sizes["piecewise"]).interval(what)
     return {
