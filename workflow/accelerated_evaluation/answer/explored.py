@@ -39,6 +39,7 @@ FEWEST = 20  # smallest number of draws of each member, so that a reader can sel
 PART = 256  # number of lines whose tables fit into the cache of a processor
 # Closing speeds [m/s] at which laws are tabulated, with wider steps in the tail, where the laws are smooth.
 SPEEDS = np.concatenate([np.arange(0, 24, 0.5), np.arange(24, 60, 1.0), np.arange(60, 241, 4.0)])
+TINY = np.finfo(float).tiny
 
 
 @dataclass(frozen=True)
@@ -174,7 +175,7 @@ def _chances(cells: Cell, laws: Sequence[tuple[SmoothHazard, SpeedLaw]], pilots:
         encounters = np.repeat(lead_speed, DEPTH), np.repeat(range_, DEPTH), middles.ravel()
         crash = pilot.simulate(*encounters).crash.reshape(middles.shape)
         mass = survival[:, 0] * (crash @ -np.diff(np.exp(-edges)))
-        crashing.append(mass / max(mass.sum(), np.finfo(float).tiny))
+        crashing.append(mass / max(mass.sum(), TINY))
     even = survival[:, 0] / survival[:, 0].sum()
     needed = np.sum(crashing, axis=0)
     if not needed.any():
@@ -200,9 +201,10 @@ def mean_law(cells: Cell, places: Places, laws: Sequence[tuple[SmoothHazard, Spe
 def closing_speeds(survival: Array, hazards: Array) -> Array:
     """Return the closing speeds [m/s], (n, k), at k cumulative hazards, by linear interpolation.
 
-    The survival probabilities at `SPEEDS` have the shape (n, speeds); see `mean_law`.
+    The survival probabilities at `SPEEDS` have the shape (n, speeds); see `mean_law`. The speeds are 0 in a
+    cell that has no probability, which no line represents.
     """
-    hazard = -np.log(np.maximum(survival / survival[:, :1], np.finfo(float).tiny))
+    hazard = -np.log(np.maximum(survival / np.maximum(survival[:, :1], TINY), TINY))
     return np.array([np.interp(hazards, own, SPEEDS) for own in hazard])
 
 
@@ -235,7 +237,8 @@ def log_ratios(drawn: DrawnLaws, support: Support) -> Array:
     logs = np.empty((len(drawn.laws), root.size, len(LEVELS)))
     for own, (ranges, law) in zip(logs, drawn.laws, strict=True):
         hazard = law.given(places).cumulative(levels.ravel(), row).reshape(own.shape)
-        own[:] = np.log(cells.probability(places, ranges))[:, None] - hazard
+        # The ratio is 1 if there are no cut-ins under any draw, for example between ranges rounded to 10 m.
+        own[:] = np.log(np.maximum(cells.probability(places, ranges), TINY))[:, None] - hazard
     mean = np.log(np.mean(np.exp(logs[: drawn.answered]), axis=0))
     return np.clip(logs - mean, *LIMITS).reshape(-1, *COARSE, len(LEVELS))
 
