@@ -7,6 +7,7 @@ from pathlib import Path
 import pandas as pd
 import pytest
 from accelerated_evaluation.publishing.tables.laws import threshold_ratio
+from scipy.stats import chi2
 
 ROOT = Path(__file__).resolve().parents[2]
 sys.path.append(str(ROOT / "benchmarks"))
@@ -92,6 +93,10 @@ def test_texts_state_how_often_a_part_of_an_event_is_claimed():
     )
     assert f"Of {of_all} that hide a part of the event, {random} of them drawn at random, one" in page
     assert f"Of {of_all}, one" in detail
+    # Upper 95 % limit of the expected number of claims, given their number (Garwood 1936).
+    limit = chi2.ppf(0.95, 2 * (claimed.sum() + 1)) / 2
+    stated = re.search(r"With 95 % confidence, fewer than one of ([\d,]+) is therefore claimed", detail)
+    assert 0.95 < limit * int(stated[1].replace(",", "")) / few["seeds"].sum() <= 1
     assert f"the {few['seeds'].sum():,} estimates of the {len(few)} problems" in detail
     assert all(f" of {some['seeds'].sum()} estimates" in text for text in (page, detail, guide))
     assert f"of {eight['seeds'].sum()} estimates end" in detail
