@@ -17,10 +17,10 @@ import pandas as pd
 from accelerated_evaluation.base.arrays import Array
 from accelerated_evaluation.base.files import write_csv
 from accelerated_evaluation.base.randomness import child_generator
-from accelerated_evaluation.methods.surrogate import Surrogate
 from accelerated_evaluation.publishing.tables.display import reproducible
 from fewruns import Certificate, ScoreProblem, SystemProblem
 from fewruns.certificate import BY_DEFAULT
+from fewruns.running import estimate_problem
 from methods import Target
 from problems import problems
 from reference import reference
@@ -75,8 +75,8 @@ def estimates(
         Shows the progress.
     """
     for seed in range(seeds):
-        method = Surrogate(certificate=certificate)
-        found = method.estimate(event, TARGET, child_generator(ROOT, "certificate", name, seed))
+        generator = child_generator(ROOT, "certificate", name, seed)
+        found = estimate_problem(event, generator, TARGET, certificate=certificate)
         met = hidden_part(found.tables["runs"].filter(like="z_").to_numpy(), certificate).any()
         yield {
             "probability": found.probability,

@@ -7,7 +7,7 @@ then each variant of the car is estimated twice, with these runs and without.
 """
 
 import argparse
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 
 import numpy as np
@@ -17,6 +17,7 @@ from accelerated_evaluation.base.randomness import child_generator
 from accelerated_evaluation.publishing.tables.display import reproducible
 from accelerated_evaluation.vehicles.builtin.acc_aeb import AccAeb
 from fewruns import Predecessor, Sampler, ScoreProblem
+from fewruns.running import sampler_for
 from methods import Target
 from problems import BENCHMARK, WEAK_AEB, crash, segment_problem
 from reference import reference
@@ -50,7 +51,7 @@ def driven(
 
     Where it has no estimate yet, it says what the surrogate foretells.
     """
-    sampler = Sampler(event.dimension, generator, fingerprint="variant", predecessor=known)
+    sampler = sampler_for(event, generator, predecessor=known)
     early = np.nan
     while not sampler.has_converged(TARGET) and sampler.simulations < TARGET.maximum_simulations:
         sampler.tell(*event.evaluate(sampler.ask(certify=sampler.is_narrow(TARGET))))
@@ -67,7 +68,15 @@ def early_answer(sampler: Sampler) -> float:
     return foretold if np.isnan(estimate) else estimate
 
 
-def compare(name: str, truth: float, before: float, seeds: int, bar: tqdm) -> dict[str, object]:
+def predecessor(seed: int) -> Predecessor:
+    """Return the runs of the study's car until its estimate has converged."""
+    progress = driven(event_of({}), child_generator(ROOT, "predecessor", seed), None)[0].progress
+    return Predecessor(progress.z, progress.happened)
+
+
+def compare(
+    name: str, truth: float, before: float, bases: Sequence[Predecessor], bar: tqdm
+) -> dict[str, object]:
     """Return a row of the table: one variant over all seeds.
 
     Parameters
@@ -76,16 +85,13 @@ def compare(name: str, truth: float, before: float, seeds: int, bar: tqdm) -> di
         Of the variant.
     truth, before
         Crash probabilities of the variant and of its predecessor.
-    seeds
-        How many.
+    bases
+        Runs of the predecessor for each seed.
     bar
         Shows the progress.
     """
-    event, old = event_of(VARIANTS[name]), event_of({})
-    rows = []
-    for seed in range(seeds):
-        base, _ = driven(old, child_generator(ROOT, "predecessor", seed), None)
-        known = Predecessor(base.progress.z, base.progress.happened)
+    event, rows = event_of(VARIANTS[name]), []
+    for seed, known in enumerate(bases):
         found, early = driven(event, child_generator(ROOT, "successor", seed), known)
         alone, _ = driven(event, child_generator(ROOT, "successor", seed), None)
         end, without = found.estimate(TARGET), alone.estimate(TARGET)
@@ -105,7 +111,8 @@ def compare(name: str, truth: float, before: float, seeds: int, bar: tqdm) -> di
     seen = pd.DataFrame(rows)
     errors = {column: np.sqrt(seen[column].pow(2).mean()) for column in seen if "error" in column}
     means = seen[["ranked", "simulations", "holds", "off", "simulations_alone"]].mean()
-    return {"variant": name, "probability": truth, "ratio": truth / before, "seeds": seeds, **errors, **means}
+    known = {"variant": name, "probability": truth, "ratio": truth / before, "seeds": len(bases)}
+    return {**known, **errors, **means}
 
 
 def main() -> None:
@@ -120,9 +127,10 @@ def main() -> None:
         name: reference(event_of(parameters), child_generator(ROOT, "reference", name))[0]
         for name, parameters in tqdm(VARIANTS.items(), desc="references")
     }
+    bases = [predecessor(seed) for seed in tqdm(range(arguments.seeds), desc="predecessors")]
     with tqdm(total=len(VARIANTS) * arguments.seeds, desc="variants") as bar:
         before = truth["the same car"]
-        rows = [compare(name, truth[name], before, arguments.seeds, bar) for name in VARIANTS]
+        rows = [compare(name, truth[name], before, bases, bar) for name in VARIANTS]
     write_csv(arguments.output, reproducible(pd.DataFrame(rows)))
 
 

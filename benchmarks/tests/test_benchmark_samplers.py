@@ -11,6 +11,7 @@ import pytest
 from scipy.integrate import quad
 from scipy.special import ndtr
 from scipy.stats import chi2, norm
+from tqdm import tqdm
 
 pytestmark = pytest.mark.studies
 ROOT = Path(__file__).resolve().parents[2]
@@ -20,6 +21,7 @@ import certificate  # noqa: E402
 import house  # noqa: E402
 import methods  # noqa: E402
 import reference  # noqa: E402
+import successors  # noqa: E402
 import summarise  # noqa: E402
 from methods import Counter, Target  # noqa: E402
 from problems import INVERSE_RANGE, INVERSE_TTC, TTC_BODY, TTC_TAIL, problems  # noqa: E402
@@ -135,6 +137,26 @@ def test_a_hidden_part_is_as_small_and_as_near_as_its_certificate_allows(asked):
     happened, score = event.evaluate(np.array([[4.6, 0.0, 0.0], [-6.0, 0.0, 0.0], [0.0, 0.0, 0.0]]))
     assert happened.tolist() == [True, True, False]
     assert score[1] > score[2] > 0 > score[0]  # the score leads away from the hidden part
+
+
+def test_the_price_of_a_certificate_is_that_of_the_stated_one():
+    """A stricter certificate takes more runs on the same seed, and both are met."""
+    event, bar = problems()["segment_5_15"].event, tqdm(disable=True)
+    usual, strict = (
+        next(certificate.estimates(event, "main", asked, 1, bar)) for asked in certificate.CERTIFICATES[::2]
+    )
+    assert usual["certified"]
+    assert strict["certified"]
+    assert usual["calls"] < strict["calls"]
+
+
+def test_variants_of_the_car_are_sampled_without_repeats_and_cover():
+    """The event states that it is an upper set and that the car repeats itself."""
+    generator = np.random.default_rng(1)
+    sampler = successors.driven(successors.event_of({}), generator, None)[0]
+    assert sampler.has_converged(successors.TARGET)
+    assert len(sampler.progress.repeats) == 0
+    assert sampler.required == certificate.BY_DEFAULT
 
 
 def test_counter_counts_every_call_and_refuses_those_beyond_the_limit():
