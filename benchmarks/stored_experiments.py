@@ -8,7 +8,7 @@ and with doubled weights. ``data/stored_experiments/README.md`` describes the fi
     python benchmarks/stored_experiments.py benchmarks/results/stored_experiments.csv
 """
 
-import sys
+import argparse
 from collections.abc import Sequence
 from dataclasses import dataclass
 from itertools import pairwise
@@ -166,6 +166,16 @@ def stored_experiments(name: str, records: Array) -> pd.DataFrame:
     return pd.DataFrame(rows)
 
 
-if __name__ == "__main__":
+def main() -> None:
+    """Write the table."""
+    parser = argparse.ArgumentParser(
+        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
+    )
+    parser.add_argument("output", type=Path, help="where to write the table")
+    arguments = parser.parse_args()
     tables = [stored_experiments(name, authors_records(name)) for name in NAMES]
-    write_csv(sys.argv[1], pd.concat(tables, ignore_index=True))
+    write_csv(arguments.output, pd.concat(tables, ignore_index=True))
+
+
+if __name__ == "__main__":
+    main()
