@@ -134,6 +134,22 @@ def test_texts_state_what_vehicles_with_chance_take():
         assert f"{noisy.covered} of the {noisy.converged} that converge" in text
     assert f"({shaken.covered} of {shaken.converged})" in detail
     assert (rows["seeds"] == 40).all()
+    runs = {name: f"{rows.loc[name, 'simulations']:.0f}" for name in ("noise_0.1", "half_space")}
+    assert f"{runs['noise_0.1']} runs with noise of 0.1, and {runs['half_space']} without noise" in detail
+
+
+def test_texts_state_what_the_runs_of_a_similar_vehicle_save():
+    rows = pd.read_csv(BLOCKS["successors"].source)
+    page, detail = (
+        " ".join(path.read_text(encoding="utf-8").split()) for path in (PAGE, BLOCKS["successors"].text)
+    )
+    known, alone = f"{rows['simulations'].mean():.0f}", f"{rows['simulations_alone'].mean():.0f}"
+    variants = rows[rows["variant"] != "the same car"]
+    ranked = f"{(variants['ranked'] * variants['seeds']).sum():.0f} of {variants['seeds'].sum()} pairs"
+    assert f"{known} runs instead of {alone}" in page
+    assert f"takes {known} simulations instead of {alone}" in detail
+    assert all(ranked in text for text in (page, detail))
+    assert not rows["off"].any()
 
 
 @pytest.mark.parametrize("problem", ["segment_5_15", "range_1", "range_2", "near_miss_1e-5"])
