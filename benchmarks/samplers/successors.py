@@ -17,7 +17,7 @@ from accelerated_evaluation.base.randomness import child_generator
 from accelerated_evaluation.publishing.tables.display import reproducible
 from accelerated_evaluation.vehicles.builtin.acc_aeb import AccAeb
 from fewruns import Predecessor, Sampler, ScoreProblem
-from fewruns.running import sampler_for
+from fewruns.running import run_batches, sampler_for
 from methods import Target
 from problems import BENCHMARK, WEAK_AEB, crash, segment_problem
 from reference import reference
@@ -53,8 +53,7 @@ def driven(
     """
     sampler = sampler_for(event, generator, predecessor=known)
     early = np.nan
-    while not sampler.has_converged(TARGET) and sampler.simulations < TARGET.maximum_simulations:
-        sampler.tell(*event.evaluate(sampler.ask(certify=sampler.is_narrow(TARGET))))
+    for _ in run_batches(sampler, event, TARGET):
         if sampler.simulations == DRIVES:
             early = early_answer(sampler)
     return sampler, early_answer(sampler) if np.isnan(early) else early
@@ -111,8 +110,8 @@ def compare(
     seen = pd.DataFrame(rows)
     errors = {column: np.sqrt(seen[column].pow(2).mean()) for column in seen if "error" in column}
     means = seen[["ranked", "simulations", "holds", "off", "simulations_alone"]].mean()
-    known = {"variant": name, "probability": truth, "ratio": truth / before, "seeds": len(bases)}
-    return {**known, **errors, **means}
+    labels = {"variant": name, "probability": truth, "ratio": truth / before, "seeds": len(bases)}
+    return {**labels, **errors, **means}
 
 
 def main() -> None:

@@ -150,7 +150,7 @@ def test_the_price_of_a_certificate_is_that_of_the_stated_one():
     assert usual["calls"] < strict["calls"]
 
 
-def test_variants_of_the_car_are_sampled_without_repeats_and_cover():
+def test_variants_of_the_car_are_sampled_without_repeats_and_without_a_cover():
     """The event states that it is an upper set and that the car repeats itself."""
     generator = np.random.default_rng(1)
     sampler = successors.driven(successors.event_of({}), generator, None)[0]
