@@ -176,3 +176,48 @@ def test_a_problem_of_a_system_maps_normal_scores_to_its_inputs():
     x = problem.inputs(z)
     assert x[0] == pytest.approx([-1.0, 1.5 * np.exp(0.3 * 8)])
     assert x[1] == pytest.approx([7.0, 1.5])
+
+
+CONSTANTS = [stats.norm(5, 0), stats.uniform(3, 0), stats.norm(np.nan, 1), stats.pareto(0.01)]
+
+
+@pytest.mark.parametrize("law", CONSTANTS)
+def test_an_input_without_finite_quantiles_is_refused_before_the_function_is_called(law):
+    def never(x):
+        raise AssertionError(x)
+
+    with pytest.raises(
+        InputError, match=r"distribution of input 2: seen the quantile (nan|inf) at .*constant"
+    ):
+        estimate(never, [stats.norm(7, 1), law], np.random.default_rng(1))
+
+
+COUNTS = [stats.poisson(3), stats.poisson(4e4), stats.geom(0.3), stats.dlaplace(0.8), stats.nbinom(3, 0.4)]
+
+
+@pytest.mark.parametrize("law", COUNTS)
+def test_the_far_tail_of_a_discrete_input_is_that_of_its_survival_function(law):
+    z = np.linspace(-11, 11.5, 151)  # as far as the sampler goes
+    (x,) = SystemProblem(None, 1, [law]).inputs(z[:, None]).T
+    assert np.all(np.diff(x) >= 0)
+    upper, q = x[z > 8.3], stats.norm.sf(z[z > 8.3])
+    assert (law.sf(upper) <= q * (1 + 1e-6)).all()
+    assert (law.sf(upper - 1) > q * (1 - 1e-6)).all()  # the next smaller number is too small
+
+
+def test_a_constant_and_a_discrete_input_are_points_of_the_function():
+    """The event has the probability P(N > 15) P(Z > 2) for a count N and a normal Z."""
+    seen = []
+
+    def crowded(x):
+        seen.append(x)
+        return (x[:, 0] > 15) & (x[:, 1] > 2), np.maximum(15.5 - x[:, 0], 2 - x[:, 1])
+
+    inputs = [stats.poisson(3), stats.norm(), stats.randint(3, 4)]
+    found = estimate(crowded, inputs, np.random.default_rng(2), deterministic=True)
+    points = np.concatenate(seen)
+    assert np.isfinite(points).all()
+    assert set(points[:, 2]) == {3}
+    exact = stats.poisson.sf(15, 3) * stats.norm.sf(2)
+    assert 0.5 < found.probability / exact < 2
+    assert not 0.5 < found.probability / (exact * stats.norm.sf(2)) < 2  # of another event

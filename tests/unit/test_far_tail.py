@@ -1,5 +1,6 @@
 """The far tail: its posterior against quadrature, its map and density against differences, and its draws."""
 
+import warnings
 from dataclasses import replace
 from itertools import pairwise
 
@@ -7,7 +8,7 @@ import numpy as np
 import pytest
 from accelerated_evaluation.laws.smooth.conditional import Places, SpeedLaw, speed_grid
 from accelerated_evaluation.laws.smooth.family import FarRecords
-from accelerated_evaluation.laws.smooth.shapes import PRIOR, RECORDS, FarTail
+from accelerated_evaluation.laws.smooth.shapes import PRIOR, RECORDS, FarTail, Generalised
 from accelerated_evaluation.laws.smooth.smooth_hazard import SmoothHazard
 from scipy.stats import gamma
 
@@ -82,6 +83,19 @@ def test_the_inverse_returns_the_hazard_and_the_density_is_its_derivative(far):
     assert np.max(np.abs(wrong / exact - 1)) > 0.5
     assert np.isinf(far.cumulative(np.array([np.inf]))).all()
     assert far.log_density_ratio(np.array([np.inf])).tolist() == [0.0]
+
+
+def test_a_hazard_that_grows_to_the_largest_number_becomes_infinite_without_a_warning(far):
+    """Records whose excesses end abruptly have a Gompertz tail, whose hazard passes through all numbers."""
+    hazard = Generalised().cumulative(np.linspace(0, 1600, 200_001), np.array([-0.5]))
+    assert hazard[np.isfinite(hazard)].max() > 1.3e308  # times the last factor it is too large
+    steep = replace(far, factors=np.array([0.7, 1.6, 1.4]))
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        changed, ratio = steep.cumulative(hazard), steep.log_density_ratio(hazard)
+    assert np.all(np.diff(changed[np.isfinite(changed)]) > 0)
+    assert np.isinf(changed[hazard > 1.3e308]).all()
+    assert not np.isnan(ratio).any()
 
 
 def test_stacked_draws_are_the_single_ones(far):

@@ -13,6 +13,7 @@ from fewruns.constants import FEW
 from fewruns.errors import InputError
 
 Response = tuple[Flags, Array | None]
+KNOWN = 1e-12  # tail probability at which SciPy still knows the quantiles of all its discrete distributions
 
 
 class ScoreProblem(Protocol):
@@ -49,7 +50,7 @@ class Marginal(Protocol):
         """Return the quantile x with P(X <= x) = q."""
 
     def isf(self, q: ArrayLike) -> Array:
-        """Return x with P(X > x) = q; it has to be accurate for small q."""
+        """Return x with P(X > x) = q; it has to be finite and accurate for small q, as far as 1e-30."""
 
 
 @dataclass(frozen=True)
@@ -80,11 +81,23 @@ class SystemProblem:
     upper_set: bool = False
 
     def inputs(self, z: Array) -> Array:
-        """Map normal scores z to inputs with the distributions `marginals`, both of shape (n, d)."""
+        """Map normal scores z to inputs with the distributions `marginals`, both of shape (n, d).
+
+        InputError is raised if a quantile is not finite.
+        """
         if self.marginals is None:
             return z
-        columns = (normal_score_quantile(law, z[:, k]) for k, law in enumerate(self.marginals))
-        return np.column_stack(list(columns))
+        columns = [normal_score_quantile(law, z[:, k]) for k, law in enumerate(self.marginals)]
+        for k, column in enumerate(columns):
+            if (lost := np.flatnonzero(~np.isfinite(column))).size:
+                raise InputError(
+                    f"the distribution of input {k + 1}",
+                    seen=f"the quantile {column[lost[0]]} at the normal score {z[lost[0], k]:.3g}",
+                    expected="finite numbers, also far in the tails",
+                    change="If this input is constant, leave it out and state its value in the function. "
+                    "Otherwise correct its parameters, or bound the distribution.",
+                )
+        return np.column_stack(columns)
 
     def evaluate(self, z: Array) -> Response:
         """Run the system at normal scores z, shape (n, d); return whether the event happened, and scores."""
@@ -99,9 +112,31 @@ def normal_score_quantile(law: Marginal, z: Array) -> Array:
     value, above = np.empty_like(z), z > 0
     # A side without points is skipped, because the quantile function of a mixture takes long even then.
     if above.any():
-        value[above] = law.isf(ndtr(-z[above]))
+        value[above] = _upper_quantile(law, ndtr(-z[above]))
     if not above.all():
         value[~above] = law.ppf(ndtr(z[~above]))
+    return value
+
+
+def _upper_quantile(law: Marginal, q: Array) -> Array:
+    """Return the quantiles x with P(X > x) = q, or the smallest whole x with P(X > x) <= q, shape (n,).
+
+    SciPy computes the quantiles of some discrete distributions from 1 - q, which is 1 for small q, and
+    returns NaN or infinity. They are then found by bisection of the survival function, which is accurate.
+    """
+    with np.errstate(divide="ignore"):
+        value = np.array(law.isf(q), dtype=float)
+    lost = ~np.isfinite(value)
+    if not (lost.any() and hasattr(law, "pmf") and np.isfinite(low := law.isf(KNOWN))):
+        return value
+    low, high = np.full(lost.sum(), low), np.full(lost.sum(), low + 1)
+    while (short := law.sf(high) > q[lost]).any():
+        high = np.where(short, 2 * high - low, high)
+    while (high - low > 1).any():
+        middle = np.floor((low + high) / 2)
+        short = law.sf(middle) > q[lost]
+        low, high = np.where(short, middle, low), np.where(short, high, middle)
+    value[lost] = high
     return value
 
 

@@ -229,8 +229,11 @@ class FarTail:
     def cumulative(self, original: Array) -> Array:
         """Return the cumulative hazard with the factors, given the one without them, of the same shape."""
         value = np.minimum(original, self.levels[0])
-        for level, width, factor in zip(self.levels, self._widths, self.factors, strict=True):
-            value = value + factor * np.clip(original - level, 0, width)
+        # The hazard of a Gompertz tail grows exponentially, up to the largest number there is. A factor
+        # above 1 then makes it infinite, which is right: the probability of an excess is 0 either way.
+        with np.errstate(over="ignore"):
+            for level, width, factor in zip(self.levels, self._widths, self.factors, strict=True):
+                value = value + factor * np.clip(original - level, 0, width)
         return value
 
     def original(self, cumulative: Array) -> Array:
