@@ -16,6 +16,8 @@ WORKDIR /study
 # The environment before the sources, so that an edited source does not install it again.
 COPY Makefile pyproject.toml environment.txt README.md LICENSE ./
 COPY workflow/accelerated_evaluation/__init__.py workflow/accelerated_evaluation/
+COPY fewruns/pyproject.toml fewruns/README.md fewruns/LICENSE fewruns/
+COPY fewruns/src/fewruns/__init__.py fewruns/src/fewruns/
 RUN make .venv/.installed
 
 COPY . .

@@ -5,30 +5,33 @@ PYTHON ?= python3
 STUDY ?= spmd
 ENVIRONMENT := .venv/.installed
 SNAKEMAKE := snakemake --cores $(or $(CORES),2) --configfile $(or $(CONFIG),config/config.yaml)
-RULES := Snakefile workflow benchmarks/samplers/Snakefile benchmarks/samplers/vehicles.smk \
+RULES := Snakefile workflow fewruns/benchmarks/Snakefile fewruns/benchmarks/vehicles.smk \
   benchmarks/worlds/Snakefile benchmarks/claims/Snakefile benchmarks/motorway/Snakefile
-SAMPLERS := snakemake --snakefile benchmarks/samplers/Snakefile --cores $(CORES)
-PUBLIC := python benchmarks/samplers/public.py benchmarks/results
-VEHICLES := snakemake --snakefile benchmarks/samplers/vehicles.smk --cores $(CORES)
+SAMPLERS := snakemake --snakefile fewruns/benchmarks/Snakefile --cores $(CORES)
+PUBLIC := python fewruns/benchmarks/public.py benchmarks/results
+VEHICLES := snakemake --snakefile fewruns/benchmarks/vehicles.smk --cores $(CORES)
 WORLDS := snakemake --snakefile benchmarks/worlds/Snakefile --cores $(CORES)
 MOTORWAY := snakemake --snakefile benchmarks/motorway/Snakefile --cores $(CORES) $(if $(SETTINGS),--config settings=$(SETTINGS))
 REPEATED := snakemake --snakefile benchmarks/claims/Snakefile --cores $(CORES)
 CLAIMS ?=
+# The sampler is installed from its folder, so it has no hash.
+RESOLVE := uv pip compile pyproject.toml --universal --python-version 3.11 --generate-hashes --no-header --quiet \
+  --no-emit-package fewruns
 export PATH := $(CURDIR)/.venv/bin:$(PATH)
 
-.PHONY: study book article test test-slurm test-studies crate paper-figures lint format report smoke bench benchmark-samplers \
+.PHONY: study book article test test-slurm test-studies test-fewruns crate paper-figures lint format report smoke bench benchmark-samplers \
   benchmark-public benchmark-recordings benchmark-vehicles world worlds claims lock clean help
 .DEFAULT_GOAL := help
 
 help: ## list the targets
 	@grep -E '^[a-z-]+:.*##' $(MAKEFILE_LIST) | sed -E 's/:[^#]*## /\t/' | expand -t 20
 
-$(ENVIRONMENT): environment.txt pyproject.toml
+$(ENVIRONMENT): environment.txt pyproject.toml fewruns/pyproject.toml
 	@$(PYTHON) -c 'import sys; sys.exit(sys.version_info < (3, 11))' || \
 	  { echo "error: Python 3.11 or later is needed, $$($(PYTHON) --version) was found; set PYTHON=/path/to/python3.11" >&2; exit 1; }
 	$(PYTHON) -m venv --clear .venv
 	.venv/bin/python -m pip install --quiet --require-hashes -r environment.txt
-	.venv/bin/python -m pip install --quiet --no-deps --no-build-isolation --editable .
+	.venv/bin/python -m pip install --quiet --no-deps --no-build-isolation --editable ./fewruns --editable .
 	@touch $@
 
 study: $(ENVIRONMENT) ## run the study: make study [CONFIG=my_study.yaml] [CORES=2]
@@ -97,18 +100,19 @@ test-slurm: $(ENVIRONMENT) ## run the smoke study through a Slurm on this machin
 test-studies: $(ENVIRONMENT) ## whole small studies, the benchmarks' own tests and the installed wheel; over an hour
 	pytest -m studies --dist worksteal
 
+test-fewruns: $(ENVIRONMENT) ## all tests of the sampler, also those over many seeds; needed if fewruns/ has changed
+	pytest -n 2 fewruns/tests
+
 format: $(ENVIRONMENT) ## format the sources for the linters
 	ruff check --fix .
 	ruff format .
 	snakefmt $(RULES)
 
 lock: $(ENVIRONMENT) ## resolve environment.txt again from pyproject.toml
-	uv pip compile pyproject.toml --extra study --extra fmu --extra cluster --extra provenance --extra scenarios --extra osi --extra dev \
-	  --universal --python-version 3.11 --generate-hashes --no-header --quiet --output-file environment.txt
-	uv pip compile pyproject.toml --extra peers --constraint environment.txt --universal --python-version 3.11 \
-	  --generate-hashes --no-header --quiet --output-file benchmarks/environment.txt
-	uv pip compile pyproject.toml --extra world --constraint environment.txt --universal --python-version 3.11 \
-	  --generate-hashes --no-header --quiet --output-file benchmarks/motorway/environment.txt
+	$(RESOLVE) --extra study --extra fmu --extra cluster --extra provenance --extra scenarios --extra osi --extra dev \
+	  --output-file environment.txt
+	$(RESOLVE) --extra peers --constraint environment.txt --output-file benchmarks/environment.txt
+	$(RESOLVE) --extra world --constraint environment.txt --output-file benchmarks/motorway/environment.txt
 
 clean: ## remove what the study made, keep the environment
 	rm -rf results .snakemake

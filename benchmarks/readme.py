@@ -22,14 +22,15 @@ from tables import MOTORWAY_TABLES
 
 README = ROOT / "README.md"
 BENCHMARKS = ROOT / "benchmarks"
-SAMPLERS, WORLDS, ANSWERS, MOTORWAY = (
-    BENCHMARKS / folder / "README.md" for folder in ("samplers", "worlds", "answers", "motorway")
+SAMPLERS = ROOT / "fewruns" / "benchmarks" / "README.md"
+WORLDS, ANSWERS, MOTORWAY = (
+    BENCHMARKS / folder / "README.md" for folder in ("worlds", "answers", "motorway")
 )
 JOINT_LAWS, YOUR_RECORDS, EXPORT = (
     ROOT / f"docs/{name}.md" for name in ("joint_laws", "your_records", "export")
 )
 OURS = "surrogate"
-LEARNERS = ("ak_mcs", "ak_is", "two_stage", "kde_ais")  # as in benchmarks/samplers/methods.py
+LEARNERS = ("ak_mcs", "ak_is", "two_stage", "kde_ais")  # as in fewruns/benchmarks/methods.py
 FAMILY = ("paper", "exponential", "heavy", "light", "two kinds")  # kinds of worlds that resemble the laws
 RELIABLE = 0.05  # share of failed seeds up to which another sampler is called the best
 YES = {True: "yes", False: "no"}
@@ -470,7 +471,7 @@ def by_kind(drawn: pd.DataFrame) -> pd.DataFrame:
     outcome = drawn["problem"].str.endswith("flags").map({True: "flags", False: "scores"})
     inputs = drawn["dimension"].gt(3).map({True: "4 to 8 inputs", False: "2 or 3 inputs"})
     number = drawn["problem"].str.extract(r"(\d+)", expand=False).astype(int)
-    # See DRAWN, SHOWN, LATER, LAST and UNSEEN in samplers/hidden_problems.py.
+    # See DRAWN, SHOWN, LATER, LAST and UNSEEN in fewruns/benchmarks/hidden_problems.py.
     runs = ["", ", that showed a fault", ", run later", ", run last", ", run after all but the last change"]
     when = pd.cut(number, [99, 139, 199, 259, 419, 619], labels=runs).astype(str)
     rows = []

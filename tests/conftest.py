@@ -23,7 +23,17 @@ os.environ.pop("PYTHONUNBUFFERED", None)
 
 HERE = Path(__file__).resolve().parent
 ROOT = HERE.parent
-PARTS = ("Snakefile", "workflow", "notebooks", "docs", "config", "data", "profiles", "environment.txt")
+PARTS = (
+    "Snakefile",
+    "workflow",
+    "notebooks",
+    "docs",
+    "fewruns",
+    "config",
+    "data",
+    "profiles",
+    "environment.txt",
+)
 BENCHMARKS = (
     "worlds",
     "worlds_beyond",
@@ -42,12 +52,13 @@ WITH_TOYS = ("config/smoke.yaml", "config/toys.yaml")
 
 LEFT_OUT = """\
 The tests marked browser, slurm and crate: pytest -m "browser or slurm or crate"
-Whole studies and other long tests, the benchmarks' own and the installed wheel: make test-studies"""
+Whole studies and other long tests, the benchmarks' own and the installed wheel: make test-studies
+The sampler over many seeds, if fewruns/ has changed: make test-fewruns"""
 
 
 def pytest_terminal_summary(terminalreporter, config):
     """Say at the end which tests the options in pyproject.toml leave out, and how to run them."""
-    if config.option.markexpr == "not (browser or slurm or crate or studies)":
+    if config.option.markexpr == "not (browser or slurm or crate or studies or seeds)":
         terminalreporter.section("left out")
         terminalreporter.write_line(LEFT_OUT)
 
@@ -122,7 +133,7 @@ class Project:
 
     @property
     def environment(self) -> dict[str, str]:
-        return os.environ | {"PYTHONPATH": str(self.folder / "workflow")}
+        return os.environ | {"PYTHONPATH": f"{self.folder}/workflow{os.pathsep}{self.folder}/fewruns/src"}
 
     def run(self, *arguments: str, **options: str | int) -> subprocess.CompletedProcess:
         return subprocess.run(

@@ -11,7 +11,7 @@ from scipy.stats import gaussian_kde
 
 pytestmark = pytest.mark.studies
 ROOT = Path(__file__).resolve().parents[2]
-sys.path.append(str(ROOT / "benchmarks" / "samplers"))
+sys.path.append(str(ROOT / "fewruns" / "benchmarks"))
 for package in ("openturns", "sklearn"):
     pytest.importorskip(package, reason="needs the extra peers")
 

@@ -15,7 +15,7 @@ from tqdm import tqdm
 
 pytestmark = pytest.mark.studies
 ROOT = Path(__file__).resolve().parents[2]
-sys.path.append(str(ROOT / "benchmarks" / "samplers"))
+sys.path.append(str(ROOT / "fewruns" / "benchmarks"))
 
 import certificate  # noqa: E402
 import house  # noqa: E402

@@ -10,13 +10,24 @@ import pytest
 
 pytestmark = pytest.mark.studies
 ROOT = Path(__file__).resolve().parents[2]
-PARTS = ("article", "benchmarks", "config", "data", "docs", "notebooks", "profiles", "tests", "workflow")
+PARTS = (
+    "article",
+    "benchmarks",
+    "config",
+    "data",
+    "docs",
+    "fewruns",
+    "notebooks",
+    "profiles",
+    "tests",
+    "workflow",
+)
 JOBS = {
-    "claims/Snakefile": {"run_sampler", "run_worlds", "study_study_answer", "vehicle"},
-    "motorway/Snakefile": {"drive", "count", "chain", "sum_counts", "summarize"},
-    "samplers/Snakefile": {"run", "reference", "summarise"},
-    "samplers/vehicles.smk": {"run", "compare"},
-    "worlds/Snakefile": {"prepare", "run", "run_beyond", "summarise"},
+    "benchmarks/claims/Snakefile": {"run_sampler", "run_worlds", "study_study_answer", "vehicle"},
+    "benchmarks/motorway/Snakefile": {"drive", "count", "chain", "sum_counts", "summarize"},
+    "fewruns/benchmarks/Snakefile": {"run", "reference", "summarise"},
+    "fewruns/benchmarks/vehicles.smk": {"run", "compare"},
+    "benchmarks/worlds/Snakefile": {"prepare", "run", "run_beyond", "summarise"},
 }
 
 
@@ -32,7 +43,7 @@ def test_a_benchmark_plans_its_jobs(name, tmp_path):
         "-m",
         "snakemake",
         "--snakefile",
-        f"benchmarks/{name}",
+        name,
         "--cores",
         "2",
         "--dry-run",

@@ -8,7 +8,7 @@ import pytest
 from scipy import stats
 
 pytestmark = pytest.mark.studies
-SAMPLERS = Path(__file__).parents[2] / "benchmarks" / "samplers"
+SAMPLERS = Path(__file__).parents[2] / "fewruns" / "benchmarks"
 
 
 @pytest.fixture(scope="module")

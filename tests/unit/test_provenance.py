@@ -34,7 +34,7 @@ def repository(tmp_path):
 
     git("init", "--quiet")
     for part in PARTS:
-        (tmp_path / part).mkdir()
+        (tmp_path / part).mkdir(parents=True)
         (tmp_path / part / "file").write_text("as it was\n")
     return tmp_path, commit
 

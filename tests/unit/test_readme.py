@@ -16,12 +16,18 @@ from blocks import with_table, with_tables  # noqa: E402
 from readme import BENCHMARKS, BLOCKS, README, WORLDS  # noqa: E402
 
 TABLES = ROOT / "figures" / "spmd" / "tables"
-GUIDE = ROOT / "docs" / "sampler.md"
+GUIDES = ("docs", "fewruns")  # folders
+GUIDE = ROOT / "fewruns" / "README.md"
 IDEAS = ROOT / "benchmarks" / "IDEAS.md"
 SAMPLERS = BLOCKS["samplers"].source
 PAGE, LINES = BENCHMARKS / "README.md", 120
 SAMPLERS_PAGE = BLOCKS["samplers"].text
-PAGES = [*ROOT.glob("*.md"), *ROOT.glob("docs/*.md"), *BENCHMARKS.rglob("*.md")]
+PAGES = [
+    *ROOT.glob("*.md"),
+    *ROOT.glob("docs/*.md"),
+    *ROOT.glob("fewruns/**/*.md"),
+    *BENCHMARKS.rglob("*.md"),
+]
 DEPLOYMENTS = "../../deployments/github-pages"  # on the hosting page of the repository
 
 
@@ -230,7 +236,7 @@ def test_links_lead_to_files_and_headings(path):
         target = (path.parent / name).resolve() if name else path
         assert target.exists(), link
         # A guide is a chapter of the book, which has no other pages.
-        assert path.parent.name != "docs" or target.parent.name in ("docs", "notebooks"), link
+        assert path.parent.name not in GUIDES or target.parent.name in (*GUIDES, "notebooks"), link
         if anchor:
             headings = re.findall(r"^#+ (.+)$", target.read_text(encoding="utf-8"), re.MULTILINE)
             assert anchor in {

@@ -1,4 +1,4 @@
-"""The wheel works without the repository, with a vehicle in a file of an empty folder."""
+"""The wheels of study and sampler work without the repository, with a vehicle in a file of the user."""
 
 import os
 import subprocess
@@ -33,15 +33,23 @@ class Car:
 
 
 @pytest.fixture(scope="module")
-def wheel(tmp_path_factory):
-    """Return the wheel of this project."""
-    folder = tmp_path_factory.mktemp("wheel")
+def wheels(tmp_path_factory):
+    """Return the wheels of the study and of the sampler."""
+    folder = tmp_path_factory.mktemp("wheels")
     options = ["--quiet", "--no-deps", "--no-build-isolation", "--wheel-dir", str(folder)]
-    subprocess.run([sys.executable, "-m", "pip", "wheel", *options, str(ROOT)], check=True)
-    return next(folder.glob("*.whl"))
+    sources = [str(ROOT), str(ROOT / "fewruns")]
+    subprocess.run([sys.executable, "-m", "pip", "wheel", *options, *sources], check=True)
+    return next(folder.glob("accelerated_evaluation-*.whl")), next(folder.glob("fewruns-*.whl"))
 
 
-def test_the_wheel_holds_all_packages_and_the_files_that_they_read(wheel):
+def test_the_wheel_of_the_sampler_holds_its_package_and_nothing_else(wheels):
+    files = {name for name in zipfile.ZipFile(wheels[1]).namelist() if ".dist-info/" not in name}
+    assert files == {f"fewruns/{path.name}" for path in (ROOT / "fewruns/src/fewruns").glob("*.py")}
+    assert wheels[1].stat().st_size < 2e5
+
+
+def test_the_wheel_of_the_study_holds_all_packages_and_the_files_that_they_read(wheels):
+    wheel = wheels[0]
     files = set(zipfile.ZipFile(wheel).namelist())
     code = {path.relative_to(ROOT / "workflow") for path in (ROOT / "workflow").glob("*/**/*.py")}
     assert {str(path) for path in code if path.parts[0] != "scripts"} <= files
@@ -52,15 +60,15 @@ def test_the_wheel_holds_all_packages_and_the_files_that_they_read(wheel):
 
 
 @pytest.fixture(scope="module")
-def run(wheel, tmp_path_factory):
-    """Return the function that runs a program of an environment with the wheel, in a folder of its own."""
+def run(wheels, tmp_path_factory):
+    """Return the function that runs a program of an environment with the wheels, in a folder of its own."""
     environment = tmp_path_factory.mktemp("environment")
     venv.create(environment)
     (packages,) = environment.glob("lib/*/site-packages")
     # Dependencies are those of the tests. Their link to this project is not followed from here.
     (packages / "dependencies.pth").write_text(str(Path(np.__file__).parents[1]))
     pip = [sys.executable, "-m", "pip", "--python", str(environment / "bin/python"), "install", "--quiet"]
-    subprocess.run([*pip, "--no-deps", "--no-index", str(wheel)], check=True)
+    subprocess.run([*pip, "--no-deps", "--no-index", *map(str, wheels)], check=True)
     folder = tmp_path_factory.mktemp("empty")
     clean = {key: value for key, value in os.environ.items() if key != "PYTHONPATH"}
 

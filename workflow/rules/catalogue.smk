@@ -22,8 +22,14 @@ if SLOW:
         [*CHAPTERS, *(FOLDER / "slow").glob("*.ipynb")], key=lambda path: path.stem
     )
 PATHS = {path.stem: path for path in CHAPTERS}
-GUIDES = sorted(map(str, (PROJECT / "docs").glob("*.md"))) if IS_CUT_IN else []
-PICTURES = sorted(map(str, (PROJECT / "docs").glob("*.svg"))) if IS_CUT_IN else []
+# The guides of the study, and those of the sampler, which is a package of its own.
+FOLDERS_OF_GUIDES = [PROJECT / "docs", PROJECT / "fewruns"] if IS_CUT_IN else []
+GUIDES = [
+    str(path) for folder in FOLDERS_OF_GUIDES for path in sorted(folder.glob("*.md"))
+]
+PICTURES = [
+    str(path) for folder in FOLDERS_OF_GUIDES for path in sorted(folder.glob("*.svg"))
+]
 ON_FIRST_PAGE = ["records_report.csv", "laws/answer.csv"]
 if IS_CUT_IN:
     ON_FIRST_PAGE += ["laws/compared.csv"] if SLOW else ["exact.csv", "crude.csv"]

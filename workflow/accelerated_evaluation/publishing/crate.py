@@ -29,7 +29,17 @@ PERMALINK = "https://w3id.org/ro/wfrun/{}/0.5"
 PROFILES = {name: PERMALINK.format(name) for name in ("process", "workflow", "provenance")}
 WORKFLOW_CRATE = "https://w3id.org/workflowhub/workflow-ro-crate/1.0"
 TERMS = "https://w3id.org/ro/terms/workflow-run/context"
-PARTS = ("workflow", "notebooks", "config", "docs", "profiles", "Snakefile", "Makefile", "pyproject.toml")
+PARTS = (
+    "workflow",
+    "notebooks",
+    "config",
+    "docs",
+    "fewruns",
+    "profiles",
+    "Snakefile",
+    "Makefile",
+    "pyproject.toml",
+)
 PARTS += ("environment.txt", "README.md", "LICENSE", "CITATION.cff", "article")
 BENCHMARKS = ("worlds", "worlds_causes", "motorway", "motorway_chain", "samplers", "successors", "answers")
 PARTS += tuple(f"benchmarks/results/{name}.csv" for name in BENCHMARKS)

@@ -14,7 +14,7 @@ from accelerated_evaluation.base.files import PROJECT, file_digest
 from accelerated_evaluation.publishing.study import Study
 
 # The results depend on these parts of the project only.
-PARTS = ("workflow", "notebooks", "config", "data")
+PARTS = ("workflow", "notebooks", "config", "data", "fewruns/src")
 UNKNOWN = "unknown (not a git repository)"
 
 

@@ -10,11 +10,14 @@ from functools import cache
 from pathlib import Path
 from typing import Any
 
+import fewruns
+
 from accelerated_evaluation.base.files import content_digest
 
-# The rooms (packages) of the library, and the package of the sampler. Each imports only what stands before it
-# in this order, which a test checks. All may use the module of `fewruns` that compiles: it changes no result.
-SAMPLER = "../fewruns"
+# The rooms (packages) of the library, and the distribution of the sampler. Each imports only what stands
+# before it in this order, which a test checks. All may use the module of `fewruns` that compiles: it changes
+# no result.
+SAMPLER = "fewruns"
 ROOMS = (
     "base",
     "records",
@@ -46,7 +49,8 @@ def modules_up_to(room: str) -> list[str]:
 def files_of(room: str) -> list[Path]:
     """Return the Python files of a room, or the one of a module such as ``study/jobs``."""
     module = LIBRARY / f"{room}.py"
-    return [module] if module.is_file() else sorted((LIBRARY / room).rglob("*.py"))
+    folder = Path(fewruns.__file__).parent if room == SAMPLER else LIBRARY / room
+    return [module] if module.is_file() else sorted(folder.rglob("*.py"))
 
 
 @cache

@@ -162,20 +162,30 @@ def _write_sources(parts: Parts, sources: Path, names: dict[str, Any]) -> None:
     shutil.copytree(parts.pages, sources, dirs_exist_ok=True)
     shutil.copy(files("sphinx-mathjax-offline") / "static" / "mathjax" / MATHJAX, sources)
     for guide in parts.guides:
-        text = guide.read_text(encoding="utf-8").replace("](../notebooks/", "](")  # all pages share a folder
-        (sources / guide.name).write_text(parts.without_missing(text), encoding="utf-8")
+        text = in_one_folder(guide.read_text(encoding="utf-8"))
+        (sources / f"{page_of(guide)}.md").write_text(parts.without_missing(text), encoding="utf-8")
         for picture in guide.parent.glob(f"{guide.stem}_*.svg"):
             shutil.copy(picture, sources)
     for path in parts.notebooks:
         notebook = nbformat.read(path, as_version=4)
         notebook.cells = list(_chapter(parts, path.stem, notebook))
         nbformat.write(notebook, sources / path.name)
-    chapters = {"notebooks": parts.notebooks, "guides": parts.guides}
     known = names | {"study": parts.study, "figure": parts.figure}
-    known |= {name: [path.stem for path in paths] for name, paths in chapters.items()}
+    known |= {"notebooks": [path.stem for path in parts.notebooks]}
+    known |= {"guides": sorted(map(page_of, parts.guides))}
     for template in parts.pages.glob("*.md"):
         page = sources / template.name
         page.write_text(fill(page.read_text(encoding="utf-8"), known), encoding="utf-8")
+
+
+def page_of(guide: Path) -> str:
+    """Return the name of the page of a guide in the book: that of its file, or of the folder of a README."""
+    return guide.parent.name if guide.stem == "README" else guide.stem
+
+
+def in_one_folder(text: str) -> str:
+    """Return Markdown in which guides and notebooks are linked as if they were in one folder."""
+    return re.sub(r"\]\((\.\./)+(docs|fewruns|notebooks)/", "](", text).replace("](README.md", "](fewruns.md")
 
 
 def _chapter(parts: Parts, name: str, notebook: NotebookNode) -> Iterator[NotebookNode]:
@@ -193,9 +203,7 @@ def _chapter(parts: Parts, name: str, notebook: NotebookNode) -> Iterator[Notebo
                 silent = f"{cell.source}\n\n"
             yield from (nbformat.v4.new_markdown_cell(parts.figure(shown), id=shown) for shown in figures)
         elif cell.cell_type != "code":
-            # In the sources of the book, guides and notebooks are in one folder.
-            source = re.sub(r"\]\((\.\./)+docs/", "](", cell.source)
-            cell.source = parts.without_missing(source)
+            cell.source = parts.without_missing(in_one_folder(cell.source))
             yield cell
     if silent:
         yield nbformat.v4.new_code_cell(silent.strip(), id="code", metadata={"tags": ["hide-input"]})

@@ -1,6 +1,6 @@
 """Certificates of the sampler: what each costs, and how often it is given though something is missing.
 
-    python benchmarks/samplers/certificate.py benchmarks/results/certificates.csv [--seeds 20]
+    python fewruns/benchmarks/certificate.py benchmarks/results/certificates.csv [--seeds 20]
 
 The price is measured on two problems in which nothing is hidden. The honesty is measured on a half-space that
 the scores lead to, with a second part of the event opposite, which no score points to. That part is the one

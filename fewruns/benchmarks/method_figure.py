@@ -1,6 +1,6 @@
-"""Draw the course of one estimate for docs/method.md: its runs, surrogate, minima and intervals.
+"""Draw the course of one estimate for fewruns/method.md: its runs, surrogate, minima and intervals.
 
-python benchmarks/samplers/method_figure.py
+python fewruns/benchmarks/method_figure.py
 """
 
 from dataclasses import dataclass
@@ -19,7 +19,7 @@ from hidden_problems import hidden_problems
 from matplotlib.axes import Axes
 from public_problems import PublicProblem
 
-PATH = Path(__file__).resolve().parents[2] / "docs" / "method_course.svg"
+PATH = Path(__file__).resolve().parents[1] / "method_course.svg"
 PROBLEM, SEED = "plane_disc", 1  # an estimate in which the search missed the disc
 GOAL = Stopping(maximum_simulations=1000)
 REACH = 10.0  # of the axes, in normal scores

@@ -91,7 +91,7 @@ class SecondPhase:
         prediction, fringe_limit = self._look_ahead()
         pool = self._pool(self._pool_size)
         expected = expect(pool, fringe_limit, self._fringe, self.emphasis)
-        given = self.runs, self.defence, self.cover, self.aimed_cover, self.belief
+        given = self.runs, self.defence, self.cover, self.aimed_cover, self.belief.foresee
         return draw_batch(pool, expected, prediction, *given, self.generator)
 
     def _look_ahead(self) -> tuple[Prediction, float]:

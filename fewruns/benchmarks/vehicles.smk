@@ -1,6 +1,6 @@
 # All vehicles of the study under laws of the study: exact probabilities, and what the sampler makes of them.
 #
-#   snakemake --snakefile benchmarks/samplers/vehicles.smk --cores 2 [--config seeds=40]
+#   snakemake --snakefile fewruns/benchmarks/vehicles.smk --cores 2 [--config seeds=40]
 #
 # A job for the crash map of each vehicle, one for all estimates under a law, and one for exported sets.
 
@@ -15,7 +15,7 @@ from vehicles import LAWS, vehicles
 include: "../../workflow/rules/this_run.smk"
 
 
-HERE = "benchmarks/samplers"
+HERE = "fewruns/benchmarks"
 RAW = "results/benchmarks/vehicles"
 SCRIPT = f"{HERE}/vehicles.py"
 SEEDS = int(config.get("seeds", 40))

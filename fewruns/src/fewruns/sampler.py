@@ -8,7 +8,7 @@ give an unbiased estimate (`two_phase`).
 
 The result is a weighted mean over the last batches with consistent predictions (`combining`). The probability
 of parts that were missed is bounded (`certificate`). Before these batches, a search finds the event
-(`second_phase`). docs/method.md derives the method, and docs/sampler.md explains its use.
+(`second_phase`). method.md derives the method, and README.md explains its use.
 """
 
 from collections.abc import Callable

@@ -108,8 +108,8 @@ def test_event_everywhere():
     ("size", "dimension", "certificate"),
     [
         (25, 2, None),
-        pytest.param(500, 6, None, marks=pytest.mark.studies),
-        pytest.param(500, 10, Cover.by_default(10), marks=pytest.mark.studies),
+        pytest.param(500, 6, None, marks=pytest.mark.seeds),
+        pytest.param(500, 10, Cover.by_default(10), marks=pytest.mark.seeds),
     ],
 )
 def test_large_batches_end_with_an_estimate(size, dimension, certificate):

@@ -7,24 +7,19 @@ probability pi_j. With a control variate g, the difference estimator
     Y = 1/M [ sum over the pool of w_j g_j  +  sum over the runs of w_i (1{event}_i - g_i) / pi_i ]
 
 has the mean P(event) (Sarndal, Swensson and Wretman 1992, chapter 6). Its variance is smallest for pi_j
-proportional to w_j sqrt(E (1{event}_j - g_j)^2). docs/method.md derives both results.
+proportional to w_j sqrt(E (1{event}_j - g_j)^2). method.md derives both results.
 """
 
 import math
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Annotated
+from typing import Annotated
 
 import numpy as np
 
-from fewruns.arrays import Array, Flags
+from fewruns.arrays import Array, Flags, Indices
 from fewruns.constants import BEYOND, CONTROLLED, CORE, FLOOR, FRINGE, KEPT, REACH, WORTHLESS
 from fewruns.pools import Defence, Pool
-
-if TYPE_CHECKING:
-    from fewruns.belief import Belief
-
-from fewruns.arrays import Indices
 
 
 def inclusion_probabilities(size: Array, guard: Array, n: float, defence: float) -> Array:
@@ -205,10 +200,13 @@ def draw_batch(
     defence: Defence,
     cover: Array,
     aimed_cover: Flags,
-    belief: "Belief",
+    foresee: Callable[[Array], Array],
     generator: np.random.Generator,
 ) -> TwoPhaseBatch:
-    """Return a batch whose runs are drawn from a pool by systematic sampling, or are ``cover``, (m, d)."""
+    """Return a batch whose runs are drawn from a pool by systematic sampling, or are ``cover``, (m, d).
+
+    ``foresee`` returns the probabilities of the event at the runs by both surrogates, shape (n, 2).
+    """
     w, control = pool.weight, expected.control
     guard = pool.guard(prediction.reach, defence)
     inclusion = inclusion_probabilities(w * expected.spread, guard, runs, defence.share)
@@ -228,7 +226,7 @@ def draw_batch(
         aimed=np.append(expected.probability[chosen] > 0, aimed_cover),
         wide_draws=np.array(wide_draws),
         prediction=prediction,
-        foreseen=belief.foresee(z),
+        foreseen=foresee(z),
         kept=pool.z[kept],
         kept_weight=w[kept],
         kept_control=control[kept],

@@ -16,7 +16,7 @@ import pytest
 from scipy import stats
 from scipy.integrate import quad
 
-DOCS = Path(__file__).resolve().parents[2] / "docs"
+GUIDE = Path(__file__).resolve().parents[1] / "README.md"
 MODULES = sorted(set(fewruns._HOME.values()))
 
 
@@ -34,7 +34,7 @@ def test_every_public_function_and_class_has_an_example():
 
 def blocks_of_the_guide(*, of_openturns: bool = False) -> list[str]:
     """Return the examples of the guide, either those of this package or the one of OpenTURNS."""
-    blocks = re.findall(r"```python\n(.*?)```", (DOCS / "sampler.md").read_text(encoding="utf-8"), re.DOTALL)
+    blocks = re.findall(r"```python\n(.*?)```", GUIDE.read_text(encoding="utf-8"), re.DOTALL)
     return [block for block in blocks if ("openturns" in block) == of_openturns]
 
 

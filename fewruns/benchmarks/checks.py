@@ -1,7 +1,7 @@
 """Intervals that are checked after every batch: how often one of them misses the truth, and what that costs.
 
-    python benchmarks/samplers/checks.py run segment_5_15 --seeds 0 200 --output checks.csv
-    python benchmarks/samplers/checks.py table checks.csv --output summary.csv
+    python fewruns/benchmarks/checks.py run segment_5_15 --seeds 0 200 --output checks.csv
+    python fewruns/benchmarks/checks.py table checks.csv --output summary.csv
 
 One run of the sampler serves both kinds of interval. It goes on until the anytime interval is narrow; the
 usual interval has been narrow before. The first ten checks do not count.

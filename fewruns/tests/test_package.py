@@ -5,11 +5,11 @@ import subprocess
 import sys
 from pathlib import Path
 
-ROOT = Path(__file__).resolve().parents[2]
+SOURCE = Path(__file__).resolve().parents[1] / "src" / "fewruns"
 
 
 def test_the_sampler_imports_nothing_of_the_study():
-    sources = {path: path.read_text() for path in (ROOT / "workflow" / "fewruns").glob("*.py")}
+    sources = {path: path.read_text() for path in SOURCE.glob("*.py")}
     assert sources
     for path, source in sources.items():
         assert not re.search(r"^\s*(from|import) accelerated_evaluation", source, re.MULTILINE), path
