@@ -125,6 +125,31 @@ def test_the_command_says_the_law_and_what_the_interval_is(config, capsys):
     assert beyond["share"][1:4].sum() == pytest.approx(1)
 
 
+def test_the_command_judges_criteria(config, capsys):
+    """One criterion is met, one is not, one is not decided, and one cannot be judged without an exposure."""
+    texts = ["0.5 per cut-in", "1e-9 per cut-in", "MEDIAN per cut-in", "1e-7 per hour"]
+    Path("few_draws.yaml").write_text(f"answer: {{draws: 20}}\ncriteria: [{texts[0]}]\n")
+    configs = ["--config", "motorway.yaml", "--config", "few_draws.yaml"]
+    median = ae.estimate(config, ae.Request()).answers[0].posterior.probability
+    texts[2] = f"{median:.3g} per cut-in"
+    options = [part for text in texts[1:] for part in ("--criterion", text)]
+    assert cli.main(["estimate", *configs, *options]) == 0
+    printed = capsys.readouterr().out
+    assert "criterion 0.5 per cut-in: shown to be met" in printed
+    assert "criterion 1e-9 per cut-in: shown not to be met" in printed
+    assert f"criterion {texts[2]}: not shown, and not refuted" in printed
+    folder = Path("results/motorway/estimate")
+    criteria, deciding = (pd.read_csv(folder / f"{name}.csv") for name in ("criteria", "deciding"))
+    assert criteria["verdict"].tolist() == ["met", "not met", "not decided", "not known"]
+    assert set(deciding["criterion"]) == {texts[2]}
+    assert deciding.set_index("effort").loc["records", "needed"] > 4000
+
+
+def test_a_criterion_that_cannot_be_read_ends_before_the_simulations(config, capsys):
+    assert cli.main(["estimate", "--config", "motorway.yaml", "--criterion", "one in a million"]) != 0
+    assert "--criterion" in capsys.readouterr().err
+
+
 @pytest.mark.parametrize(
     ("choice", "message"),
     [

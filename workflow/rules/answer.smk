@@ -20,7 +20,12 @@ OTHERS = [
     for name in VEHICLES
     if name != "under_test" and (name in FOLDERS or not IS_CUT_IN)
 ]
-OWN_TABLES = ["answer_draws", "vehicle", *(["risks"] if WITH_INJURIES else [])]
+OWN_TABLES = [
+    "answer_draws",
+    "vehicle",
+    "extrapolation",
+    *(["risks"] if WITH_INJURIES else []),
+]
 OF_WAY = OF_FEW_RUNS if SLOW else OF_MAPS if OWN_MAP else ["crash_shares"]
 
 
@@ -72,7 +77,7 @@ rule study_answer:
 
 
 rule compare_vehicles:
-    """Compare the vehicle under test with others under the same draws of the law."""
+    """Compare the vehicle under test with others under the same draws of the law, and judge the criteria."""
     input:
         **tables_of_laws(*OWN_TABLES),
         encounters=rules.ingest_encounters.output.encounters,
@@ -83,7 +88,13 @@ rule compare_vehicles:
         ],
         vehicles=ancient(INPUTS.files_of(*OTHERS)),
     output:
-        **tables_of_laws("vehicles", "compared", *(INJURIES if WITH_INJURIES else [])),
+        **tables_of_laws(
+            "vehicles",
+            "compared",
+            "criteria",
+            "deciding",
+            *(INJURIES if WITH_INJURIES else []),
+        ),
     log:
         log_of("compare_vehicles.log"),
     benchmark:
@@ -98,6 +109,7 @@ rule compare_vehicles:
         vehicle_content=INPUTS.content_of(*OTHERS),
         simulations=INPUTS.simulating(*OTHERS)[1],
         half_width=config["importance_sampling"]["beta"],
+        criteria=config["criteria"],
         support=SUPPORT,
         library=code_up_to("answer"),
     message:

@@ -1,9 +1,13 @@
-"""Compare the vehicle under test with others, which are fast to simulate, under the same draws of the law."""
+"""Compare the vehicle under test with others, which are fast to simulate, under the same draws of the law.
+
+The criteria of the configuration are judged, too.
+"""
 
 from functools import partial
 
 import pandas as pd
 from accelerated_evaluation.answer.answer import evaluate
+from accelerated_evaluation.answer.criterion import criteria_of
 from accelerated_evaluation.answer.fitted_records import stored_records
 from accelerated_evaluation.answer.study_tables import comparison_tables, fast_way
 from accelerated_evaluation.base.files import read_json, write_csv
@@ -29,6 +33,7 @@ if __name__ == "__main__":
                 problem = Problem(scenario, draws.proposal, vehicle, scenario.events[0])
                 answers[name] = evaluate(problem, draws, way, generator=stream("references", name))
         own = {name: pd.read_csv(path) for name, path in files.items() if name in params.own}
-        tables = comparison_tables(own, answers, records, scenario.references, params.half_width)
+        criteria = criteria_of(params.criteria, scenario)
+        tables = comparison_tables(own, answers, records, scenario.references, params.half_width, criteria)
         for name, path in snakemake.output.items():
             write_csv(path, tables[name])

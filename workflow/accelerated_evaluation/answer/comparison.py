@@ -13,6 +13,7 @@ import pandas as pd
 
 from accelerated_evaluation.answer.answer import Answer
 from accelerated_evaluation.answer.posterior import Posterior, SampledPosterior, answer_row
+from accelerated_evaluation.base.arrays import Array
 from accelerated_evaluation.base.errors import InputError
 from accelerated_evaluation.base.files import file_digest
 from accelerated_evaluation.base.tables import read_csv, require_file
@@ -34,11 +35,20 @@ def compare(own: Posterior | None, other: Posterior | None) -> dict[str, float]:
     """
     if own is None or other is None or not np.all(other.probabilities > 0):
         return dict.fromkeys((*RATIO, SAFER), np.nan)
-    others = other.probabilities[:, None, None] / other.noise[:, None, :]
-    ratios = own.probabilities[:, None, None] / own.noise[:, :, None] / others
-    lowest, highest = ratios / (1 + other.unseen_lapses / others), ratios + own.unseen_lapses / others
-    ends = np.median(ratios), np.quantile(lowest, 0.1), np.quantile(highest, 0.9)
+    lowest, middle, highest = ratios(own, other)
+    ends = np.median(middle), np.quantile(lowest, 0.1), np.quantile(highest, 0.9)
     return dict(zip(RATIO, map(float, ends), strict=True)) | {SAFER: float(np.mean(highest < 1))}
+
+
+def ratios(own: Posterior, other: Posterior) -> tuple[Array, Array, Array]:
+    """Return equally likely values of the ratio of two probabilities for each of K draws of the law.
+
+    The three arrays of shape (K, values of own, values of other) are the ratio if unseen lapses add as much
+    as they can to the other probability, the ratio without them, and the ratio if they add to the own one.
+    """
+    others = other.probabilities[:, None, None] / other.noise[:, None, :]
+    middle = own.probabilities[:, None, None] / own.noise[:, :, None] / others
+    return middle / (1 + other.unseen_lapses / others), middle, middle + own.unseen_lapses / others
 
 
 def vehicle_row(name: str, own: Answer) -> dict[str, Any]:
@@ -93,6 +103,7 @@ def draws_table(answer: Answer) -> pd.DataFrame:
     if isinstance(own, SampledPosterior):
         parts = {"error": own.errors, "shared_error": own.shared, "own_error": own.own}
         columns |= parts | {"batches": own.batches, "unseen_lapses": own.unseen_lapses}
+        columns["simulations"] = answer.simulations
     return pd.DataFrame(columns)
 
 

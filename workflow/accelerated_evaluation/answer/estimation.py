@@ -20,6 +20,8 @@ from accelerated_evaluation.answer.by_map import Map
 from accelerated_evaluation.answer.by_simulations import Simulations
 from accelerated_evaluation.answer.choice import ANSWER, FILE, choose_draws
 from accelerated_evaluation.answer.comparison import compare_estimates, compared_table, require_estimate
+from accelerated_evaluation.answer.criterion import Criterion, criteria_of
+from accelerated_evaluation.answer.deciding import criteria_in_words, criteria_tables
 from accelerated_evaluation.answer.estimate_tables import (
     answer_in_words,
     budget_in_words,
@@ -30,6 +32,7 @@ from accelerated_evaluation.answer.evidence import Evidence, checked_answers
 from accelerated_evaluation.answer.extrapolation import in_words
 from accelerated_evaluation.answer.fitted_records import FittedRecords, read_records, records_named
 from accelerated_evaluation.answer.posterior import LEVEL
+from accelerated_evaluation.answer.study_tables import injured_by_level, risks_table
 from accelerated_evaluation.base.errors import InputError
 from accelerated_evaluation.base.files import write_csv
 from accelerated_evaluation.base.randomness import child_generator
@@ -67,6 +70,7 @@ class Request:
     event: str | None = None
     compare: Sequence[Path] = ()
     reference: Sequence[str] = ()
+    criteria: Sequence[str] = ()  # in addition to those of the configuration
 
 
 @dataclass(frozen=True)
@@ -80,6 +84,7 @@ class Estimated:
     references: Mapping[str, Answer]
     request: Request
     evidence: Evidence
+    criteria: Sequence[Criterion] = ()
 
     @cached_property
     def tables(self) -> dict[str, pd.DataFrame]:
@@ -87,7 +92,24 @@ class Estimated:
         tables = self.evidence.added_to(estimate_tables(self.answers, self.records))
         if self.records.account is not None:
             tables["account"] = self.records.account
+        if self.criteria:
+            tables |= self._judged(tables["extrapolation"])
         return self.verdict.added_to_answers(tables)
+
+    def _judged(self, extrapolation: pd.DataFrame) -> dict[str, pd.DataFrame]:
+        """Return the tables of the criteria, judged by the first replicate."""
+        own, others = self.answers[0], {name: each.posterior for name, each in self.references.items()}
+        risks = risks_table(own) if own.problem.scenario.has_injuries else None
+        return criteria_tables(
+            self.criteria,
+            own.posterior,
+            own.simulations,
+            extrapolation[extrapolation["replicate"] == 0],
+            self.records.size,
+            self.records.exposure,
+            others,
+            injured_by_level(own.posterior, risks),
+        )
 
     def write(self, folder: Path) -> pd.DataFrame:
         """Write all tables and the law to a folder, and return the ratios to other vehicles."""
@@ -118,6 +140,7 @@ class Estimated:
                 for line in self._lines_of(number, each, verbose=verbose)
             ),
             *ratios,
+            *(criteria_in_words(self.tables) if self.criteria else ()),
             self.evidence.in_words,
             *(self._simulated() if verbose else []),
             *self.verdict.warning_lines(),
@@ -125,7 +148,8 @@ class Estimated:
 
     def content(self, compared: pd.DataFrame) -> dict[str, Any]:
         """Return the answer as a value for JSON: tables as lists of rows, and warnings as texts."""
-        names = ("answer", "budget", "estimate", "extrapolation")
+        names = ["answer", "budget", "estimate", "extrapolation"]
+        names += ["criteria", "deciding"] if self.criteria else []
         tables = {name: self.tables[name] for name in names} | {"compared": compared}
         rows = {name: json.loads(table.to_json(orient="records")) for name, table in tables.items()}
         return rows | {"warnings": [*self.evidence.doubts, *self.verdict.lines()]}
@@ -206,7 +230,15 @@ def estimate(config: Mapping[str, Any], request: Request) -> Estimated:
         where, name = "scenario.event", config["scenario"]["event"]
     event = event_named(name, scenario, where)
     # Before the simulations, which would otherwise be in vain.
-    references = {name: reference_section(name, scenario, config) for name in request.reference}
+    criteria = [
+        *criteria_of(config["criteria"], scenario),
+        *criteria_of(request.criteria, scenario, "--criterion"),
+    ]
+    wanted = [each.reference for each in criteria if each.reference]
+    references = {
+        name: reference_section(name, scenario, config)
+        for name in dict.fromkeys([*request.reference, *wanted])
+    }
     for other in request.compare:
         require_estimate(other)
     verdicts: list[Verdict] = []
@@ -226,7 +258,7 @@ def estimate(config: Mapping[str, Any], request: Request) -> Estimated:
         for name, section in references.items()
     }
     slow = vehicle if isinstance(vehicle, SlowVehicle) else None
-    return Estimated(answers, records, verdicts[0], slow, compared, request, evidence)
+    return Estimated(answers, records, verdicts[0], slow, compared, request, evidence, criteria)
 
 
 def _verdict(records: Records, request: Request, config: Mapping[str, Any]) -> Verdict:

@@ -155,10 +155,10 @@ def extrapolation_table(
     pandas.DataFrame
         One row for all events and one for each ``part``: its ``share`` of the mean probability; the mean
         ``probability`` of an event in the part, the ``median`` and the ends of its credible intervals as in
-        `summarise`; the number of ``records``; ``expected``, the mean number of events among as many
-        encounters; ``recorded``, the number of replayed records that end in the event; and ``replay_low95``
-        and ``replay_high95``, the exact 95 % interval (Clopper and Pearson 1934) of the probability that
-        follows from this number without any model.
+        `summarise`; ``upper95``, its one-sided 95 % upper bound; the number of ``records``; ``expected``,
+        the mean number of events among as many encounters; ``recorded``, the number of replayed records that
+        end in the event; and ``replay_low95`` and ``replay_high95``, the exact 95 % interval (Clopper and
+        Pearson 1934) of the probability that follows from this number without any model.
     """
     everything = np.ones(weights.shape[1], dtype=bool)
     rows, total = [], float(weights.sum(axis=1).mean())
@@ -167,6 +167,7 @@ def extrapolation_table(
         mean = float(probabilities.mean())
         row = {"part": part, "share": mean / total if total else np.nan}
         row |= summarise(Posterior(probabilities, np.zeros(len(weights), dtype=int)))
+        row["upper95"] = float(np.quantile(probabilities, 0.95))
         row |= {"records": size, "expected": size * mean}
         row |= dict.fromkeys(("recorded", "replay_low95", "replay_high95"), np.nan)
         if replayed is not None:

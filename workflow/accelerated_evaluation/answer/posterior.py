@@ -53,9 +53,15 @@ class Posterior:
         return self
 
     @property
+    def with_sampling(self) -> Array:
+        """Equally likely values of the probability for each draw, with sampling errors, shape (K, values)."""
+        return self.probabilities[:, None]
+
+    @property
     def whole(self) -> "Posterior":
-        """The posterior with sampling errors."""
-        return self
+        """The posterior with sampling errors: the equally likely values of all draws."""
+        values = self.with_sampling
+        return Posterior(values.ravel(), np.repeat(self.member, values.shape[1]))
 
     @property
     def deviation(self) -> float:
@@ -95,14 +101,13 @@ class SampledPosterior(Posterior):
         return Posterior(known, self.member)
 
     @property
-    def whole(self) -> Posterior:
-        """The posterior with sampling errors: `NOISE` equally likely values for each draw.
+    def with_sampling(self) -> Array:
+        """Equally likely values of the probability for each draw, with sampling errors, shape (K, NOISE).
 
         If the relative error c of an estimate p is t-distributed, the probability is p / (1 + t c).
         """
         errors = self.errors if self.own is None else np.full(self.errors.size, self.shared)
-        values = self.alone.probabilities[:, None] / self._noise(errors)
-        return Posterior(values.ravel(), np.repeat(self.member, NOISE))
+        return self.alone.probabilities[:, None] / self._noise(errors)
 
     @property
     def noise(self) -> Array:

@@ -19,15 +19,25 @@ from accelerated_evaluation.answer.comparison import (
     vehicle_row,
     vehicle_table,
 )
+from accelerated_evaluation.answer.criterion import Criterion
+from accelerated_evaluation.answer.deciding import criteria_tables
 from accelerated_evaluation.answer.estimate_tables import estimate_tables, exposure_of
 from accelerated_evaluation.answer.evidence import checked_answers
 from accelerated_evaluation.answer.extrapolation import drawn_crashes, extrapolation
 from accelerated_evaluation.answer.fitted_records import FittedRecords
-from accelerated_evaluation.answer.injuries.tables import Key, injury_tables, mean_risks, tabulated_risks
+from accelerated_evaluation.answer.injuries.curves import LEVELS
+from accelerated_evaluation.answer.injuries.tables import (
+    Injured,
+    Key,
+    injury_tables,
+    mean_risks,
+    tabulated_risks,
+)
 from accelerated_evaluation.answer.joint_family import JointFamily
 from accelerated_evaluation.answer.law_study import LawStudy
 from accelerated_evaluation.answer.map_tables import MapTables, calibration_table, crash_shares, restricted
-from accelerated_evaluation.answer.posterior import budget
+from accelerated_evaluation.answer.posterior import Posterior, budget
+from accelerated_evaluation.base.arrays import Array
 from accelerated_evaluation.crash_map.maps import read_crash_map
 from accelerated_evaluation.laws.draws import Draws
 from accelerated_evaluation.methods.problem import Problem
@@ -111,18 +121,30 @@ def risks_table(own: Answer) -> pd.DataFrame:
     return pd.DataFrame(expected, columns=[SEPARATOR.join(key) for key in risks])
 
 
+def injured_by_level(posterior: Posterior | None, risks: pd.DataFrame | None) -> dict[str, Array]:
+    """Return the expected number of injured drivers in an encounter by level, arrays (draws, curves).
+
+    ``risks`` is the table of `risks_table`; without risks there are no levels.
+    """
+    if posterior is None or risks is None or not len(risks):
+        return {}
+    keys, expected = list(tabulated_risks()), risks.to_numpy(float)
+    return {level: Injured.of(posterior, expected, keys, level).numbers for level in LEVELS}
+
+
 def comparison_tables(
     own: Mapping[str, pd.DataFrame],
     others: Mapping[str, Answer],
     records: FittedRecords,
     references: Mapping[str, str],
     half_width: float,
+    criteria: Sequence[Criterion],
 ) -> Tables:
-    """Compare the vehicle under test with others under the same draws of the law.
+    """Compare the vehicle under test with others under the same draws of the law, and judge the criteria.
 
-    The tables ``answer_draws``, ``vehicle`` and, if there are risks of injury, ``risks`` of `answer_tables`
-    represent the vehicle under test. The tables ``vehicles`` and ``compared`` are returned, and those of
-    injuries.
+    The tables ``answer_draws``, ``vehicle``, ``extrapolation`` and, if there are risks of injury, ``risks``
+    of `answer_tables` represent the vehicle under test. The tables ``vehicles``, ``compared``, ``criteria``
+    and ``deciding`` are returned, and those of injuries.
     """
     rows = pd.concat([own["vehicle"], pd.DataFrame([vehicle_row(*pair) for pair in others.items()])])
     posteriors = {UNDER_TEST: posterior_of(own["answer_draws"])}
@@ -131,6 +153,17 @@ def comparison_tables(
         "vehicles": vehicle_table(rows, posteriors, references),
         "compared": compared_table(posteriors),
     }
+    simulations = own["answer_draws"].get("simulations", pd.Series([None])).iloc[0]
+    tables |= criteria_tables(
+        criteria,
+        posteriors[UNDER_TEST],
+        simulations,
+        own["extrapolation"],
+        records.size,
+        records.exposure,
+        posteriors,
+        injured_by_level(posteriors[UNDER_TEST], own.get("risks")),
+    )
     if "risks" not in own:
         return tables
     risks = {UNDER_TEST: own["risks"]} | {name: risks_table(each) for name, each in others.items()}

@@ -43,6 +43,7 @@ files written to results/STUDY/estimate/:
   exposure.csv    crashes per kilometre and hour, if the exposure of the records is known
   compared.csv    ratio to other vehicles, its 80 % interval, and the probability to be safer (--compare,
                   --reference)
+  criteria.csv    whether each criterion is met, with one-sided bounds; deciding.csv: what would decide it
   crashes.csv     the simulations that crashed, with their shares of the crash probability
   extrapolation.csv  how far the predicted events lie beyond the records
   replays.csv     how often the vehicle had the event when it replayed records; replayed_events.csv: in which
@@ -154,6 +155,16 @@ class EstimateAlone:
             "computed for each draw of the law from a crash map or many simulations, in some seconds",
         )
         command.add_argument(
+            "--criterion",
+            metavar="TEXT",
+            action="append",
+            default=[],
+            dest="criteria",
+            help="upper limit by which the answer is judged, such as '1e-7 per hour', '1e-9 per kilometre', "
+            "'1e-6 per cut-in', '1e-8 MAIS3+ per hour' or '1 x cc_human'; may be given several times, in "
+            "addition to the criteria of the configuration",
+        )
+        command.add_argument(
             "--verbose",
             action="store_true",
             help="also print further events, the sampling alone, bounds on what no run has shown, repeated "
@@ -176,7 +187,16 @@ class EstimateAlone:
             given["study"] = arguments.scenario  # instead of the study in config/config.yaml
         config = load(arguments.config, given)
         config["data"]["accepted_warnings"] = [*config["data"]["accepted_warnings"], *arguments.accept]
-        names = ("law", "replicates", "sampling_share", "predecessor", "event", "compare", "reference")
+        names = (
+            "law",
+            "replicates",
+            "sampling_share",
+            "predecessor",
+            "event",
+            "compare",
+            "reference",
+            "criteria",
+        )
         given = {name: value for name in names if (value := getattr(arguments, name)) not in (None, [])}
         # What a vehicle prints is not part of the answer.
         with open(os.dup(2), "w", buffering=1) as errors, printed_to(errors, 1):

@@ -72,6 +72,9 @@ TABLES = {
     "choices": "laws/choices.csv",
     # The probability of a crash and of near misses, with the uncertainty from data, laws and sampling.
     "answer": "laws/answer.csv",
+    # Verdicts on the criteria of the configuration, with one-sided bounds, and what would decide them.
+    "criteria": "laws/criteria.csv",
+    "deciding": "laws/deciding.csv",
     # Rates of cut-ins, crashes and near misses per kilometre and per hour, if distance and time are known.
     "exposure": "laws/exposure.csv",
     # Crash probabilities of vehicles, and their ratios to the careful human's.

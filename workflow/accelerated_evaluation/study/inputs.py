@@ -6,6 +6,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, Self
 
+from accelerated_evaluation.answer.criterion import criteria_of
 from accelerated_evaluation.base.errors import InputError, located
 from accelerated_evaluation.base.files import content_digest, project_file, value_digest
 from accelerated_evaluation.base.tables import require_file
@@ -68,6 +69,7 @@ class StudyInputs:
             read_yaml(Path(path))
         config = completed(config)
         validate(config)
+        criteria_of(config["criteria"], SCENARIOS[config["scenario"]["name"]])
         if config["scenario"]["name"] != CUT_IN.name:
             return cls._of_scenario(config, project, cores=cores, is_main_process=is_main_process)
         records = record_files(config["data"][config["data"]["source"]])

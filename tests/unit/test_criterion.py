@@ -1,0 +1,195 @@
+"""Criteria: verdicts and what would decide them, against closed forms and wrong variants."""
+
+from types import SimpleNamespace
+
+import numpy as np
+import pandas as pd
+import pytest
+from accelerated_evaluation import InputError, Posterior, SampledPosterior
+from accelerated_evaluation.answer.criterion import (
+    MET,
+    NOT_MET,
+    UNDECIDED,
+    criteria_table,
+    criterion_in_words,
+    criterion_of,
+    crude_bound,
+    crude_runs,
+    judge,
+)
+from accelerated_evaluation.answer.deciding import (
+    assurance,
+    deciding_table,
+    encounters_needed,
+    factor_needed,
+    variances_of,
+)
+from scipy.special import ndtri
+from scipy.stats import gamma, norm
+
+WHERE, K = "criteria", 4_000
+UNKNOWN = {"kilometres": None, "hours": None}
+
+
+def lognormal(median: float, deviation: float, size: int = K) -> Posterior:
+    """Return a posterior whose draws are the quantiles of a lognormal distribution, of one law."""
+    levels = (np.arange(size) + 0.5) / size
+    return Posterior(median * np.exp(deviation * ndtri(levels)), np.zeros(size, dtype=int))
+
+
+def of(text: str, levels: tuple[str, ...] = ()):
+    return criterion_of(text, WHERE, "cut-in", levels)
+
+
+def test_texts():
+    assert (of("1e-7 per hour").limit, of("1e-7 per hour").per) == (1e-7, "hour")
+    assert of("2e-6 per cut-in").per == of("2e-6 per encounter").per == "encounter"
+    assert of("1e-9 per km").per == "kilometre"
+    assert (of("0.5 x cc_human").reference, of("0.5 x cc_human").per) == ("cc_human", "")
+    assert of("1e-8 MAIS3+ per hour", ("MAIS3+",)).harm == "MAIS3+"
+
+
+@pytest.mark.parametrize(
+    "text",
+    [
+        "",
+        "1e-7",
+        "-1 per hour",
+        "nan per hour",
+        "1e-7 per mile",
+        "1e-7 deaths per hour",
+        "x cc_human",
+        "0 per hour",
+    ],
+)
+def test_other_texts_are_refused(text):
+    with pytest.raises(InputError, match=r"criteria.*expected.*per hour"):
+        of(text, ("MAIS3+",))
+
+
+@pytest.mark.parametrize(
+    ("limit", "verdict"), [(3e-6, MET), (1.2e-6, UNDECIDED), (1e-6, UNDECIDED), (3e-7, NOT_MET)]
+)
+def test_a_lognormal_posterior(limit, verdict):
+    judged = judge(of(f"{limit} per cut-in"), lognormal(1e-6, 0.5), 100, UNKNOWN)
+    assert judged.probability_met == pytest.approx(norm.cdf(np.log(limit / 1e-6) / 0.5), abs=2 / K)
+    assert judged.upper == pytest.approx(1e-6 * np.exp(0.5 * ndtri(0.95)), rel=1e-2)
+    assert judged.verdict == verdict
+
+
+def test_the_uncertainty_of_the_rate_of_encounters_counts():
+    # One law without uncertainty: the rate per hour is p times a gamma variable.
+    posterior = Posterior(np.full(3, 1e-3), np.zeros(3, dtype=int))
+    judged = judge(of("6e-4 per hour"), posterior, 4, {"kilometres": None, "hours": 10.0})
+    exact = gamma(4.5, scale=1e-4)
+    assert judged.probability_met == pytest.approx(exact.cdf(6e-4), abs=0.04)
+    assert judged.probability_met < 0.9  # a rate that is taken as known, 4.5 in 10 hours, would give 1
+    assert judge(of("6e-4 per km"), posterior, 4, {"kilometres": None, "hours": 10.0}) is None
+
+
+def test_the_sampling_error_counts():
+    exact = lognormal(1e-6, 1e-3, 50)
+    sampled = SampledPosterior(exact.probabilities, exact.member, np.full(50, 0.3), 20)
+    of_limit = of("1.3e-6 per cut-in")
+    assert judge(of_limit, exact, 100, UNKNOWN).verdict == MET
+    assert judge(of_limit, sampled, 100, UNKNOWN).verdict == UNDECIDED
+
+
+def test_ratios_share_their_draws():
+    """Both probabilities vary by a factor of 10, but their ratio is 0.5 in each draw."""
+    own, other = lognormal(1e-6, 1.0), lognormal(2e-6, 1.0)
+    judged = judge(of("0.6 x cc_human"), own, 100, UNKNOWN, others={"cc_human": other})
+    assert judged.verdict == MET
+    assert judged.upper == pytest.approx(0.5)
+    apart = Posterior(np.random.default_rng(1).permutation(other.probabilities), other.member)
+    assert judge(of("0.6 x cc_human"), own, 100, UNKNOWN, others={"cc_human": apart}).verdict == UNDECIDED
+    assert judge(of("0.6 x nobody"), own, 100, UNKNOWN, others={"cc_human": other}) is None
+
+
+def test_injuries_per_event():
+    own = lognormal(1e-6, 0.5)
+    judged = judge(
+        of("5e-7 MAIS3+ per cut-in", ("MAIS3+",)),
+        own,
+        100,
+        UNKNOWN,
+        injured={"MAIS3+": np.column_stack([0.1 * own.probabilities, 0.3 * own.probabilities])},
+    )
+    expected = np.mean([norm.cdf(np.log(5e-7 / (share * 1e-6)) / 0.5) for share in (0.1, 0.3)])
+    assert judged.probability_met == pytest.approx(expected, abs=2 / K)
+
+
+def test_encounters_without_the_event():
+    """With two values of the probability, Bayes' formula gives the number in closed form."""
+    low, high = 1e-6, 1e-4
+    posterior = Posterior(np.array([low, high]), np.zeros(2, dtype=int))
+    judged = judge(of("1e-5 per cut-in"), posterior, 100, UNKNOWN)
+    needed = np.log(0.95 / 0.05) / (high - low)
+    assert encounters_needed(judged) == pytest.approx(needed, rel=1e-6)
+    assert judged.met_after(needed) == pytest.approx(0.95)
+    assert judged.chance_without_event(needed) == pytest.approx(
+        (np.exp(-low * needed) + np.exp(-high * needed)) / 2
+    )
+    impossible = judge(of("1e-7 per cut-in"), posterior, 100, UNKNOWN)
+    assert encounters_needed(impossible) == np.inf
+
+
+def test_the_promise_of_more_records_holds():
+    """In simulated later posteriors, half of the records decide less often than promised."""
+    generator, distance, data, kept = np.random.default_rng(5), 0.3, 0.5, 0.005
+    factor = factor_needed(distance, data, kept)
+
+    def decided(factor: float) -> float:
+        after = data / factor + kept
+        means = generator.normal(distance, np.sqrt(data + kept - after), 20_000)
+        return float((np.abs(means) >= ndtri(0.95) * np.sqrt(after)).mean())
+
+    error = np.sqrt(0.8 * 0.2 / 20_000)
+    assert decided(factor) == pytest.approx(0.8, abs=4 * error)
+    assert decided(factor / 2) < 0.8 - 10 * error
+    assert factor_needed(0.1, 0.1, 1.0) == np.inf  # the choice of law alone leaves it undecided
+    assert factor_needed(10.0, 0.1, 0.0) == 1.0
+    assert assurance(0.3, 0.5, 0.5) == 0.0
+
+
+def test_the_table_of_what_would_decide():
+    posterior = lognormal(1e-6, 0.5)
+    exposure = {"kilometres": 2e4, "hours": None}
+    judged = judge(of("1.5e-6 per cut-in"), posterior, 1_000, exposure)
+    variances = variances_of(judged, posterior.member, 0.0, 1_000)
+    assert variances["data"] == pytest.approx(0.25, rel=0.01)
+    assert variances["choice of law"] == 0
+    table = deciding_table(judged, variances, 1_000, None, exposure).set_index("effort")
+    assert list(table.index) == ["records", "encounters without the event", "kilometres without the event"]
+    ratio = (
+        table.loc["kilometres without the event", "needed"]
+        / table.loc["encounters without the event", "needed"]
+    )
+    assert ratio == pytest.approx(20)
+    decided = judge(of("1 per cut-in"), posterior, 1_000, exposure)
+    assert deciding_table(decided, variances, 1_000, None, exposure).empty
+
+
+def test_the_table_of_criteria():
+    criteria = [of("3e-6 per cut-in"), of("1e-7 per hour")]
+    judged = [judge(each, lognormal(1e-6, 0.5), 100, UNKNOWN) for each in criteria]
+    extrapolation = pd.DataFrame(
+        {"part": ["all", "recorded"], "upper95": [4e-6, 1e-6], "recorded": [0, 0], "records": [299, 299]}
+    )
+    table = criteria_table(criteria, judged, extrapolation)
+    assert table["verdict"].tolist() == [MET, "not known"]
+    assert table["beyond"][0] == 0.75
+    assert table["replayed_upper95"][0] == pytest.approx(1 - 0.05 ** (1 / 299))
+    lines = [criterion_in_words(row) for row in table.to_dict("records")]
+    assert "shown to be met" in lines[0]
+    assert "75%" in lines[0]
+    assert "not known" in lines[1]
+    undecided = SimpleNamespace(verdict=UNDECIDED, probability=0.5)
+    row = table.iloc[0].to_dict() | vars(undecided)
+    assert "not refuted" in criterion_in_words(row)
+
+
+def test_bounds_without_a_model():
+    assert crude_runs(1e-2) == pytest.approx(298.07, abs=0.01)  # the engineer's 299 runs
+    assert crude_bound(0, 299) == pytest.approx(1 - 0.05 ** (1 / 299))
+    assert crude_bound(3, 3) == 1

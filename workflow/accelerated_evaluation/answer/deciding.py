@@ -1,0 +1,207 @@
+"""What would decide a criterion: more records, encounters without the event, or more simulations.
+
+The logarithm of the limited rate is treated as normal. Its variance is divided among the sources of the
+uncertainty. More records reduce the parts of the data and of the rate of encounters in proportion to their
+number, and more simulations reduce that of the sampling. The part of the choice of law is assumed to stay,
+because nobody knows how fast records of the same kind would reduce it.
+"""
+
+from collections.abc import Callable, Mapping, Sequence
+
+import numpy as np
+import pandas as pd
+from numpy.typing import NDArray
+from scipy.optimize import brentq
+from scipy.special import ndtr, ndtri, polygamma
+
+from accelerated_evaluation.answer.criterion import (
+    CONFIDENCE,
+    ENCOUNTER,
+    UNDECIDED,
+    Criterion,
+    Judged,
+    criteria_table,
+    criterion_in_words,
+    judge,
+)
+from accelerated_evaluation.answer.posterior import JEFFREYS, UNITS, Posterior, log_variances
+from accelerated_evaluation.base.arrays import Array
+
+ASSURANCE = 0.8  # probability that the criterion is decided, one way or the other, by what the table promises
+LARGEST = 1e4  # factor of the present number up to which an effort is searched
+SOURCES_OF_RECORDS = ("data", "rate of encounters")  # parts of the variance that records reduce
+COLUMNS = ["criterion", "effort", "now", "needed", "chance"]
+
+
+def assurance(distance: float, before: float, after: float) -> float:
+    """Return the probability that a criterion will be decided.
+
+    ``distance`` is log(limit / median), and the variance of the logarithm falls from ``before`` to ``after``.
+    The mean of the later posterior is normal around the present one, with the variance that has gone
+    (Spiegelhalter, Abrams and Myles 2004, chapter 6). The criterion is decided if that mean is farther from
+    the limit than the one-sided 95 % quantile of the later posterior.
+    """
+    margin, spread = ndtri(CONFIDENCE) * np.sqrt(after), np.sqrt(max(before - after, 0.0))
+    if spread == 0:
+        return float(abs(distance) >= margin)
+    return float(ndtr((distance - margin) / spread) + ndtr((-distance - margin) / spread))
+
+
+def factor_needed(distance: float, reduced: float, kept: float) -> float:
+    """Return by which factor an effort has to grow until a criterion is decided with probability `ASSURANCE`.
+
+    The effort divides the part ``reduced`` of the variance, and leaves the part ``kept``. The result is
+    infinite if no effort up to `LARGEST` times the present one suffices.
+    """
+
+    def short(log_factor: float) -> float:
+        return assurance(distance, reduced + kept, reduced / np.exp(log_factor) + kept) - ASSURANCE
+
+    steps = np.linspace(0, np.log(LARGEST), 200)
+    enough = next((k for k, step in enumerate(steps) if short(step) >= 0), None)
+    if enough is None:
+        return np.inf
+    return 1.0 if enough == 0 else float(np.exp(brentq(short, steps[enough - 1], steps[enough])))
+
+
+def encounters_needed(judged: Judged) -> float:
+    """Return after how many encounters without the event the criterion is met; infinite if never."""
+
+    def short(log_encounters: float) -> float:
+        return judged.met_after(np.exp(log_encounters)) - CONFIDENCE
+
+    middle = -np.log(np.median(judged.events[judged.events > 0]))
+    ends = middle - 5, middle + np.log(LARGEST)
+    if short(ends[1]) < 0:
+        return np.inf
+    return float(np.exp(brentq(short, *ends))) if short(ends[0]) < 0 else 0.0
+
+
+def variances_of(judged: Judged, member: NDArray[np.intp], sampling: float, size: int) -> dict[str, float]:
+    """Return the variance of the logarithm of the limited rate by source.
+
+    ``member`` is the candidate of each draw of the law, shape (K,), ``sampling`` the relative standard
+    deviation of the sampling error, and ``size`` the number of records. What is left of the variance within
+    the draws is that of the curves of the risk of injury.
+    """
+    logs = np.log(judged.draws)
+    parts = log_variances(Posterior(np.exp(logs.mean(axis=1)), member))
+    parts |= {"sampling": float(np.log1p(sampling**2))}
+    parts |= {
+        "rate of encounters": float(polygamma(1, size + JEFFREYS))
+        if judged.criterion.per in UNITS.values()
+        else 0.0
+    }
+    rest = logs.var(axis=1).mean() - parts["sampling"] - parts["rate of encounters"]
+    return parts | {"choice of curve": max(float(rest), 0.0) if judged.criterion.harm else 0.0}
+
+
+def deciding_table(
+    judged: Judged,
+    variances: Mapping[str, float],
+    size: int,
+    simulations: int | None,
+    exposure: Mapping[str, float | None],
+) -> pd.DataFrame:
+    """Tabulate the efforts that would decide a criterion which is not decided; empty if it is.
+
+    Parameters
+    ----------
+    judged
+        Draws of the rate that the criterion limits.
+    variances
+        Variance of the logarithm of the rate by source, see `variances_of`.
+    size, simulations
+        Present number of records, and of simulations; None if the event was not sampled.
+    exposure
+        The ``kilometres`` and ``hours`` of the records; None if unknown.
+
+    Returns
+    -------
+    pandas.DataFrame
+        One row for each ``effort``: its amount ``now``; the amount ``needed``, infinite if this effort alone
+        decides nothing; and ``chance``. For records and simulations this is the probability that the
+        criterion is then decided, met or not. For encounters without the event it is the probability that so
+        many encounters end without it; the criterion is then met.
+    """
+    if judged.verdict != UNDECIDED:
+        return pd.DataFrame(columns=COLUMNS)
+    # The distance at which, in the normal approximation, the criterion is met with the draws' probability.
+    rows, total = [], sum(variances.values())
+    distance = float(ndtri(judged.probability_met) * np.sqrt(total))
+    efforts: dict[str, tuple[float | None, tuple[str, ...]]] = {
+        "records": (size, SOURCES_OF_RECORDS),
+        "simulations": (simulations, ("sampling",)),
+    }
+    for effort, (now, sources) in efforts.items():
+        if now is None:
+            continue
+        reduced = sum(value for name, value in variances.items() if name in sources)
+        kept = total - reduced
+        factor = factor_needed(distance, reduced, kept) if reduced > 0 else np.inf
+        rows.append((effort, now, now * factor, ASSURANCE if np.isfinite(factor) else np.nan))
+    free = encounters_needed(judged)
+    chance = judged.chance_without_event(free) if np.isfinite(free) else np.nan
+    per: dict[str, Callable[[float], float]] = {f"{ENCOUNTER}s without the event": float}
+    per |= {
+        f"{name} without the event": (lambda n, length=length: n * length / size)
+        for name in UNITS
+        if (length := exposure.get(name)) is not None
+    }
+    rows += [(effort, 0.0, amount(free), chance) for effort, amount in per.items()]
+    return pd.DataFrame(rows, columns=COLUMNS[1:]).assign(criterion=judged.criterion.text)[COLUMNS]
+
+
+def criteria_tables(
+    criteria: Sequence[Criterion],
+    own: Posterior | None,
+    simulations: int | None,
+    extrapolation: pd.DataFrame,
+    size: int,
+    exposure: Mapping[str, float | None],
+    others: Mapping[str, Posterior | None],
+    injured: Mapping[str, Array],
+) -> dict[str, pd.DataFrame]:
+    """Return the tables ``criteria`` (`criteria_table`) and ``deciding`` (`deciding_table`) of an answer.
+
+    ``own`` is the posterior of the event, None if it is not known, and ``simulations`` the number of
+    simulations, None if the event was not sampled. For the others see `judge`.
+    """
+    judged = [None if own is None else judge(each, own, size, exposure, others, injured) for each in criteria]
+    tables = []
+    for each in judged:
+        if each is None or not np.all(each.draws > 0):
+            continue
+        reference = others[each.criterion.reference].deviation if each.criterion.reference else 0.0
+        variances = variances_of(each, own.member, float(np.hypot(own.deviation, reference)), size)
+        tables.append(deciding_table(each, variances, size, simulations, exposure))
+    deciding = pd.concat([table for table in tables if len(table)] or [pd.DataFrame(columns=COLUMNS)])
+    table = criteria_table(criteria, judged, extrapolation)
+    return {"criteria": table, "deciding": deciding.reset_index(drop=True)}
+
+
+def criteria_in_words(tables: Mapping[str, pd.DataFrame]) -> list[str]:
+    """Return the tables ``criteria`` and ``deciding`` as lines of text."""
+    lines, deciding = [], tables["deciding"]
+    for row in tables["criteria"].to_dict("records"):
+        lines.append(criterion_in_words(row))
+        lines += _efforts_in_words(deciding[deciding["criterion"] == row["criterion"]])
+    return lines
+
+
+def _efforts_in_words(table: pd.DataFrame) -> list[str]:
+    lines = []
+    for row in table.to_dict("records"):
+        if not np.isfinite(row["needed"]):
+            lines.append(f"  {row['effort']}: no number would decide this criterion by itself")
+        elif row["effort"].endswith("the event"):
+            lines.append(
+                f"  after {row['needed']:,.0f} {row['effort']} it would be met; they end so with probability "
+                f"{row['chance']:.2g}"
+            )
+        else:
+            lines.append(
+                f"  {row['needed']:,.0f} {row['effort']} (now {row['now']:,.0f}) would decide it with "
+                f"probability {row['chance']:.2g}"
+            )
+    return lines
