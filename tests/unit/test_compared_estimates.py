@@ -138,7 +138,8 @@ def test_a_posterior_is_read_back_from_the_table_of_its_draws(own):
     sampled = SampledPosterior(np.exp(LAW), MEMBER, np.full(SIZE, 0.1), 12, shared, own, 0.003)
     for known in (sampled, Posterior(np.exp(LAW), MEMBER)):
         names = tuple(np.array(["a", "b"])[MEMBER])
-        table = draws_table(SimpleNamespace(posterior=known, draws=SimpleNamespace(size=SIZE, names=names)))
+        drawn = SimpleNamespace(size=SIZE, names=names)
+        table = draws_table(SimpleNamespace(posterior=known, draws=drawn, simulations=150))
         again = posterior_of(table)
         assert type(again) is type(known)
         assert again.member.tolist() == MEMBER.tolist()
