@@ -18,7 +18,6 @@ from readme import BENCHMARKS, BLOCKS, README, WORLDS  # noqa: E402
 TABLES = ROOT / "figures" / "spmd" / "tables"
 GUIDES = ("docs", "fewruns")  # folders
 GUIDE = ROOT / "fewruns" / "README.md"
-IDEAS = ROOT / "benchmarks" / "IDEAS.md"
 SAMPLERS = BLOCKS["samplers"].source
 PAGE, LINES = BENCHMARKS / "README.md", 120
 SAMPLERS_PAGE = BLOCKS["samplers"].text
@@ -156,16 +155,6 @@ def test_texts_state_what_the_runs_of_a_similar_vehicle_save():
     assert f"takes {known} simulations instead of {alone}" in detail
     assert all(ranked in text for text in (page, detail))
     assert not rows["off"].any()
-
-
-@pytest.mark.parametrize("problem", ["segment_5_15", "range_1", "range_2", "near_miss_1e-5"])
-def test_the_history_of_the_sampler_states_what_it_takes_now(problem):
-    row = pd.read_csv(SAMPLERS).set_index(["problem", "method"]).loc[(problem, "surrogate")]
-    row_of_the_history = (
-        f"| {row.seeds:,.0f} | 0.3 | {row.calls_mean:.0f} | {row.calls_p95:.0f} | {row.error:.2f} | "
-        f"{row.bias:+.0%} | {row.coverage80:.0%} | {row.failed * row.seeds:.0f} |"
-    )
-    assert row_of_the_history in IDEAS.read_text(encoding="utf-8").replace(" %", "%")
 
 
 @pytest.mark.parametrize(
