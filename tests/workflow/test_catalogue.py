@@ -42,14 +42,3 @@ def test_the_container_copies_what_exists():
     recipe = (ROOT / "Dockerfile").read_text()
     for sources in re.findall(r"^COPY (.*) \S+$", recipe, re.MULTILINE):
         assert all((ROOT / source).exists() for source in sources.split())
-
-
-def test_the_paper_has_the_sections_and_the_length_of_joss():
-    _, header, body = (ROOT / "joss/paper.md").read_text().split("---\n", 2)
-    assert {"title", "tags", "authors", "affiliations", "date", "bibliography"} == set(yaml.safe_load(header))
-    sections = ["Summary", "Statement of need", "State of the field", "Software design"]
-    sections += ["Research impact statement", "AI usage disclosure", "Acknowledgements", "References"]
-    assert re.findall(r"^# (.*)$", body, re.MULTILINE) == sections
-    assert 750 <= len(body.split()) <= 1750
-    works = set(re.findall(r"^@\w+\{(\w+),", (ROOT / "joss/paper.bib").read_text(), re.MULTILINE))
-    assert set(re.findall(r"@(\w+)", body)) == works
