@@ -197,7 +197,7 @@ def test_a_rule_without_one_of_its_parts_misses_or_invents_cut_ins(generated, wr
 def test_a_range_that_is_measured_in_another_way_does_not_agree(generated, right, wrong):
     folder, planted = generated
     assert right in exid.RANGE
-    form = replace(exid.FORMAT, range_=exid.RANGE.replace(right, wrong))
+    form = replace(exid.FORMAT, readings={"wrong": exid.RANGE.replace(right, wrong)})
     assert not agree(read_recordings(settings("exid", folder), form), planted)
 
 

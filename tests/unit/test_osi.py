@@ -146,12 +146,15 @@ def test_a_vehicle_alone_and_a_message_without_one_are_no_errors(tmp_path):
 @pytest.mark.parametrize(
     ("changes", "message"),
     [
-        ({"field": None}, r"a\.mcap: seen 50 positions of vehicles, of which none is complete"),
+        (
+            {"field": None},
+            r"a\.mcap: seen 50 positions of .*, of which none is complete: a lane is missing in 50;",
+        ),
         (
             {"without": "orientation"},
-            r"of which none is complete; .*orientation, and either assigned_lane_id, or",
+            r"none is complete: orientation is missing in 50; .*and either assigned_lane_id, or",
         ),
-        ({"without": "velocity"}, "of which none is complete"),
+        ({"without": "velocity"}, "of which none is complete: velocity is missing in 50;"),
         ({"xVelocity": 108.0}, r"a\.mcap: seen changes of position .* in the ratio 0\.278"),
     ],
 )

@@ -2,6 +2,7 @@
 
 from collections.abc import Mapping, Sequence
 
+import numpy as np
 import pandas as pd
 
 from accelerated_evaluation.base.errors import InputError
@@ -99,20 +100,18 @@ def finished(
     return result
 
 
-def require_agreement(
-    where: str, *, moved: float, reported: float, what: str, key: str, factor: float = AGREEMENT
-) -> None:
+def require_agreement(where: str, ratio: float, *, what: str, key: str, factor: float = AGREEMENT) -> None:
     """Raise InputError if speeds contradict another recorded quantity, because of a wrong unit or sign.
 
-    The sums ``moved`` and ``reported``, such as distances from positions and from speeds, are equal, except
-    for noise, if the units are right. InputError is raised if their ratio is below ``1 / factor`` or above
-    ``factor``. The default detects mph in place of km/h, knots in place of m/s, feet in place of metres and a
-    wrong sign. Nothing is checked unless ``reported`` is positive.
+    The ``ratio`` of two quantities, such as distances from positions and from speeds, is 1, except for noise,
+    if the units are right. InputError is raised if it is below ``1 / factor`` or above ``factor``. The
+    default detects mph in place of km/h, knots in place of m/s, feet in place of metres and a wrong sign.
+    Nothing is checked if the ratio is NaN, which means that it is unknown.
     """
-    if reported > 0 and not 1 / factor <= moved / reported <= factor:
+    if not (np.isnan(ratio) or 1 / factor <= ratio <= factor):
         raise InputError(
             where,
-            seen=f"{what} in the ratio {moved / reported:.3g}",
+            seen=f"{what} in the ratio {ratio:.3g}",
             expected="a ratio near 1, because both have the same unit and sign",
             change=f"Correct {key}.",
         )

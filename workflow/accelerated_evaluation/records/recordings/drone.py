@@ -18,7 +18,8 @@ from accelerated_evaluation.records.recordings.database import (
     readable,
     recording_files,
 )
-from accelerated_evaluation.records.recordings.trajectories import changes_of_lane, cut_ins_of
+from accelerated_evaluation.records.recordings.own_distances import OwnColumns, compared
+from accelerated_evaluation.records.recordings.trajectories import agreement, changes_of_lane, cut_ins_of
 
 if TYPE_CHECKING:
     from duckdb import DuckDBPyConnection
@@ -54,13 +55,17 @@ class Format:
     meta_numbers: tuple[str, ...]
     complete: str  # SQL condition that a row of ``tracks`` is used
     # SQL statement that creates this table from the views ``tracks`` and ``meta_file``, with the placeholders
-    # {rate} and {complete}; `meta` likewise.
+    # {rate}, {own} and {complete}; `meta` likewise.
     frames: str
     meta: str
-    range_: str  # SQL expression of the range [m]
+    # SQL expressions of the range [m], by what a position means; the first is used if the distances in the
+    # file do not show which is right.
+    readings: Mapping[str, str]
+    own: OwnColumns  # columns with distances to the vehicle ahead, which a file may lack
     same_lane: str  # SQL condition that the host is in the lane of the vehicle that cuts in
     speeds: tuple[str, str]  # for the check of the units: what is compared, and what the user has to correct
-    length: str  # the column of ``frames`` with the length of the vehicle along the road [m]
+    # Columns that only another data set in this format has, and the reading of its positions.
+    relative: tuple[frozenset[str], str] = (frozenset(), "")
 
 
 def read_recordings(settings: Mapping[str, Any], form: Format) -> pd.DataFrame:
@@ -71,26 +76,27 @@ def read_recordings(settings: Mapping[str, Any], form: Format) -> pd.DataFrame:
     ``closing_speed`` [m/s] in the first frame in the new lane; ``host_speed`` [m/s]; and ``recording``,
     ``time`` [s], ``vehicle`` and ``host``, which locate the cut-in. The attributes are described in
     `recordings.cut_ins.finished`. InputError is raised if a file is missing, has another format or cannot be
-    read, if a vehicle has no row in *_tracksMeta.csv, if lengths of vehicles are impossible, or if speeds
-    contradict positions.
+    read, if a vehicle has no row in *_tracksMeta.csv, if lengths of vehicles are impossible, if speeds
+    contradict positions, or if no vehicle has one of the configured classes.
     """
     files = recording_files(settings["path"], f"*{TRACKS}", f"data.{SOURCES_OF[form.name]}.path")
-    found, counts = [], Counter()
+    found, counts, warnings = [], Counter(), []
     with database() as (connection, _):
         for file in tqdm(files, desc="find cut-ins", unit="recording", delay=1, disable=None):
-            candidates, of_file = _read_recording(connection, file, settings, form)
+            candidates, of_file, of_own = _read_recording(connection, file, settings, form)
             found.append(candidates)
             counts.update(of_file)
-    return cut_ins_of(found, counts, settings)
+            warnings += [f"{file.name}: {warning}" for warning in of_own]
+    return cut_ins_of(found, counts, settings, warnings)
 
 
 def _read_recording(
     connection: "DuckDBPyConnection", file: Path, settings: Mapping[str, Any], form: Format
-) -> tuple[pd.DataFrame, dict[str, float]]:
-    """Return the changes of lane of one recording in order of time, with counts and sums for the account."""
+) -> tuple[pd.DataFrame, dict[str, float], list[str]]:
+    """Return the changes of lane of one recording in order of time, counts for the account, and warnings."""
     name = file.name.removesuffix(TRACKS)
     meta, recording = (file.with_name(f"{name}_{kind}Meta.csv") for kind in ("tracks", "recording"))
-    _require_format(file, form)
+    header = _require_format(file, form)
     for other in (meta, recording):
         if not other.is_file():
             raise InputError(
@@ -101,29 +107,57 @@ def _read_recording(
             )
     rate = _frame_rate(connection, recording)
     with readable(file):
-        columns = [*form.numbers, *form.texts]
+        own = {form.own.ahead, form.own.gap, form.own.headway, form.own.ttc} & {*header}
+        columns = dict.fromkeys([*form.numbers, *form.texts, *sorted(own)])
         read_csv(connection, file, form.numbers, form.texts).project(", ".join(columns)).to_view("tracks")
-        connection.execute(form.frames.format(rate=rate, complete=form.complete))
+        connection.execute(form.frames.format(rate=rate, own=form.own.sql(header), complete=form.complete))
     with readable(meta):
         read_csv(connection, meta, form.meta_numbers, ["class"]).to_view("meta_file")
         connection.execute(form.meta)
     _require_meta(connection, file, meta)
     _require_lengths(connection, file, form)
     with readable(file):
+        ratio, (supported, warnings) = agreement(connection), compared(connection, form.readings, form.own)
+        what, key = form.speeds
+        require_agreement(str(file), ratio, what=what, key=key)
+        reading = supported or _usual_reading(connection, file, header, form)
         candidates, counts = changes_of_lane(
-            connection, settings, range_=form.range_, complete=form.complete, same_lane=form.same_lane
+            connection,
+            settings,
+            range_=form.readings[reading],
+            complete=form.complete,
+            same_lane=form.same_lane,
         )
-    what, key = form.speeds
-    require_agreement(str(file), moved=counts["moved"], reported=counts["reported"], what=what, key=key)
-    return candidates.assign(recording=name), counts
+    return candidates.assign(recording=name), counts, warnings
 
 
-def _require_format(file: Path, form: Format) -> None:
-    """Raise InputError if a file has another known format, and say what can be done with the file."""
+def _usual_reading(connection: "DuckDBPyConnection", file: Path, header: set[str], form: Format) -> str:
+    """Return what positions mean in the data set of a file, which its columns and classes show."""
+    usual, (marks, of_relative) = next(iter(form.readings)), form.relative
+    if marks & header:
+        return of_relative
+    classes = [name for (name,) in connection.execute("SELECT DISTINCT class FROM meta").fetchall()]
+    if of_relative and all(name == name.lower() for name in classes if name):
+        names = ", ".join(sorted(filter(None, classes)))
+        raise InputError(
+            f"{file}, column x",
+            seen=f"classes in lower case ({names}), as in a data set whose x is the {of_relative}, and no "
+            "distances that show whether it is",
+            expected=f"the {usual}, or columns {form.own.ahead} and {form.own.gap} that show what x is",
+            change="Add these columns if x is the "
+            + of_relative
+            + ". Otherwise write the classes as Car and "
+            "Truck.",
+        )
+    return usual
+
+
+def _require_format(file: Path, form: Format) -> set[str]:
+    """Return the columns of a file; raise InputError if it has another known format, and say what to do."""
     header = set(header_of(file, ()))
     seen = next((name for name, marks in MARKS.items() if header.issuperset(marks)), form.name)
     if seen == form.name or (seen == CROSSINGS and not header.isdisjoint(LANES)):
-        return  # the reader reports columns that are missing
+        return header  # the reader reports columns that are missing
     if seen == CROSSINGS:
         raise InputError(
             f"{file}, row 1",
@@ -156,9 +190,9 @@ def _require_meta(connection: "DuckDBPyConnection", file: Path, meta: Path) -> N
 
 def _require_lengths(connection: "DuckDBPyConnection", file: Path, form: Format) -> None:
     """Raise InputError if lengths of vehicles are not positive or not in metres."""
-    query = LENGTHS_OF.format(length=form.length)
+    query = LENGTHS_OF.format(length=form.own.length)
     lengths = connection.execute(query).df()
-    require_lengths(str(file), f"column {form.length}", lengths["length"], lengths["is_car"])
+    require_lengths(str(file), f"column {form.own.length}", lengths["length"], lengths["is_car"])
 
 
 def _frame_rate(connection: "DuckDBPyConnection", file: Path) -> float:

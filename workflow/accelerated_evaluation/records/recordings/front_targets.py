@@ -128,6 +128,7 @@ COUNTS = """
         (SELECT coalesce(sum(reported * reported), 0) FROM tracks WHERE {steady}) AS reported
     FROM targets
 """
+TYPES = "SELECT type, count(*) FROM targets WHERE complete AND range > 0 GROUP BY type ORDER BY type"
 STEADY = (
     "NOT repeated AND time > since AND abs(moved) < 5"  # [m]; ranges that jump are not used to check units
 )
@@ -161,4 +162,5 @@ def changes_into_path(
     )
     found = connection.execute(candidates).df()
     counts = connection.execute(COUNTS.format(types=types, steady=STEADY)).df().iloc[0].to_dict()
+    counts |= {(kind,): count for kind, count in connection.execute(TYPES).fetchall()}
     return found, counts

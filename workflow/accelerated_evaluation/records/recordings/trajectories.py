@@ -15,6 +15,7 @@ from typing import TYPE_CHECKING, Any
 
 import pandas as pd
 
+from accelerated_evaluation.base.errors import InputError
 from accelerated_evaluation.base.sections import Schema, listed, number
 from accelerated_evaluation.records.ingest import Account
 from accelerated_evaluation.records.recordings.cut_ins import (
@@ -114,7 +115,8 @@ class CentreLines:
     def __init__(self, pieces: Sequence[Piece]) -> None:
         parts = [_resampled(piece) for piece in pieces]
         self._points, self._directions, self._half_widths = map(np.concatenate, zip(*parts, strict=True))
-        self._numbers = np.repeat([piece.number for piece in pieces], [len(part[0]) for part in parts])
+        self._numbers = [piece.number for piece in pieces]
+        self._pieces = np.repeat(np.arange(len(parts)), [len(part[0]) for part in parts])
         self._tree = cKDTree(self._points)
 
     @classmethod
@@ -139,7 +141,7 @@ class CentreLines:
             within = np.abs((offsets * directions).sum(axis=1)) <= MEETING
             distance[~within | (np.abs(directions @ headings[i]) < ALIGNED)] = np.inf
             if distance.min(initial=np.inf) <= FARTHEST:
-                found[i] = int(self._numbers[near][distance.argmin()])
+                found[i] = self._numbers[self._pieces[near][distance.argmin()]]
         return found
 
 
@@ -159,6 +161,7 @@ def _distances(line: Array) -> Array:
     return np.append(0.0, np.hypot(*np.diff(line, axis=0).T).cumsum()) if len(line) else np.zeros(1)
 
 
+JUMP = 5.0  # [m], largest difference between a change of position and what the velocity explains
 OUTPUT = ("lead_speed", "range", "closing_speed", "host_speed", "recording", "time", "vehicle", "host")
 # In some recordings a vehicle has several rows for one frame. ``copy`` numbers them; the first one is used.
 FRAMES = """
@@ -179,11 +182,12 @@ CANDIDATES = """
         {range} AS range,
         host_speed - lead_speed AS closing_speed,
         s.time = s.seen AS first_lane,
-        NOT list_contains({lead_classes}, coalesce(m.class, '')) AS other_lead,
+        coalesce(abs(f.moved - f.reported) > {jump}, FALSE) AS jumped,
+        NOT list_contains({lead_classes}, lower(coalesce(m.class, ''))) AS other_lead,
         s.until - s.time < {stay} AS brief,
         h.id IS NULL AS without_host,
         NOT coalesce({same_lane}, FALSE) AS elsewhere,
-        NOT list_contains({host_classes}, coalesce(o.class, '')) AS other_host,
+        NOT list_contains({host_classes}, lower(coalesce(o.class, ''))) AS other_host,
         coalesce(s.time - w.time < {settled} AND w.time > w.seen, FALSE) AS unsettled,
         coalesce(range <= 0, FALSE) AS overlaps
     FROM stays AS s JOIN frames AS f ON f.id = s.id AND f.time = s.time LEFT JOIN meta AS m ON m.id = s.id
@@ -196,14 +200,21 @@ COUNTS = """
         (SELECT count(*) FROM tracks WHERE NOT ({complete})) AS incomplete,
         (SELECT count(*) FROM frames) AS used,
         (SELECT count(*) FROM stays) AS stays,
-        (SELECT coalesce(sum(moved * reported), 0) FROM frames) AS moved,
-        (SELECT coalesce(sum(reported * reported), 0) FROM frames) AS reported,
         coalesce(sum(lasts), 0) AS milliseconds, coalesce(sum(distance), 0) AS micrometres
     FROM (
         SELECT max(time) - min(time) AS lasts, CAST(round((max(x) - min(x)) * 1e6) AS BIGINT) AS distance
-        FROM frames JOIN meta USING (id) WHERE list_contains({host_classes}, class) GROUP BY id
+        FROM frames JOIN meta USING (id) WHERE list_contains({host_classes}, lower(class)) GROUP BY id
     )
 """
+CLASSES = """
+    SELECT coalesce(class, 'none') AS class, count(*)
+    FROM (SELECT DISTINCT id FROM frames) LEFT JOIN meta USING (id) GROUP BY 1 ORDER BY 1
+"""
+AGREEMENTS = """
+    SELECT sum(moved * reported) / sum(reported * reported) AS ratio, sum(reported * reported) AS weight
+    FROM frames GROUP BY id HAVING sum(reported * reported) > 0 ORDER BY ratio
+"""
+CLASS_KEYS = ("lead_classes", "host_classes")
 
 
 def trajectory_keys(
@@ -217,6 +228,7 @@ def trajectory_keys(
     host = "Classes of the hosts: cut-ins in front of them count, and their driving is the exposure."
     lead = f"Classes{of} of the vehicles whose cut-ins count."
     return {
+        # Data sets in the same format write Car or car, so the case of the letters is ignored.
         "lead_classes": listed(lead_classes, {"type": "string"}, lead),
         "host_classes": listed(host_classes, {"type": "string"}, host),
         "rule": RULE,
@@ -241,38 +253,77 @@ def changes_of_lane(
     used if it is ``complete``. The host is in the lane of the vehicle if ``same_lane``, which must be given
     if the numbers in ``lane`` are relative to each vehicle. The results are those of the queries
     `CANDIDATES`, in SI units with ``time`` in milliseconds and a boolean column for each reason why a change
-    is not a cut-in, and `COUNTS`.
+    is not a cut-in, and `COUNTS`, with the number of vehicles of each class under the key (class,).
     """
     rule, settled = settings["rule"], milliseconds(settings["settled"])
-    classes = {key: literal(settings[key]) for key in ("lead_classes", "host_classes")}
+    classes = {key: literal(map(str.lower, settings[key])) for key in CLASS_KEYS}
     connection.execute(
         STAYS.format(stays=stays_sql("frames", vehicle="id", lane="lane", rule=settings["rule"]))
     )
     query = CANDIDATES.format(
-        range=range_, same_lane=same_lane, stay=milliseconds(rule["stay"]), settled=settled, **classes
+        range=range_,
+        same_lane=same_lane,
+        stay=milliseconds(rule["stay"]),
+        settled=settled,
+        jump=JUMP,
+        **classes,
     )
     candidates = connection.execute(f"{query} ORDER BY s.time, s.id").df()
     counts = connection.execute(COUNTS.format(complete=complete, **classes)).df().iloc[0].to_dict()
+    counts |= {(name,): count for name, count in connection.execute(CLASSES).fetchall()}
     return candidates, counts
 
 
+def agreement(connection: "DuckDBPyConnection") -> float:
+    """Return the ratio of the changes of position to those that the velocities explain, NaN if unknown.
+
+    It is the median of the ratios of the vehicles, each with the weight of its squared changes of position,
+    so that a number that was given to another vehicle, which then jumps, does not outweigh all others.
+    """
+    vehicles = connection.execute(AGREEMENTS).df()
+    if vehicles.empty:
+        return np.nan
+    weight = vehicles["weight"].cumsum().to_numpy()
+    return float(vehicles["ratio"].iloc[np.searchsorted(weight, weight[-1] / 2)])
+
+
+def require_classes(counts: Mapping[Any, float], settings: Mapping[str, Any]) -> None:
+    """Raise InputError if no vehicle has one of the configured classes, and name the classes there are."""
+    seen = {key[0]: int(count) for key, count in counts.items() if isinstance(key, tuple)}
+    for key in CLASS_KEYS:
+        configured = settings[key]
+        if seen and not {*map(str.lower, seen)} & {*map(str.lower, configured)}:
+            raise InputError(
+                f"{settings['path']}, {key}",
+                seen="vehicles of the classes " + ", ".join(f"{name} ({n:,})" for name, n in seen.items()),
+                expected=f"some of the configured classes {', '.join(configured)}",
+                change=f"State the classes of your recordings in {key} of the section of this source.",
+            )
+
+
 def cut_ins_of(
-    found: Sequence[pd.DataFrame], counts: Mapping[str, float], settings: Mapping[str, Any]
+    found: Sequence[pd.DataFrame],
+    counts: Mapping[str, float],
+    settings: Mapping[str, Any],
+    warnings: Sequence[str] = (),
 ) -> pd.DataFrame:
     """Return the cut-ins among the changes of lane of all recordings, with the account and the exposure.
 
     ``found`` are the results of `changes_of_lane` with the column ``recording``, and ``counts`` its counts,
     added up. Each cut-in has its state in the first frame in the new lane, and ``recording``, ``time`` [s],
     ``vehicle`` and ``host``, which locate it. The attributes are those of `recordings.cut_ins.finished`.
+    InputError is raised if no vehicle has one of the configured classes.
     """
+    require_classes(counts, settings)
     account = _account(counts)
     candidates = with_names(pd.concat(found), "recording {recording} vehicle {vehicle} at {time:g} s")
     cut_ins = drop_in_turn(candidates, _reasons(settings), account)
     return finished(
-        cut_ins[list(OUTPUT)].astype({"host": int}),
+        cut_ins[list(OUTPUT)],
         account,
         milliseconds=int(counts["milliseconds"]),
         micrometres=int(counts["micrometres"]),
+        warnings=warnings,
     )
 
 
@@ -292,6 +343,10 @@ def _reasons(settings: Mapping[str, Any]) -> dict[tuple[str, str], str]:
     """Return the reasons why a first frame in a lane is not a cut-in, in the order of their application."""
     return {
         ("lane", "in the lane when first seen"): "first_lane",
+        (
+            "lane",
+            f"position that jumps by more than {JUMP:g} m, as of another vehicle with the same number",
+        ): "jumped",
         ("lane", f"in the lane for less than {settings['rule']['stay']:g} s"): "brief",
         ("class", "not of the classes in lead_classes"): "other_lead",
         ("host", "no vehicle behind in the new lane"): "without_host",

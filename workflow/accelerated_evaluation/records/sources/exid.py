@@ -10,6 +10,7 @@ import pandas as pd
 
 from accelerated_evaluation.records.recordings import drone
 from accelerated_evaluation.records.recordings.database import whole
+from accelerated_evaluation.records.recordings.own_distances import OwnColumns
 from accelerated_evaluation.records.recordings.trajectories import trajectory_keys
 from accelerated_evaluation.records.sources import source
 
@@ -46,6 +47,7 @@ FRAMES = f"""
                 {whole("round(frame * 1000 / {rate})", "frame")} AS time,
                 xCenter, yCenter, heading, length, lonVelocity AS velocity, laneChange, laneletId,
                 {OFFSET} AS aside, {whole("rearId", "rearId")} AS host, {whole("leadId", "leadId")} AS lead,
+                {{own}},
                 row_number() OVER (PARTITION BY trackId, frame ORDER BY xCenter, yCenter, laneletId) AS copy
             FROM tracks WHERE {{complete}}
         ) WHERE copy = 1
@@ -73,14 +75,21 @@ FORMAT = drone.Format(
     complete=COMPLETE,
     frames=FRAMES,
     meta=META,
-    range_=RANGE,
+    readings={"centre of the bounding box": RANGE},
+    own=OwnColumns(
+        "leadId",
+        "leadDHW",
+        "leadTHW",
+        "leadTTC",
+        length="length",
+        difference=f"{RANGE} + (f.length + h.length) / 2",
+    ),
     same_lane="h.lead = f.id",
     speeds=(
         "changes of xCenter and yCenter along heading and lonVelocity times the time between frames",
         "the columns xCenter, yCenter [m], heading [degrees] and lonVelocity [m/s], or frameRate in the file "
         "of the recording",
     ),
-    length="length",
 )
 
 

@@ -10,17 +10,20 @@ import pandas as pd
 
 from accelerated_evaluation.records.recordings import drone, trajectories
 from accelerated_evaluation.records.recordings.database import whole
+from accelerated_evaluation.records.recordings.own_distances import OwnColumns
 from accelerated_evaluation.records.recordings.trajectories import trajectory_keys
 from accelerated_evaluation.records.sources import source
 
-# In this format `x` is the left end of the bounding box and `width` is its length along the road. Vehicles of
-# direction 1 drive to the left, so their front is at x. Vehicles of direction 2 drive to the right.
+# In highD `x` is the left end of the bounding box and `width` is its length along the road. Vehicles of
+# direction 1 drive to the left, so their front is at x. Vehicles of direction 2 drive to the right. AD4CHE
+# has the same columns and three more, and its `x` is the centre of the box.
+LEFT_END, CENTRE = "left end of the bounding box", "centre of the bounding box"
 COLUMNS = ("frame", "id", "x", "width", "xVelocity", "followingId", "laneId")
 FRAMES = trajectories.FRAMES.format(
     rows=f"""
         SELECT {whole("id", "id")} AS id, {whole("round(frame * 1000 / {rate})", "frame")} AS time, x, width,
             xVelocity AS velocity, {whole("followingId", "followingId")} AS host,
-            {whole("laneId", "laneId")} AS lane,
+            {whole("laneId", "laneId")} AS lane, {{own}},
             row_number() OVER (PARTITION BY id, frame ORDER BY x, xVelocity, laneId) AS copy
         FROM tracks WHERE {{complete}}
     """
@@ -37,13 +40,18 @@ FORMAT = drone.Format(
     complete="coalesce(" + " AND ".join(f"isfinite({column})" for column in COLUMNS) + ", FALSE)",
     frames=FRAMES,
     meta=META,
-    range_="CASE WHEN m.drivingDirection = 1 THEN h.x - f.x - f.width ELSE f.x - h.x - h.width END",
+    readings={
+        LEFT_END: "CASE WHEN m.drivingDirection = 1 THEN h.x - f.x - f.width ELSE f.x - h.x - h.width END",
+        CENTRE: "CASE WHEN m.drivingDirection = 1 THEN h.x - f.x ELSE f.x - h.x END "
+        "- (f.width + h.width) / 2",
+    },
+    own=OwnColumns("precedingId", "dhw", "thw", "ttc", length="width", difference="abs(f.x - h.x)"),
     same_lane="h.lane = f.lane",
     speeds=(
         "changes of x and xVelocity times the time between frames",
         "the columns x [m] and xVelocity [m/s], or frameRate in the file of the recording",
     ),
-    length="width",
+    relative=(frozenset({"orientation", "yaw_rate", "ego_offset"}), CENTRE),
 )
 
 
@@ -54,7 +62,7 @@ FORMAT = drone.Format(
     **trajectory_keys(["Car", "Truck"], ["Car"]),
 )
 def read(settings: Mapping[str, Any]) -> pd.DataFrame:
-    """Return the cut-ins in recordings in the format of highD.
+    """Return the cut-ins in recordings in the format of highD, for example those of AD4CHE.
 
     A vehicle that changes into another lane cuts in before the vehicle behind it in the new lane, the host.
     The exposure is the time and distance that all vehicles of the host classes drive while in view. The

@@ -12,12 +12,19 @@ import numpy as np
 import pandas as pd
 from tqdm import tqdm
 
+from accelerated_evaluation.base.arrays import Array
 from accelerated_evaluation.base.errors import InputError, StudyError
 from accelerated_evaluation.records.recordings import trajectories
-from accelerated_evaluation.records.recordings.cut_ins import require_agreement
+from accelerated_evaluation.records.recordings.cut_ins import (
+    milliseconds,
+    require_agreement,
+    require_lengths,
+)
 from accelerated_evaluation.records.recordings.database import database
 from accelerated_evaluation.records.recordings.osi_lanes import TraceLanes
+from accelerated_evaluation.records.recordings.osi_vehicles import LANE, Fleet
 from accelerated_evaluation.records.recordings.trajectories import (
+    agreement,
     changes_of_lane,
     cut_ins_of,
     trajectory_keys,
@@ -58,19 +65,22 @@ def read(settings: Mapping[str, Any]) -> pd.DataFrame:
 
     A vehicle that changes into another lane cuts in before the vehicle behind it in the new lane, the host.
     The host is the nearest vehicle behind in the same lane. The range is the distance between the bounding
-    boxes of the two vehicles along the heading of the host. A row has the columns of
+    boxes of the two vehicles along the heading of the host. A trailer, which is an object of its own, belongs
+    to the vehicle that pulls it, and the range ends at its rear. A row has the columns of
     `recordings.trajectories.cut_ins_of`. InputError is raised if there is no trace, or if a trace or its map
-    cannot be read, or if a trace has no vehicle in a lane, or speeds that contradict the positions;
-    StudyError if the library betterosi is not installed.
+    cannot be read, or if a trace has no vehicle in a lane, speeds that contradict the positions, or
+    impossible lengths, or if no vehicle has one of the configured classes; StudyError if the library
+    betterosi is not installed.
     """
     found, counts = [], Counter()
     with database() as (connection, _):
         for file in tqdm(_files(settings["path"]), desc="find cut-ins", unit="trace", delay=1, disable=None):
-            _read_trace(connection, file)
+            fleet = _read_trace(connection, file, milliseconds(settings["rule"]["gap"]))
             connection.execute(FRAMES)
             candidates, of_file = changes_of_lane(connection, settings, range_="f.gap", complete=COMPLETE)
-            _require_use(str(file), of_file)
-            found.append(candidates.assign(recording=file.stem))
+            _require_use(str(file), of_file, fleet)
+            _require_units(connection, str(file), fleet)
+            found.append(fleet.identified(candidates).assign(recording=file.stem))
             counts.update(of_file)
     return cut_ins_of(found, counts, settings)
 
@@ -89,47 +99,56 @@ def _files(folder: str) -> list[Path]:
     return files
 
 
-def _require_use(where: str, counts: Mapping[str, float]) -> None:
-    """Raise InputError if a trace has no vehicle in a lane, or if speeds contradict positions."""
-    if not counts["used"]:
-        raise InputError(
-            where,
-            seen=f"{counts['read']:,.0f} positions of vehicles, of which none is complete",
-            expected="vehicles with position, velocity and orientation, and either assigned_lane_id, or "
-            "lanes with centre lines or an OpenDRIVE map on which the vehicles drive",
-            change="Configure the tool that wrote the trace to write them.",
-        )
-    require_agreement(
+def _require_use(where: str, counts: Mapping[str, float], fleet: Fleet) -> None:
+    """Raise InputError if no position of a vehicle can be used, and say what is missing."""
+    if counts["used"]:
+        return
+    parts = ", ".join(f"{name} is missing in {n:,}" for name, n in fleet.missing.items() if n)
+    if fleet.missing[LANE] and fleet.has_boundaries:
+        parts += " (the lanes have boundaries, but no centre lines)"
+    raise InputError(
         where,
-        moved=counts["moved"],
-        reported=counts["reported"],
-        what="changes of position and velocity times the time between frames",
-        key="position [m], velocity [m/s] or timestamp of the messages",
+        seen=f"{counts['read']:,.0f} positions of vehicles, of which none is complete"
+        + f": {parts}" * bool(parts),
+        expected="vehicles with position, velocity and orientation, and either assigned_lane_id, or "
+        "lanes with centre lines or an OpenDRIVE map on which the vehicles drive",
+        change="Configure the tool that wrote the trace to write what is missing.",
     )
 
 
-def _read_trace(connection: "DuckDBPyConnection", file: Path) -> None:
+def _require_units(connection: "DuckDBPyConnection", where: str, fleet: Fleet) -> None:
+    """Raise InputError if speeds contradict positions, or if lengths of vehicles are impossible."""
+    require_agreement(
+        where,
+        agreement(connection),
+        what="changes of position and velocity times the time between frames",
+        key="position [m], velocity [m/s] or timestamp of the messages",
+    )
+    lengths = pd.Series(fleet.lengths, dtype=float).dropna()
+    is_car = pd.Series(fleet.classes, dtype=object).isin(CARS)
+    require_lengths(where, "dimension.length of the vehicles", lengths, is_car[lengths.index])
+
+
+def _read_trace(connection: "DuckDBPyConnection", file: Path, gap: int) -> Fleet:
     """Fill the table ``tracks`` with the rows of a trace, and ``meta`` with the class of each vehicle."""
     connection.execute(TRACKS)
     rows: list[tuple] = []
-    classes: dict[int, str] = {}
-    driven: dict[int, tuple[float, float, float]] = {}
-    lanes = TraceLanes(file)
+    fleet, lanes = Fleet(gap), TraceLanes(file)
     for message in _messages(file):
         vehicles = [one for one in message.moving_object if one.type.name == "VEHICLE" and one.base]
-        for one in vehicles:
-            if one.vehicle_classification:
-                classes.setdefault(one.id.value, one.vehicle_classification.type.name)
+        fleet.has_boundaries |= bool(message.lane_boundary or message.logical_lane_boundary)
         if vehicles:
-            rows += _rows_of(message, vehicles, lanes, driven)
+            rows += _rows_of(message, vehicles, lanes, fleet)
         if len(rows) >= BATCH:
             _store(connection, rows)
     _store(connection, rows)
+    classes = {number: name for number, name in enumerate(fleet.classes) if name is not None}
     table = pd.DataFrame(
         {"id": pd.array([*classes], "Int64"), "class": pd.array([*classes.values()], "string")}
     )
     connection.register("read", table)
     connection.execute("CREATE OR REPLACE TEMP TABLE meta AS SELECT * FROM read")
+    return fleet
 
 
 def _store(connection: "DuckDBPyConnection", rows: list[tuple]) -> None:
@@ -162,25 +181,29 @@ def _messages(file: Path) -> Iterator["GroundTruth"]:
 
 
 def _rows_of(
-    message: "GroundTruth",
-    vehicles: list["MovingObject"],
-    lanes: TraceLanes,
-    driven: dict[int, tuple[float, float, float]],
+    message: "GroundTruth", vehicles: list["MovingObject"], lanes: TraceLanes, fleet: Fleet
 ) -> Iterator[tuple]:
     """Yield the rows of one message, and update the distance [m] and last position [m] of each vehicle."""
     time = 1000 * message.timestamp.seconds + round(message.timestamp.nanos / 1e6)
-    numbers = np.array([_numbers(one) for one in vehicles]).reshape(-1, 6).T
-    x, y, yaw, speed_x, speed_y, length = numbers
-    lane = lanes.of_vehicles(message, vehicles, x, y, yaw)
-    host, range_ = _hosts(x, y, yaw, length, lane)
+    measured = np.array([_numbers(one) for one in vehicles]).reshape(-1, 6).T
+    x, y, yaw, speed_x, speed_y, length = measured
+    numbers = [fleet.number(one, time, own) for one, own in zip(vehicles, length, strict=True)]
+    lane = [fleet.lane(one) for one in lanes.of_vehicles(message, vehicles, x, y, yaw)]
+    along, across = _distances_between(x, y, yaw)
+    owners = fleet.owners(vehicles, numbers, along, across)
+    host, range_ = _hosts(along, yaw, length, lane, owners)
     velocity = speed_x * np.cos(yaw) + speed_y * np.sin(yaw)
-    for i, one in enumerate(vehicles):
-        number = one.id.value
-        before, x_before, y_before = driven.get(number, (0.0, x[i], y[i]))
+    for i, number in enumerate(numbers):
+        if owners[i] != i:
+            continue  # a trailer
+        parts = x[i] + y[i], yaw[i], speed_x[i] + speed_y[i]
+        missing = [not np.isfinite(part) for part in parts] + [lane[i] is None]
+        fleet.missing.update(dict(zip(fleet.missing, map(int, missing), strict=True)))
+        before, x_before, y_before = fleet.driven.get(number, (0.0, x[i], y[i]))
         moved = (x[i] - x_before) * np.cos(yaw[i]) + (y[i] - y_before) * np.sin(yaw[i])
         if np.isfinite(moved):
-            driven[number] = (before + moved, x[i], y[i])
-        behind = None if host[i] < 0 else vehicles[host[i]].id.value
+            fleet.driven[number] = (before + moved, x[i], y[i])
+        behind = None if host[i] < 0 else numbers[host[i]]
         yield number, time, lane[i], before + moved, velocity[i], behind, range_[i]
 
 
@@ -192,19 +215,26 @@ def _numbers(one: "MovingObject") -> list[float]:
     return [np.nan if part is None else getattr(part, name) for part, name in parts]
 
 
+def _distances_between(x: Array, y: Array, yaw: Array) -> tuple[Array, Array]:
+    """Return how far the vehicle of a row is ahead and to the left of that of a column [m], shape (n, n)."""
+    away_x, away_y, cos, sin = x[:, None] - x, y[:, None] - y, np.cos(yaw), np.sin(yaw)
+    return cos * away_x + sin * away_y, cos * away_y - sin * away_x
+
+
 def _hosts(
-    x: np.ndarray, y: np.ndarray, yaw: np.ndarray, length: np.ndarray, lane: list[int | None]
-) -> tuple[np.ndarray, np.ndarray]:
+    along: Array, yaw: Array, length: Array, lane: list[int | None], owners: list[int]
+) -> tuple[Array, Array]:
     """Return, for each vehicle, the index of the nearest vehicle behind in its lane and the range to it [m].
 
-    The index is -1 and the range is NaN if there is no vehicle behind.
+    The range ends at the rear of the vehicle or of its last trailer. The index is -1 and the range is NaN if
+    there is no vehicle behind. ``along`` is the first array of `_distances_between`.
     """
-    along = np.cos(yaw) * (x[:, None] - x) + np.sin(yaw) * (y[:, None] - y)  # row vehicle ahead of column one
+    own = np.arange(len(owners))
     same = np.array([[a is not None and a == b for b in lane] for a in lane])
-    is_behind = same & (along > 0) & (np.cos(yaw[:, None] - yaw) > 0)
+    is_behind = same & (along > 0) & (np.cos(yaw[:, None] - yaw) > 0) & (own == owners)
     distance = np.where(is_behind, along, np.inf)
     host = np.argmin(distance, axis=1)
-    nearest = distance[np.arange(x.size), host]
-    found = np.isfinite(nearest)
-    range_ = np.where(found, nearest - (length + length[host]) / 2, np.nan)
-    return np.where(found, host, -1), range_
+    found = np.isfinite(distance[own, host])
+    gaps = along - (length[:, None] + length) / 2
+    np.minimum.at(gaps, owners, gaps.copy())
+    return np.where(found, host, -1), np.where(found, gaps[own, host], np.nan)

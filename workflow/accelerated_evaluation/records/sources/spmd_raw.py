@@ -5,6 +5,7 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+import numpy as np
 import pandas as pd
 from tqdm import tqdm
 
@@ -164,6 +165,7 @@ def read(settings: Mapping[str, Any]) -> pd.DataFrame:
         _sort_into_parts(connection, hosts, space / "host", query, HOST_COLUMNS)
         with readable(Path(folder)):
             found, counts = _work(connection, space, parts, settings)
+    _require_types(folder, counts, settings["target_types"])
     warnings = _require_units(folder, counts, settings["speed_unit"])
     account = _account(counts)
     candidates = pd.concat(found).sort_values(["device", "trip", "time", "vehicle"])
@@ -223,20 +225,30 @@ def _work(
     return found, counts
 
 
+def _require_types(folder: str, counts: Mapping[Any, float], types: Sequence[int]) -> None:
+    """Raise InputError if no target has one of the configured types, and name the types there are."""
+    seen = {int(key[0]): int(count) for key, count in counts.items() if isinstance(key, tuple)}
+    if seen and seen.keys().isdisjoint(types):
+        raise InputError(
+            f"{folder}, column TargetType",
+            seen="rows of the types " + ", ".join(f"{kind} ({n:,})" for kind, n in seen.items()),
+            expected=f"some of the configured types {', '.join(map(str, types))}",
+            change="State the types of cars in data.spmd_raw.target_types.",
+        )
+
+
 def _require_units(folder: str, counts: Mapping[str, float], unit: str) -> list[str]:
     """Raise InputError if units contradict each other; return warnings about units that cannot be checked."""
     require_agreement(
         folder,
-        moved=counts["moved"],
-        reported=counts["reported"],
+        counts["moved"] / counts["reported"] if counts["reported"] > 0 else np.nan,
         what="changes of Range and RangeRate times the time between frames",
         key="data.spmd_raw.time_unit, or the columns Range [m] and RangeRate [m/s, negative when closing]",
         factor=2,  # the radar's range rates are noisy
     )
     require_agreement(
         folder,
-        moved=counts["speed"],
-        reported=counts["gps_speed"],
+        counts["speed"] / counts["gps_speed"] if counts["gps_speed"] > 0 else np.nan,
         what="SpeedWsu, as m/s, and GpsSpeedWsu [m/s]",
         key="data.spmd_raw.speed_unit, or the column SpeedWsu",
     )
