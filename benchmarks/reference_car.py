@@ -27,23 +27,25 @@ def simulate(car: AccAeb, lead_speed: ArrayLike, range_: ArrayLike, closing_spee
     acceleration = command = error = timer = onset = np.zeros_like(speed)
     on = np.zeros(speed.shape, dtype=bool)
     min_range, min_ttc = range_, np.full_like(range_, np.inf)
-    for _ in range(STEPS):
+    step, per_decision = car.time_step, round(car.decision_step / car.time_step)
+    for number in range(round(STEPS * STEP / step)):
         running = (range_ > 0) & (speed > 0)
 
-        ttc = time_to_collision(lead_speed, range_, speed)
-        min_ttc = np.where(running & (ttc > 0) & (ttc < min_ttc), ttc, min_ttc)
+        if number % per_decision == 0:
+            ttc = time_to_collision(lead_speed, range_, speed)
+            min_ttc = np.where(running & (ttc > 0) & (ttc < min_ttc), ttc, min_ttc)
 
-        was_on, on = on, aeb_switch(car, ttc, speed, on)
-        last_error, error = np.where(was_on, 0, error), car.headway - range_ / speed
-        onset = np.where(on & ~was_on, command, onset)
-        timer = np.where(was_on, timer, 0) + STEP
-        command = np.where(
-            on, aeb_command(car, onset, timer), acc_command(car, speed, command, error, last_error)
-        )
+            was_on, on = on, aeb_switch(car, ttc, speed, on)
+            last_error, error = np.where(was_on, 0, error), car.headway - range_ / speed
+            onset = np.where(on & ~was_on, command, onset)
+            timer = np.where(was_on, timer, 0) + step * per_decision
+            command = np.where(
+                on, aeb_command(car, onset, timer), acc_command(car, speed, command, error, last_error)
+            )
 
         acceleration = actuator(car, command, acceleration)
-        new_speed = np.maximum(speed + acceleration * STEP, 0)
-        new_range = range_ + (lead_speed - (speed + new_speed) / 2) * STEP
+        new_speed = np.maximum(speed + acceleration * step, 0)
+        new_range = range_ + (lead_speed - (speed + new_speed) / 2) * step
         speed = np.where(running, new_speed, speed)
         range_ = np.where(running, new_range, range_)
         min_range = np.where(range_ < min_range, range_, min_range)
@@ -94,7 +96,7 @@ def acc_command(car: AccAeb, speed: Array, command: Array, error: Array, last_er
     error, last_error
         Error of the time headway [s] in this and in the last step.
     """
-    command = command + car.kp * (error - last_error) + car.ki * STEP / 2 * (error + last_error)
+    command = command + car.kp * (error - last_error) + car.ki * car.decision_step / 2 * (error + last_error)
     top = np.where(speed >= car.acc_top_speed, 0, car.acc_limit)
     return np.minimum(np.maximum(command, -car.acc_limit), top)
 
@@ -120,5 +122,5 @@ def actuator(car: AccAeb, command: Array, acceleration: Array) -> Array:
     ``command`` and ``acceleration`` are the commanded and the present acceleration [m/s^2].
     """
     possible = np.minimum(np.maximum(command, -car.friction_limit), car.friction_limit)
-    change = car.actuator_jerk * STEP
+    change = car.actuator_jerk * car.time_step
     return np.minimum(np.maximum(possible, acceleration - change), acceleration + change)

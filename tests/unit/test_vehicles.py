@@ -124,7 +124,10 @@ def test_another_parameter_is_not_the_published_car(parameters, stored):
     ("line", "wrong"),
     [
         ("np.where(was_on, 0, error)", "error"),  # the error before the AEB counts after it
-        ("np.where(was_on, timer, 0) + STEP", "np.where(on, timer + STEP, timer)"),  # the timer goes on
+        (
+            "np.where(was_on, timer, 0) + step",
+            "np.where(on, timer + step, timer) + 0 * step",
+        ),  # the timer goes on
         ("on & ~was_on, command, onset", "on & (onset == 0), command, onset"),  # the first onset's command
         ("np.where(on & ~was_on, command, onset)", "np.zeros_like(command)"),
         ("on, aeb_command", "on, -5 + 0 * aeb_command"),
@@ -133,8 +136,8 @@ def test_another_parameter_is_not_the_published_car(parameters, stored):
         ("(speed + new_speed) / 2", "speed"),
         ("(speed + new_speed) / 2", "new_speed"),
         ("np.maximum(speed - lead_speed, 0), 0)", "speed, 0)"),
-        ("+ acceleration * STEP, 0)", "+ acceleration * STEP, -9)"),
-        ("car.ki * STEP / 2 * (error + last_error)", "car.ki * STEP * error"),
+        ("+ acceleration * step, 0)", "+ acceleration * step, -9)"),
+        ("car.ki * car.decision_step / 2 * (error + last_error)", "car.ki * car.decision_step * error"),
     ],
 )
 def test_another_line_is_not_the_published_model(line, wrong, stored):
@@ -150,6 +153,35 @@ def test_another_line_is_not_the_published_model(line, wrong, stored):
 def test_compiled_equals_reference_to_the_bit(car):
     for encounters in random_encounters():
         assert_same_bits(car.simulate(*encounters), reference_car.simulate(car, *encounters))
+
+
+@pytest.mark.parametrize("steps", [(0.02, 0.1), (0.02, 0.02), (0.05, 0.1)])
+def test_other_steps_equal_the_reference_to_the_bit(steps):
+    car = AccAeb().at_steps(*steps)
+    for encounters in random_encounters():
+        assert_same_bits(car.simulate(*encounters), reference_car.simulate(car, *encounters))
+
+
+def test_small_steps_converge():
+    """In motion without decisions, every step agrees with the parabola; with AEB, small steps agree."""
+    still = AccAeb(aeb=False, kp=1e-12, ki=0.0, acc_limit=1e-9)
+    lead, range_, closing = np.full(3, 10.0), np.array([30.0, 35.0, 50.0]), np.array([5.0, 4.0, 6.3])
+    for steps in ((0.1, 0.1), (0.02, 0.1)):
+        found = still.at_steps(*steps).simulate(lead, range_, closing)
+        np.testing.assert_allclose(
+            found.min_range[~found.crash], (range_ - 8 * closing)[~found.crash], atol=1e-6
+        )
+    x = lead, np.array([12.0, 20.0, 30.0]), np.array([9.0, 12.0, 14.0])
+    coarse, fine, finer = (
+        AccAeb().at_steps(step, step).simulate(*x).min_range for step in (0.1, 0.01, 0.005)
+    )
+    assert np.abs(fine - finer).max() < np.abs(coarse - finer).max() / 4
+
+
+@pytest.mark.parametrize("steps", [{"time_step": 0.03}, {"decision_step": 0.04}, {"time_step": 0.2}])
+def test_steps_that_do_not_fit_are_refused(steps):
+    with pytest.raises(InputError, match="divided by a whole number"):
+        AccAeb(**steps)
 
 
 def test_compiled_equals_reference_on_published_inputs(stored):

@@ -131,6 +131,8 @@ if OWN_MAP:
             encounters=result("happened", "encounters.csv"),
             traces=result("happened", "traces.csv"),
             preventable=result("happened", "preventable.csv"),
+            prescribed=result("happened", "prescribed.csv"),
+            numerical=result("happened", "numerical_error.csv"),
         log:
             log_of("replay_encounters.log"),
         benchmark:

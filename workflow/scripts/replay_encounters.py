@@ -1,7 +1,12 @@
-"""Simulate the most probable crashes and most critical records, and find which crashes are preventable."""
+"""Simulate the most probable crashes and most critical records, and find which crashes are preventable.
 
+The tests of regulations and the numerical error of the simulation need the same vehicles, so they come here.
+"""
+
+import numpy as np
 import pandas as pd
 from accelerated_evaluation.answer.likeliest_crashes import nearest_records, traces_of, ways_to_crash
+from accelerated_evaluation.answer.numerical_error import numerical_errors
 from accelerated_evaluation.answer.replays import preventable
 from accelerated_evaluation.base.files import write_csv
 from accelerated_evaluation.base.randomness import child_generator
@@ -10,6 +15,8 @@ from accelerated_evaluation.crash_map.maps import read_crash_map
 from accelerated_evaluation.laws.files import read_law
 from accelerated_evaluation.laws.smooth.family import DistinctRecords
 from accelerated_evaluation.records.segments import read_encounters
+from accelerated_evaluation.scenarios.cut_in import CUT_IN
+from accelerated_evaluation.scenarios.prescribed import prescribed_table
 from accelerated_evaluation.study.jobs import job
 from accelerated_evaluation.vehicles.external.slow import all_loaded
 
@@ -29,3 +36,8 @@ if __name__ == "__main__":
             write_csv(outputs.encounters, happened)
             write_csv(outputs.traces, traces_of(happened, vehicle))
             write_csv(outputs.preventable, preventable(vehicles, law, records.lead_speed))
+            tests = CUT_IN.prescribed
+            x = np.concatenate([test.encounters for test in tests])
+            crashes = {name: each.simulate(*x.T).crash for name, each in vehicles.items()}
+            write_csv(outputs.prescribed, prescribed_table(tests, crashes))
+            write_csv(outputs.numerical, numerical_errors(vehicles, lines, law, generator))

@@ -109,6 +109,10 @@ TABLES = {
     "traces": "happened/traces.csv",
     # Closing speed from which on each vehicle always crashes, by lead speed and range.
     "preventable": "happened/preventable.csv",
+    # Tests that regulations prescribe, by vehicle.
+    "prescribed": "happened/prescribed.csv",
+    # Crash probabilities of vehicles with other steps of the simulation, as ratios.
+    "numerical_error": "happened/numerical_error.csv",
     # Shares of encounters and crashes by the size of a variable.
     "crash_shares": "laws/crash_shares.csv",
     # Estimates of all replicates of all methods for the law with the largest weight; runs of the surrogate.

@@ -16,6 +16,7 @@ from accelerated_evaluation.base.arrays import Array
 from accelerated_evaluation.base.registry import Registry
 from accelerated_evaluation.records.segments import read_encounters
 from accelerated_evaluation.scenarios import SCENARIOS
+from accelerated_evaluation.scenarios.prescribed import PrescribedTest
 from accelerated_evaluation.scenarios.protocol import (
     FLAG,
     Event,
@@ -90,6 +91,18 @@ def _reported_rules(crash: bool, encounter: Mapping[str, float]) -> dict[str, Re
     }
 
 
+# Collisions with a vehicle that cuts in have to be avoided from this time to collision on when it has entered
+# the lane by 0.3 m, in vehicles without standing passengers. The regulation does not name the speed of the
+# vehicle that cuts in, so each closing speed is tested at several.
+EU_2022_1426 = tuple(
+    PrescribedTest(
+        f"{closing} km/h faster, TTC {ttc:.2f} s",
+        "(EU) 2022/1426, Annex III, Part 1, 1.4.2",
+        np.array([(lead, ttc * closing / 3.6, closing / 3.6) for lead in (5.0, 10.0, 15.0)]),
+    )
+    for closing, ttc in ((10, 0.48), (20, 0.71), (30, 0.94), (40, 1.18), (50, 1.41), (60, 1.64))
+)
+
 CUT_IN = SCENARIOS.add("cut_in")(
     Scenario(
         name="cut_in",
@@ -132,6 +145,7 @@ CUT_IN = SCENARIOS.add("cut_in")(
         has_injuries=True,
         # The careful human of UN R157, and the human driver from data.
         references={"": "cc_human", "human_": "human"},
+        prescribed=EU_2022_1426,
         derived={"host_speed": lambda cut_in: cut_in["lead_speed"] + cut_in["closing_speed"]},
         panels=(
             Panel("speed [m/s]", {"host_speed_m_per_s": "host", "lead_speed_m_per_s": "lead vehicle"}),

@@ -17,6 +17,7 @@ from numpy.typing import ArrayLike, NDArray
 from accelerated_evaluation.base.arrays import Array
 from accelerated_evaluation.base.errors import InputError
 from accelerated_evaluation.base.tables import CLUSTER as CLUSTER
+from accelerated_evaluation.scenarios.prescribed import PrescribedTest
 
 FLAG = "0 or 1"  # unit of an outcome that is true or false
 ENDED = "ended"  # name of the flag that is false for a run that was stopped at its longest duration
@@ -236,6 +237,8 @@ class Scenario:
         of the mapping from names of variables to values.
     panels
         Panels of the figure of one simulated encounter; by default one for every column of the trace.
+    prescribed
+        Tests that regulations prescribe for this scenario.
     cluster
         Name of the column of a table of records that identifies who or what made a record.
     """
@@ -268,6 +271,7 @@ class Scenario:
     derived: Mapping[str, Callable[[Mapping[str, Any]], Any]] = field(default_factory=dict)
     panels: Sequence[Panel] = ()
     cluster: str = "driver"
+    prescribed: Sequence[PrescribedTest] = ()
 
     @property
     def names(self) -> tuple[str, ...]:

@@ -186,3 +186,19 @@ def with_errors(lead_motion: pd.DataFrame) -> pd.DataFrame:
 
 # The crash probabilities with a lead vehicle that changes its speed.
 lead_motion_table = result_table("lead_motion", digits=2, digest=with_errors)
+
+
+def passed_tests(prescribed: pd.DataFrame) -> pd.DataFrame:
+    """Return which vehicles pass each prescribed test: a row for each test, and a column for each vehicle."""
+    words = prescribed["passed"].map({True: "passed", False: "failed"})
+    wide = prescribed.assign(passed=words).pivot_table(
+        index=["source", "test"], columns="vehicle", values="passed", aggfunc="first", sort=False
+    )
+    return wide.reset_index().rename_axis(columns=None)
+
+
+# Tests that regulations prescribe, by vehicle.
+prescribed_table = result_table("prescribed", digest=passed_tests)
+
+# Crash probabilities with other steps of the simulation.
+numerical_error_table = result_table("numerical_error", digits=3)

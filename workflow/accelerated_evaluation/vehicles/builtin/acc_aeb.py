@@ -1,6 +1,7 @@
 """The car of the study: adaptive cruise control (ACC) with autonomous emergency braking (AEB)."""
 
-from dataclasses import dataclass, field
+import math
+from dataclasses import dataclass, field, replace
 from typing import ClassVar
 
 from accelerated_evaluation.scenarios.parameters import AccAebParameters, parameter_error
@@ -31,12 +32,26 @@ class AccAeb(AccAebParameters, CompiledVehicle):
     tracer: ClassVar = staticmethod(trace_car)
 
     top_start_speed: float = 35.0  # cap on the speed at the start of an encounter [m/s]
+    # Steps of the motion and of the controller [s]. The published verdicts have 0.1 s for both; smaller steps
+    # show the numerical error of the simulation.
+    time_step: float = STEP
+    decision_step: float = STEP
 
     def __post_init__(self) -> None:
         super().__post_init__()
+        for name, value, whole in (
+            ("time_step", self.time_step, self.decision_step),
+            ("decision_step", self.decision_step, STEP),
+        ):
+            if not math.isclose(whole / value, round(whole / value)):
+                raise parameter_error(name, value, f"{whole:g} s, or this divided by a whole number")
         if self.threshold_top > self.aeb_release_ttc:
             expected = f"at most aeb_release_ttc = {self.aeb_release_ttc:g} s"
             raise parameter_error("aeb_ttc", self.threshold_top, expected)
+
+    def at_steps(self, time_step: float, decision_step: float) -> "AccAeb":
+        """Return the same car with other steps of the motion and of the controller [s]."""
+        return replace(self, time_step=time_step, decision_step=decision_step)
 
     @property
     def threshold_top(self) -> float:
@@ -53,7 +68,7 @@ class AccAeb(AccAebParameters, CompiledVehicle):
             top_start_speed=self.top_start_speed,
             headway=self.headway,
             kp=self.kp,
-            ki_half_step=self.ki * STEP / 2,
+            ki_half_step=self.ki * self.decision_step / 2,
             acc_limit=self.acc_limit,
             acc_top_speed=self.acc_top_speed,
             threshold_base=V60_TTC[0] if scaled else self.threshold_top,
@@ -64,7 +79,9 @@ class AccAeb(AccAebParameters, CompiledVehicle):
             aeb_deceleration=self.aeb_deceleration,
             aeb_jerk=self.aeb_jerk,
             friction_limit=self.friction_limit,
-            acceleration_step=self.actuator_jerk * STEP,
+            acceleration_step=self.actuator_jerk * self.time_step,
+            step=self.time_step,
+            per_decision=round(self.decision_step / self.time_step),
         )
         return Car._make(map(float, numbers))
 

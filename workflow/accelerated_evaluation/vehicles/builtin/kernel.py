@@ -19,7 +19,7 @@ from numpy.typing import NDArray
 from accelerated_evaluation.scenarios.parameters import compiled
 
 STEP = 0.1  # [s]; it is a part of the model, because smaller steps change outcomes
-STEPS = 80  # number of steps, for 8 s
+STEPS = 80  # number of these steps, for 8 s
 
 LANES = 320  # number of encounters in a block; their state, 25.6 kB, stays in the level-1 cache
 SWEEP = 8  # number of steps after which encounters that have ended are removed; a divisor of STEPS
@@ -46,7 +46,9 @@ class Car(NamedTuple):
     aeb_deceleration: float
     aeb_jerk: float
     friction_limit: float
-    acceleration_step: float
+    acceleration_step: float  # largest change of the acceleration in a step of the motion [m/s^2]
+    step: float  # step of the motion [s]
+    per_decision: float  # number of steps of the motion from one decision of the controller to the next
 
 
 @compiled
@@ -69,6 +71,7 @@ def start(encounters: NDArray, first: int, count: int, car: Car, state: NDArray,
 @compiled
 def watch(state: NDArray, count: int, car: Car) -> None:
     """Update the smallest TTC, and switch the AEB on or off, in the first ``count`` columns of ``state``."""
+    decision_step = car.step * car.per_decision
     for i in range(count):
         range_, speed, timer, min_ttc = state[RANGE, i], state[SPEED, i], state[TIMER, i], state[MIN_TTC, i]
         command, onset = state[COMMAND, i], state[ONSET, i]
@@ -79,7 +82,7 @@ def watch(state: NDArray, count: int, car: Car) -> None:
         was_on = timer > 0.0
         on = closing & ((ttc <= threshold) | (was_on & (ttc <= car.release_ttc)))
         running = (range_ > 0.0) & (speed > 0.0)
-        state[TIMER, i] = timer + STEP if on else 0.0
+        state[TIMER, i] = timer + decision_step if on else 0.0
         state[ONSET, i] = onset if was_on else command
         state[MIN_TTC, i] = ttc if running & closing & (ttc < min_ttc) else min_ttc
 
@@ -103,18 +106,19 @@ def command(state: NDArray, count: int, car: Car) -> None:
 
 @compiled
 def move(state: NDArray, count: int, car: Car) -> None:
-    """Apply the actuator, and move the cars by 0.1 s, in the first ``count`` columns of ``state``.
+    """Apply the actuator, and move the cars by one step, in the first ``count`` columns of ``state``.
 
     Encounters that have ended do not change.
     """
+    step = car.step
     for i in range(count):
         lead, range_, speed, last = state[LEAD, i], state[RANGE, i], state[SPEED, i], state[ACCELERATION, i]
         min_range = state[MIN_RANGE, i]
         running = (range_ > 0.0) & (speed > 0.0)
         wanted = min(max(state[COMMAND, i], -car.friction_limit), car.friction_limit)
         acceleration = min(max(wanted, last - car.acceleration_step), last + car.acceleration_step)
-        new_speed = max(speed + acceleration * STEP, 0.0)
-        new_range = range_ + (lead - (speed + new_speed) / 2) * STEP
+        new_speed = max(speed + acceleration * step, 0.0)
+        new_range = range_ + (lead - (speed + new_speed) / 2) * step
         new_range = new_range if running else range_
         state[ACCELERATION, i] = acceleration
         state[SPEED, i] = new_speed if running else speed
@@ -159,25 +163,27 @@ def simulate_slice(
     """Simulate the columns ``begin`` to ``end`` (excluded) of ``encounters``, independently of each other.
 
     The rows of ``encounters`` are lead speed [m/s], range [m] and closing speed [m/s]. ``lead_speeds`` [m/s]
-    are those at every step, shape (n, STEPS + 1), or (n, 1) if the lead vehicles keep their speeds. Within a
+    are those at every step, shape (n, steps + 1), or (n, 1) if the lead vehicles keep their speeds. Within a
     step a lead vehicle moves with the mean of its speeds at both ends of the step. ``outcomes``, shape (4,
     n), receives crash (0 or 1), min_range [m], min_ttc [s] and impact_speed [m/s].
     """
     state = np.empty((FIELDS, LANES))
     index = np.empty(LANES, np.int64)
     is_moving = lead_speeds.shape[1] > 1
+    steps, per_decision = round(STEPS * STEP / car.step), int(car.per_decision)
     for first in range(begin, end, LANES):
         count = min(LANES, end - first)
         start(encounters, first, count, car, state, index)
         step = 0
         while count > 0:
             step += 1
-            watch(state, count, car)
-            command(state, count, car)
+            if (step - 1) % per_decision == 0:
+                watch(state, count, car)
+                command(state, count, car)
             if is_moving:
                 _follow_lead(state, index, count, lead_speeds, step - 1, step)
             move(state, count, car)
             if is_moving:
                 _follow_lead(state, index, count, lead_speeds, step, step)
             if is_moving or step % SWEEP == 0:  # the lead speed at the end of an encounter must not change
-                count = _sweep(state, index, count, step == STEPS, outcomes)
+                count = _sweep(state, index, count, step == steps, outcomes)
