@@ -162,6 +162,25 @@ def test_the_shared_error_is_that_of_the_mean_of_the_draws(samplers):
     assert np.all(np.hypot(shared, own) < 1.6 * np.mean([posterior.errors for posterior in found], axis=0))
 
 
+def test_the_shared_error_is_at_least_that_predicted_before_the_runs(samplers):
+    """Runs that agree with their control variate, because they missed the rest, must not look exact.
+
+    The control variates of this test are the outcomes themselves, so that the runs show no second phase.
+    """
+    for sampler in samplers[:10]:
+        batches = combining.counted_batches(sampler.progress.estimates)
+        importance = np.array([batch.importance for batch in batches])
+        variations = np.array([batch.prediction.variation / batch.runs for batch in batches])
+        predicted = np.sqrt((importance / importance.sum()) ** 2 @ variations)
+        known = [
+            Control(happened.astype(float), np.ones(len(batch.kept)))
+            for batch, happened in counted(sampler.progress)
+        ]
+        found = laws().estimate(sampler, controls=known)
+        assert found.shared == pytest.approx(predicted, rel=1e-9)
+        assert found.own.max() < predicted  # from the runs alone, the errors would be 0
+
+
 def test_any_emphasis_leaves_the_estimate_right_and_attracts_runs(samplers):
     def aside(z):
         return np.where(z @ [0.8, -0.6] > 0, 5.0, 0.2)

@@ -82,7 +82,15 @@ def crash_probability(law):
     return probability
 
 
-@pytest.mark.parametrize("choice", ["answer", "paper"])
+# What the intervals under a law contain: in the table ``answer``, and in words.
+CONTAINED = {
+    "answer": ("data, choice of law, sampling", "data, choice of law and sampling"),
+    "exponential 0.9": ("data, sampling", "data and sampling, without choice of law"),
+    "paper": ("sampling", "sampling, without data and choice of law"),
+}
+
+
+@pytest.mark.parametrize("choice", CONTAINED)
 def test_the_estimate_is_of_the_law_that_was_chosen(config, chosen, choice):
     found = ae.estimate(config, ae.Request(law=choice))
     tables = estimate_tables(found.answers, found.records)
@@ -92,6 +100,9 @@ def test_the_estimate_is_of_the_law_that_was_chosen(config, chosen, choice):
     assert row["converged"]
     assert row["probability"] == pytest.approx(exact, abs=4 * error)
     assert tables["answer"].iloc[0]["probability"] == pytest.approx(exact, abs=4 * error)
+    contained, in_words = CONTAINED[choice]
+    assert set(tables["answer"]["contains"]) == {contained, ""}  # no estimate of events that are no crash
+    assert sum(line.startswith(f"  intervals with {in_words}: 50%") for line in found.lines()) == 1
     others = [name for name in ("paper", "hazard", "exponential 0.9") if name != choice]
     wrong = [crash_probability(chosen(other)) for other in others]
     assert max(abs(row["probability"] - other) for other in wrong) > 4 * error

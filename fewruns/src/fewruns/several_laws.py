@@ -172,8 +172,9 @@ class SeveralLaws:
             variances = variances + weight**2 * variance
         if not estimates.mean() > 0:
             return None
-        found = _with_errors(estimates, variances, importance, counted)
-        return found if controls is None else divided(found, parts)
+        predicted = _predicted_error(importance, counted)
+        found = _with_errors(estimates, variances, predicted, np.count_nonzero(importance))
+        return found if controls is None else divided(found, parts, predicted)
 
     def refined(self, sampler: Sampler) -> LawEstimates | None:
         """Return more precise estimates of the sampled event, with divided errors.
@@ -249,26 +250,32 @@ def reweight(batch: TwoPhaseBatch, ratios: Ratios, happened: Array, control: Con
     return controlled.sum(axis=1) + terms.sum(axis=1), np.maximum(squares, 0.0) + second_phase
 
 
-def _with_errors(
-    estimates: Array, variances: Array, importance: Array, counted: Sequence[BatchEstimate]
-) -> LawEstimates:
-    """Return estimates with relative errors: at least the predicted one, and at most 1 if that one is."""
+def _predicted_error(importance: Array, counted: Sequence[BatchEstimate]) -> float:
+    """Return the relative error of the estimate under the sampled law, as predicted before the runs."""
     variations = np.array([batch.prediction.variation / max(batch.runs, 1) for batch in counted])
-    predicted = np.sqrt(importance**2 @ variations)
+    return float(np.sqrt(importance**2 @ variations))
+
+
+def _with_errors(estimates: Array, variances: Array, predicted: float, batches: int) -> LawEstimates:
+    """Return estimates with relative errors: at least the predicted one, and at most 1 if that one is."""
     known = np.maximum(estimates, SMALLEST * estimates.mean())
     errors = np.clip(np.sqrt(variances) / known, predicted, max(predicted, 1.0))
-    return LawEstimates(known, errors, np.count_nonzero(importance))
+    return LawEstimates(known, errors, batches)
 
 
 Part = tuple[float, TwoPhaseBatch, Ratios, Array, Control]  # a batch with its weight and outcomes
 
 
-def divided(found: LawEstimates, parts: Sequence[Part]) -> LawEstimates:
+def divided(found: LawEstimates, parts: Sequence[Part], predicted: float) -> LawEstimates:
     """Divide the errors of the estimates into a part that all laws share and a part of each law alone.
 
     Let Y_k be the estimate under law k, and P_k its probability, for which Y_k is used. The shared part is
     the standard error of the mean of Y_k / P_k over the laws, without the extreme ones (`INNER`). The part of
     a law alone is the standard error of the difference of Y_k / P_k from this mean.
+
+    The standard error from the runs is too small where a few runs have missed a part of the event. The shared
+    part is therefore at least the ``predicted`` error, as that of the estimate of the sampler
+    (`combining.Combined.error`).
     """
     scale = found.probabilities[:, None]
     low, high = np.quantile(scale, INNER)
@@ -281,4 +288,4 @@ def divided(found: LawEstimates, parts: Sequence[Part]) -> LawEstimates:
         rest = Ratios(relative.runs - mean.runs, relative.kept - mean.kept)
         shared += weight**2 * float(reweight(batch, mean, happened, control)[1][0])
         own += weight**2 * reweight(batch, rest, happened, control)[1]
-    return replace(found, shared=math.sqrt(shared), own=np.sqrt(own))
+    return replace(found, shared=max(math.sqrt(shared), predicted), own=np.sqrt(own))

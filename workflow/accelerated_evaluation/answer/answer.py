@@ -116,6 +116,11 @@ class Answer:
         return self.posteriors[self.problem.event]
 
     @property
+    def sources(self) -> tuple[str, ...]:
+        """Sources of uncertainty that the intervals of the main event contain; none if it has no estimate."""
+        return () if self.posterior is None else self.posterior.sources
+
+    @property
     def crash_weights(self) -> Array:
         """Probability of each crash under each draw, shape (K, m); a row sums to that of the draw."""
         weights = self.crashes.weights
@@ -124,12 +129,16 @@ class Answer:
         return weights * np.nan_to_num(scale, nan=1.0, posinf=1.0)[:, None]
 
     def table(self, events_per_km: float | None = None) -> pd.DataFrame:
-        """Return one row for each event: mean, median, 50, 80 and 95 % interval, and rate per kilometre."""
+        """Return one row for each event: mean, median, 50, 80 and 95 % interval, and rate per kilometre.
+
+        ``contains`` names the sources of uncertainty that the intervals contain (`Posterior.sources`).
+        """
         rows = []
         for event, posterior in self.posteriors.items():
             row = {"event": self.problem.scenario.event_in_words(event)} | answer_row(posterior)
             rate = np.nan if events_per_km is None else row["probability"] * events_per_km
-            rows.append(row | {"per_km": rate})
+            contains = "" if posterior is None else ", ".join(posterior.sources)
+            rows.append(row | {"per_km": rate, "contains": contains})
         return pd.DataFrame(rows)
 
     def budget(self) -> pd.DataFrame:

@@ -11,7 +11,7 @@ from accelerated_evaluation.answer.by_few_runs import crashes_table
 from accelerated_evaluation.answer.comparison import draws_table
 from accelerated_evaluation.answer.extrapolation import extrapolation
 from accelerated_evaluation.answer.fitted_records import FittedRecords
-from accelerated_evaluation.answer.posterior import LEVELS, Posterior, exposure_table
+from accelerated_evaluation.answer.posterior import CHOICE, DATA, LEVELS, Posterior, exposure_table
 
 RATE_DRAWS = 1000  # number of equally likely values of a probability from which rates are computed
 
@@ -58,8 +58,12 @@ def exposure_of(posteriors: Mapping[str, Posterior | None], records: FittedRecor
     return exposure_table(thinned, records.size, records.exposure)
 
 
-def answer_in_words(row: Mapping[str, Any], noun: str = "encounter") -> list[str]:
-    """Return a row of the table ``answer`` as lines of text; ``noun`` is the name of one encounter."""
+def answer_in_words(row: Mapping[str, Any], sources: Sequence[str], noun: str = "encounter") -> list[str]:
+    """Return a row of the table ``answer`` as lines of text.
+
+    ``sources`` are the sources of uncertainty that the intervals contain (`Posterior.sources`), and ``noun``
+    is the name of one encounter.
+    """
     if np.isnan(row["median"]):
         return [f"{row['event']}: not known from these runs"]
     intervals = (f"{100 * level:.0f}%: {_ends(row, level)}" for level in LEVELS)
@@ -68,8 +72,20 @@ def answer_in_words(row: Mapping[str, Any], noun: str = "encounter") -> list[str
     return [
         f"{row['event']}: probability in {article} {noun} {row['median']:.3g} (median, {_one_in(row)}), "
         f"{row['probability']:.3g} (mean){per_km}",
-        f"  intervals with data, laws and sampling: {'; '.join(intervals)}",
+        f"  {intervals_in_words(sources)}: {'; '.join(intervals)}",
     ]
+
+
+def intervals_in_words(sources: Sequence[str]) -> str:
+    """Return which uncertainties the intervals of an answer contain, and which of the law they leave out."""
+    missing = [source for source in (DATA, CHOICE) if source not in sources]
+    without = f", without {_joined(missing)}" if missing else ""
+    return f"intervals with {_joined(sources)}{without}"
+
+
+def _joined(names: Sequence[str]) -> str:
+    """Return names as a list in words, such as "data, choice of law and sampling"."""
+    return " and ".join(part for part in (", ".join(names[:-1]), names[-1]) if part)
 
 
 def _one_in(row: Mapping[str, Any]) -> str:

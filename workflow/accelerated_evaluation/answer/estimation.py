@@ -194,7 +194,7 @@ class Estimated:
         table = answer.table(self.records.per_km)
         is_known = table["median"].notna() | (table.index == 0)
         for row in table[is_known].to_dict("records")[: None if verbose else 1]:
-            yield from answer_in_words(row, answer.problem.scenario.noun)
+            yield from answer_in_words(row, answer.sources, answer.problem.scenario.noun)
         if verbose and not is_known.all():
             yield f"not known from these runs: {', '.join(table.loc[~is_known, 'event'])}"
 
@@ -321,7 +321,7 @@ def _progress() -> Iterator[Shown]:
             text = f"{estimate.events} events, sampling alone {estimate.low:.2g} to {estimate.high:.2g}"
             if posterior is not None:
                 low, high = posterior.whole.interval(LEVEL)
-                text = f"{low:.2g} to {high:.2g} with laws and data, {text}"
+                text = f"{low:.2g} to {high:.2g} with {', '.join(posterior.sources)}, {text}"
             bar.set_postfix_str(text)
 
         yield show

@@ -21,6 +21,7 @@ SUMMARY = (
     "median",
     *(f"{end}{100 * level:.0f}" for level in LEVELS for end in ("low", "high")),
 )
+DATA, CHOICE, SAMPLING = "data", "choice of law", "sampling"  # sources of uncertainty
 LEVEL = 0.8  # level of the interval whose width is compared with and without the sampling error
 NOISE = 25  # number of equally likely values that represent the distribution of the sampling error of a draw
 LEAST = 0.1  # lower bound of 1 + t c, for sampling errors so large that their distribution is unknown
@@ -46,6 +47,16 @@ class Posterior:
         """Return the ends of the equal-tailed credible interval of the probability at a level from 0 to 1."""
         low, high = np.quantile(self.probabilities, [(1 - level) / 2, (1 + level) / 2])
         return float(low), float(high)
+
+    @property
+    def sources(self) -> tuple[str, ...]:
+        """Sources of uncertainty that the intervals contain.
+
+        They are `DATA` if a candidate has several draws, and `CHOICE` if there are several candidates.
+        """
+        draws = np.unique(self.member, return_counts=True)[1]  # of each candidate
+        contained = {DATA: draws.max() > 1, CHOICE: draws.size > 1}
+        return tuple(source for source, is_contained in contained.items() if is_contained)
 
     @property
     def alone(self) -> "Posterior":
@@ -93,6 +104,11 @@ class SampledPosterior(Posterior):
         """Return the posterior from the estimates of a sampler under all draws."""
         errors = found.errors, found.batches, found.shared, found.own
         return cls(found.probabilities, member, *errors, unseen_lapses)
+
+    @property
+    def sources(self) -> tuple[str, ...]:
+        """Sources of uncertainty that the intervals contain, with the sampling."""
+        return (*super().sources, SAMPLING)
 
     @property
     def alone(self) -> Posterior:

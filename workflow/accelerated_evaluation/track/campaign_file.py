@@ -213,7 +213,7 @@ def whole_in_words(campaign: Campaign, law: Law, draws: Draws | None = None) -> 
     row = {"event": campaign.scenario.event_in_words(campaign.event), "per_km": float("nan")}
     gain = 1 - 1 / (1 + max(posterior.share_of_sampling, 0.0))
     return [
-        *answer_in_words(row | answer_row(posterior), campaign.scenario.noun),
+        *answer_in_words(row | answer_row(posterior), posterior.sources, campaign.scenario.noun),
         *budget_in_words(budget(posterior.alone, posterior.deviation)),
         f"more runs would make the {LEVEL:.0%} interval at most {gain:.0%} narrower; the rest is "
         "the uncertainty of the records, which only more records reduce",

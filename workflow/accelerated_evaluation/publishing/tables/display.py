@@ -147,6 +147,7 @@ HEADERS = {
     "coverage80": "coverage of 80 %",
     "coverage95": "coverage of 95 %",
     "dispersion_15000": "dispersion, blocks of 15,000",
+    "contains": "the intervals contain",
     "dispersion_5000": "dispersion, blocks of 5,000",
     "gain_inverse_ttc_0.25": "gain [nats], TTC⁻¹ > 0.25/s",
     "gain_inverse_ttc_0.35": "gain [nats], TTC⁻¹ > 0.35/s",
