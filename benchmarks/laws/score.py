@@ -6,7 +6,7 @@ from pathlib import Path
 import numpy as np
 import pandas as pd
 import yaml
-from accelerated_evaluation.answer.scores import HeldOut
+from accelerated_evaluation.answer.scores import HeldOut, contiguous_folds
 from accelerated_evaluation.base.files import write_csv
 from accelerated_evaluation.laws.smooth.family import DistinctRecords, Fitter, Member
 from accelerated_evaluation.laws.smooth.independent import IndependentTail
@@ -23,14 +23,15 @@ def score(events: DistinctRecords) -> pd.DataFrame:
     """Return the gain of each law over the paper's in each region [nats]."""
     regions = {f"gain_inverse_ttc_{q:g}": q * events.range_ for q in REGIONS}
     fitter = Fitter(events, OURS)
-    own = HeldOut.of_family(fitter, fitter.fit(), HALVES).scores(regions, THIN)
+    folds = contiguous_folds(events.size, HALVES)
+    own = HeldOut.of_family(fitter, fitter.fit(), folds).scores(regions, THIN)
     sums = {member.name: {at: own[at][k].sum() for at in regions} for k, member in enumerate(OURS)}
 
     def independent(part: DistinctRecords) -> IndependentTail:
         return IndependentTail.fit(part, 0.95, SHAPES["exponential"])
 
     for name, fit in {"paper": independent, **{peer.name: peer for peer in PEERS}}.items():
-        scores = HeldOut.of_law(fit, events, HALVES).scores(regions, THIN)
+        scores = HeldOut.of_law(fit, events, folds).scores(regions, THIN)
         sums[name] = {at: values.sum() for at, values in scores.items()}
     table = pd.DataFrame(sums).T
     return (table - table.loc["paper"]).rename_axis("law").reset_index()

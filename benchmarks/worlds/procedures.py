@@ -18,7 +18,7 @@ from accelerated_evaluation.answer.calibration import (
 )
 from accelerated_evaluation.answer.law_study import LawStudy
 from accelerated_evaluation.answer.posterior import Posterior
-from accelerated_evaluation.answer.scores import GivenLaw, HeldOut
+from accelerated_evaluation.answer.scores import GivenLaw, HeldOut, contiguous_folds
 from accelerated_evaluation.answer.smooth_family import SmoothFamily, region
 from accelerated_evaluation.crash_map.sensitivity import fit_for_crashes
 from accelerated_evaluation.laws.smooth.conditional import Places
@@ -58,9 +58,9 @@ class Fitted:
         distinct, _ = distinct_records(records)
         fitter = Fitter(distinct, MEMBERS)
         family, boundary = fitter.fit(setting.family), region(distinct) * distinct.range_
-        scores = HeldOut.of_family(fitter, family, BLOCKS).scores({"region": boundary}, THIN)["region"]
-        not_counted = np.empty((len(MEMBERS), 0))
-        fitted = fitter, family, scores, not_counted, assign_segments(records, EDGES), TOP
+        folds = contiguous_folds(distinct.size, BLOCKS)
+        scores = HeldOut.of_family(fitter, family, folds).scores({"region": boundary}, THIN)["region"]
+        fitted = fitter, family, scores, {}, assign_segments(records, EDGES), TOP
         return cls(LawStudy.of_family(SmoothFamily(*fitted), DRAWS, generator))
 
     def by_map(self, setting: WorldSettings, generator: np.random.Generator) -> Intervals:

@@ -9,9 +9,12 @@ import pandas as pd
 import pytest
 from accelerated_evaluation.answer.by_map import masses_under
 from accelerated_evaluation.answer.calibration import (
+    counts_by_fold,
     expected_counts,
+    fold_row,
     mid_p,
     near_miss_counts,
+    recorded_by_fold,
     recorded_counts,
     strips,
     with_limits,
@@ -19,10 +22,13 @@ from accelerated_evaluation.answer.calibration import (
 from accelerated_evaluation.answer.comparison import is_resolved, vehicle_row, vehicle_table
 from accelerated_evaluation.answer.posterior import budget
 from accelerated_evaluation.answer.scores import (
+    Fold,
     HeldOut,
     bootstrapped_weights,
     censored_log_score,
     contiguous_blocks,
+    contiguous_folds,
+    forward_folds,
     mixture_scores,
     stacking_weights,
     threshold_weighted_crps,
@@ -132,13 +138,20 @@ def test_the_weighted_crps_is_zero_without_doubt_and_counts_only_above_the_bound
 
 def test_held_out_scores_know_nothing_of_the_block(records):
     seen = []
-    HeldOut.of_law(lambda part: seen.append(part.size) or ExponentialSpeeds(), records, blocks=4)
-    assert seen == [SIZE - SIZE // 4] * 4
+    fit = lambda part: seen.append(part.closing_speed) or ExponentialSpeeds()  # noqa: E731
+    HeldOut.of_law(fit, records, contiguous_folds(SIZE, 4))
+    assert [len(known) for known in seen] == [SIZE - SIZE // 4] * 4
+    seen.clear()
+    held_out = HeldOut.of_law(fit, records, forward_folds(SIZE, 4))
+    halves = [fold.tested[0] for fold in held_out.folds]
+    assert halves == [SIZE // 2, SIZE // 4 * 3]
+    for known, start in zip(seen, halves, strict=True):  # forward in time, only the records before
+        np.testing.assert_array_equal(known, records.closing_speed[:start])
 
 
 def test_members_score_like_the_true_law_where_there_are_records(records, fitter, family):
     regions = {"upper": np.full(SIZE, 5.0)}
-    held_out = HeldOut.of_family(fitter, family, blocks=5)
+    held_out = HeldOut.of_family(fitter, family, contiguous_folds(SIZE, 5))
     scores = held_out.scores(regions)["upper"]
     truth = censored_log_score(ExponentialSpeeds(), records.closing_speed, regions["upper"])
     # Each fitted parameter costs about half a nat held out; the splines of the tail use some tens.
@@ -212,6 +225,60 @@ def test_cells_count_what_is_recorded_and_expect_it_from_the_true_law(records):
     assert counts["p_value"].min() > 0.05 / len(counts)
     wrong = judged(ExponentialSpeeds(1.5 * MEAN))
     assert wrong["p_value"].min() < 1e-4
+
+
+CELL_MEANS = np.geomspace(0.02, 300, 64)  # expected numbers of cells, as wide as those of the study
+
+
+def fold_rows(counts):
+    """Return the rows of 400 tables, each of counts of two halves under the cell means."""
+    expected = np.tile(CELL_MEANS, (2, 1))
+    return pd.DataFrame([fold_row(own, expected) for own in counts])
+
+
+def test_poisson_counts_are_outside_their_limits_as_often_as_expected_by_chance():
+    generator = np.random.default_rng(9)
+    rows = fold_rows(generator.poisson(CELL_MEANS, (400, 2, CELL_MEANS.size)))
+    assert set(rows["cells"]) == {128}
+    # Less than 10 % of the cells, because counts are whole numbers.
+    error = rows["outside"].std() / np.sqrt(len(rows))
+    assert rows["outside"].mean() == pytest.approx(rows["by_chance"][0], abs=4.5 * error)
+    assert 0.02 * 128 < rows["by_chance"][0] < 0.1 * 128
+    error = rows["dispersion"].std() / np.sqrt(len(rows))
+    assert rows["dispersion"].mean() == pytest.approx(1, abs=4.5 * error)
+    assert 0.02 < rows["overdispersed"].mean() < 0.1  # of the nominal 5 %, by a normal approximation
+
+
+def test_overdispersed_counts_of_halves_are_flagged_although_their_sums_agree():
+    """The rate is half as large in one half of the records and larger in the other, so that the sum is right.
+
+    Summed over the folds, as the check was once made, the counts look like those of the law.
+    """
+    generator = np.random.default_rng(10)
+    drifting = np.array([0.75, 1.25])[:, None] * CELL_MEANS
+    counts = generator.poisson(drifting, (400, *drifting.shape))
+    rows = fold_rows(counts)
+    assert rows["overdispersed"].mean() > 0.95
+    assert rows["outside"].mean() > 2 * rows["by_chance"][0]
+    sums = pd.DataFrame([fold_row(own.sum(axis=0), 2 * CELL_MEANS) for own in counts])
+    assert sums["overdispersed"].mean() < 0.1
+    assert sums["dispersion"].mean() == pytest.approx(1, abs=0.1)
+
+
+def test_expected_numbers_of_folds_are_those_of_laws_that_do_not_know_them(records):
+    """The law of a fold has the mean of the known closing speeds; one that knows all would miss the drift."""
+    drifting = replace(records, closing_speed=records.closing_speed * np.linspace(0.8, 1.2, SIZE))
+    fit = lambda part: ExponentialSpeeds(part.closing_speed.mean())  # noqa: E731
+    folds = contiguous_folds(SIZE, 2)
+    recorded = recorded_by_fold(drifting, folds)
+    assert recorded.sum(axis=0).tolist() == recorded_counts(drifting)["recorded"].tolist()
+    held_out = counts_by_fold(HeldOut.of_law(fit, drifting, folds))[0]
+    assert held_out.shape == recorded.shape == (2, 64)
+    assert fold_row(recorded, held_out)["overdispersed"]
+    known = counts_by_fold(HeldOut.of_law(fit, drifting, [Fold(f.tested, f.tested[:0]) for f in folds]))[0]
+    assert fold_row(recorded, held_out)["dispersion"] > 1.5 * fold_row(recorded, known)["dispersion"]
+    steady = counts_by_fold(HeldOut.of_law(fit, records, folds))[0]
+    assert not fold_row(recorded_by_fold(records, folds), steady)["overdispersed"]
 
 
 def test_near_misses_are_expected_in_proportion():

@@ -6,9 +6,9 @@
 
 EVERY = ["answer", "answer_budget", "answer_draws", "exposure", "extrapolation"]
 EVERY += ["crash_places", "vehicle"]
-OF_MAPS = ["answer_thresholds", "calibration", "near_misses"]
+OF_MAPS = ["answer_thresholds", "calibration", "fold_calibration", "near_misses"]
 OF_FEW_RUNS = ["estimate", "runs", "crashes", "replays", "replayed_events"]
-OF_LAWS_OF_CUT_INS = ["calibration"] if IS_CUT_IN else ["laws"]
+OF_LAWS_OF_CUT_INS = ["calibration", "fold_calibration"] if IS_CUT_IN else ["laws"]
 WITH_INJURIES = SCENARIOS[SCENARIO].has_injuries
 INJURIES = ["injuries", "injuries_by_curve", "injury_budget", "injury_curves"]
 INJURIES += ["risk_balance"]

@@ -1,16 +1,18 @@
 """Compare the recorded numbers of critical cut-ins with the numbers that the laws predict."""
 
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
+from functools import partial
 from itertools import pairwise
 from math import isfinite
 
 import numpy as np
 import pandas as pd
 from numpy.typing import ArrayLike, NDArray
+from scipy.special import ndtri
 from scipy.stats import poisson
 
-from accelerated_evaluation.answer.scores import GivenLaw, HeldOut, contiguous_blocks
+from accelerated_evaluation.answer.scores import Fold, GivenLaw, HeldOut, contiguous_folds, forward_folds
 from accelerated_evaluation.base.arrays import Array
 from accelerated_evaluation.laws.smooth.conditional import Places
 from accelerated_evaluation.laws.smooth.family import DistinctRecords
@@ -34,6 +36,15 @@ CELLS = {
 # cells as host speeds above the upper end of the interval [m/s]. The last cell has no upper end. The cells
 # contain from thousands of records down to none.
 LEAD_SPEEDS, HOST_SPEEDS = 8, (0, 3, 6, 9, 12)
+LEAST_EXPECTED = 1.0  # records in a cell, from which on its square has a moderate variance
+TENTHS = "tenths"
+# Divisions of the records, by their names in tables.
+DIVISIONS: Mapping[str, Callable[[int], list[Fold]]] = {
+    "halves": partial(contiguous_folds, blocks=2),
+    "quarters": partial(contiguous_folds, blocks=4),
+    TENTHS: contiguous_folds,
+    "later tenths, from all records before": forward_folds,
+}
 CLOSING, HOST, REPLAYED = "closing speed", "host speed", "replay"  # kinds of counts
 
 
@@ -120,23 +131,62 @@ def expected_counts(records: DistinctRecords, given: Callable[[Places], Iterable
     return np.concatenate(expected, axis=1)
 
 
-def held_out_counts(held_out: HeldOut) -> Array:
-    """Return the expected number of records in each cell, under laws fitted without the block of the record.
+def counts_by_fold(held_out: HeldOut) -> Array:
+    """Return the expected number of records of each fold in each cell, shape (laws, folds, cells).
 
-    The result has shape (laws, cells).
+    The laws do not know the records of the fold.
     """
-    records = held_out.records
-    block = contiguous_blocks(records.size, len(held_out.given))
-    return sum(
-        expected_counts(records.only(np.flatnonzero(block == number)), given)
-        for number, given in enumerate(held_out.given)
-    )
+    pairs = zip(held_out.folds, held_out.given, strict=True)
+    found = [expected_counts(held_out.records.only(fold.tested), given) for fold, given in pairs]
+    return np.stack(found, axis=1)
+
+
+def recorded_by_fold(records: DistinctRecords, folds: Sequence[Fold]) -> Array:
+    """Return the number of records of each fold in each cell, shape (folds, cells)."""
+    return np.stack([recorded_counts(records.only(fold.tested))["recorded"] for fold in folds])
 
 
 def _expected(law: GivenLaw, ends: list[Array]) -> list[float]:
     """Return the expected number of records between each pair of ends."""
     faster = [np.exp(-law.cumulative(end)) for end in ends]
     return [float(np.sum(low - high)) for low, high in pairwise(faster)]
+
+
+def fold_row(recorded: Array, expected: Array) -> dict[str, float]:
+    """Compare recorded and expected numbers of the cells of all folds, both of shape (folds, cells).
+
+    If laws are fitted to counts, the sums over folds agree with the records by construction. The numbers of
+    single folds need not, so that this comparison can fail.
+
+    Returns
+    -------
+    dict
+        The number of ``cells`` in all folds; how many recorded numbers are ``outside`` of their 90 % Poisson
+        limits (`with_limits`), and how many would be ``by_chance`` if the numbers had Poisson distributions
+        with the expected means; the ``dispersion``, which is the mean of (recorded - expected)^2 / expected
+        over the cells in which at least `LEAST_EXPECTED` records are expected, with its expected value of 1
+        and its 95 % ``dispersion_limit`` for Poisson numbers; and whether the dispersion exceeds this limit
+        (``overdispersed``). The laws are fitted to finite records, so that even with the right laws slightly
+        more cells than ``by_chance`` are outside.
+    """
+    recorded, expected = np.ravel(recorded), np.ravel(expected)
+    low, high = (poisson.ppf(level, expected) for level in LIMITS)
+    outside = (recorded < low) | (recorded > high)
+    by_chance = poisson.cdf(low - 1, expected) + poisson.sf(high, expected)
+    many = expected >= LEAST_EXPECTED
+    squares = (recorded[many] - expected[many]) ** 2 / expected[many]
+    # The variance of a square is 2 + 1 / expected.
+    deviation = np.sqrt(np.sum(2 + 1 / expected[many])) / max(many.sum(), 1)
+    dispersion = float(squares.mean()) if many.any() else np.nan
+    limit = 1 + ndtri(LIMITS[1]) * deviation
+    return {
+        "cells": recorded.size,
+        "outside": int(outside.sum()),
+        "by_chance": float(by_chance.sum()),
+        "dispersion": dispersion,
+        "dispersion_limit": limit,
+        "overdispersed": dispersion > limit,
+    }
 
 
 def near_miss_counts(

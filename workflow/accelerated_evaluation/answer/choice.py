@@ -113,9 +113,9 @@ def _one_member(name: str, records: FittedRecords, config: Mapping[str, Any]) ->
             expected="a law with a threshold that at least ten records exceed",
             change=f"Choose a law with a lower threshold, or {ANSWER}.",
         )
-    scores, expected = np.zeros((len(members), records.size)), np.zeros((len(members), 0))
+    scores = np.zeros((len(members), records.size))
     cap = config["answer"]["grid"]["closing_speed_max"]
-    smooth = SmoothFamily(fitter, family, scores, expected, records.table, cap)
+    smooth = SmoothFamily(fitter, family, scores, {}, records.table, cap)
     weights = np.zeros((config["answer"]["draws"], len(members)))
     weights[:, members.index(NAMED[name])] = 1.0
     return LawStudy(smooth, weights)

@@ -11,8 +11,12 @@ from numpy.typing import NDArray
 
 from accelerated_evaluation.answer.by_map import thinned
 from accelerated_evaluation.answer.calibration import (
-    held_out_counts,
+    DIVISIONS,
+    TENTHS,
+    counts_by_fold,
+    fold_row,
     near_miss_counts,
+    recorded_by_fold,
     recorded_counts,
     with_limits,
 )
@@ -64,7 +68,7 @@ def calibration_table(study: LawStudy, near: NearMisses | None = None) -> pd.Dat
         return [] if near is None else [near_miss_counts(near.recorded, probability, records.size)]
 
     by_event = {} if near is None else near.probabilities
-    by_member = dict(zip(smooth.names, smooth.expected, strict=True))
+    by_member = dict(zip(smooth.names, smooth.expected[TENTHS].sum(axis=1), strict=True))
     mean = {name: study.mean(values) for name, values in by_event.items()}
     tables = {TOGETHER: [recorded.assign(expected=study.mean(by_member)), *near_misses(mean)]}
     for member in shown_members(study):
@@ -72,9 +76,30 @@ def calibration_table(study: LawStudy, near: NearMisses | None = None) -> pd.Dat
         of_cells = recorded.assign(expected=by_member[member.name])
         tables[member.name] = [of_cells, *near_misses(of_member)]
     independent = HeldOut.of_law(papers_law, records)
-    tables[PAPER] = [recorded.assign(expected=held_out_counts(independent)[0])]
+    tables[PAPER] = [recorded.assign(expected=counts_by_fold(independent)[0].sum(axis=0))]
     rows = [with_limits(pd.concat(parts, ignore_index=True)).assign(law=law) for law, parts in tables.items()]
     return pd.concat(rows, ignore_index=True)
+
+
+def fold_calibration(study: LawStudy) -> pd.DataFrame:
+    """Compare recorded and expected numbers of the cells of the cut-ins by fold, for each way to divide them.
+
+    There is a row for each ``law`` of `calibration_table` and each ``division`` of the records (`DIVISIONS`),
+    with the columns of `fold_row`.
+    """
+    smooth, records = study.smooth, study.smooth.records
+    rows = []
+    for division, divide in DIVISIONS.items():
+        folds = divide(records.size)
+        recorded = recorded_by_fold(records, folds)
+        by_member = dict(zip(smooth.names, smooth.expected[division], strict=True))
+        expected = {TOGETHER: study.mean(by_member)}
+        expected |= {member.name: by_member[member.name] for member in shown_members(study)}
+        expected[PAPER] = counts_by_fold(HeldOut.of_law(papers_law, records, folds))[0]
+        rows += [
+            {"law": law, "division": division} | fold_row(recorded, own) for law, own in expected.items()
+        ]
+    return pd.DataFrame(rows)
 
 
 BLOCKS = (5_000, 15_000)  # consecutive records in a block; the longest are used for the factor

@@ -54,6 +54,27 @@ def contiguous_blocks(size: int, blocks: int = BLOCKS) -> NDArray[np.int_]:
     return np.arange(size) * blocks // size
 
 
+@dataclass(frozen=True)
+class Fold:
+    """Records that are predicted, and records that the laws for the prediction must not know."""
+
+    tested: NDArray[np.intp]  # indices of the predicted records
+    left_out: NDArray[np.intp]  # indices of the records that are left out of the fit, with the predicted ones
+
+
+def contiguous_folds(size: int, blocks: int = BLOCKS) -> list[Fold]:
+    """Return a fold for each block of consecutive records, which is predicted from all other records."""
+    block = contiguous_blocks(size, blocks)
+    return [Fold(tested, tested) for tested in (np.flatnonzero(block == number) for number in range(blocks))]
+
+
+def forward_folds(size: int, blocks: int = BLOCKS) -> list[Fold]:
+    """Return a fold for each block of the second half of the records, predicted from those before it."""
+    block = contiguous_blocks(size, blocks)
+    later = range(-(-blocks // 2), blocks)
+    return [Fold(np.flatnonzero(block == number), np.flatnonzero(block >= number)) for number in later]
+
+
 def censored_log_score(law: GivenLaw, closing_speed: Array, boundary: Array) -> Array:
     """Return the log score of each record, censored to closing speeds above a boundary, shape (n,).
 
@@ -89,36 +110,41 @@ def thinned_times(inside: NDArray[np.bool_], thin: int) -> NDArray[np.int_]:
 
 @dataclass(frozen=True)
 class HeldOut:
-    """Laws fitted without the records of one block, for each block in turn."""
+    """Laws fitted without some of the records, for each fold in turn."""
 
     records: DistinctRecords  # in the order of the records
-    # For each block, a function from places to the laws of the closing speed fitted without the block.
+    folds: Sequence[Fold]
+    # For each fold, a function from places to the laws of the closing speed that do not know its records.
     given: Sequence[Callable[[Places], Iterable[GivenLaw]]]
     laws: int = 1
 
     @classmethod
-    def of_family(cls, fitter: Fitter, family: LawFamily, blocks: int = BLOCKS) -> "HeldOut":
-        """Fit every law of a family once for each block of records, without the records of the block.
+    def of_family(cls, fitter: Fitter, family: LawFamily, folds: Sequence[Fold] | None = None) -> "HeldOut":
+        """Fit every law of a family once for each fold, by default those of `contiguous_folds`.
 
         The fits start from the fit to all records, on the grids of the fitter.
         """
+        folds = contiguous_folds(fitter.records.size) if folds is None else folds
 
         def given_by(refit: LawFamily, places: Places) -> Iterator[GivenLaw]:
             below = places.body(refit.body)
             return (refit.law(member).given(places, below) for member in fitter.members)
 
-        block = contiguous_blocks(fitter.records.size, blocks)
-        refits = [fitter.refit(family, np.flatnonzero(block == number)) for number in range(blocks)]
-        return cls(fitter.records, [partial(given_by, refit) for refit in refits], len(fitter.members))
+        refits = [fitter.refit(family, fold.left_out) for fold in folds]
+        return cls(fitter.records, folds, [partial(given_by, refit) for refit in refits], len(fitter.members))
 
     @classmethod
     def of_law(
-        cls, fit: Callable[[DistinctRecords], FittedLaw], records: DistinctRecords, blocks: int = BLOCKS
+        cls,
+        fit: Callable[[DistinctRecords], FittedLaw],
+        records: DistinctRecords,
+        folds: Sequence[Fold] | None = None,
     ) -> "HeldOut":
-        """Fit a single law once for each block of records, without the records of the block."""
-        block = contiguous_blocks(records.size, blocks)
-        fits = [fit(records.only(np.flatnonzero(block != number))) for number in range(blocks)]
-        return cls(records, [lambda places, law=law: [law.given(places)] for law in fits])
+        """Fit a single law once for each fold, by default those of `contiguous_folds`."""
+        folds = contiguous_folds(records.size) if folds is None else folds
+        every = np.arange(records.size)
+        fits = [fit(records.only(np.delete(every, fold.left_out))) for fold in folds]
+        return cls(records, folds, [lambda places, law=law: [law.given(places)] for law in fits])
 
     def scores(
         self, regions: Mapping[str, Array], thin: int = 1, score: Score = censored_log_score
@@ -130,11 +156,10 @@ class HeldOut:
         accuracy because these scores are similar.
         """
         speed = self.records.closing_speed
-        block = contiguous_blocks(speed.size, len(self.given))
         times = thinned_times(np.any([speed > boundary for boundary in regions.values()], axis=0), thin)
         scores = {name: np.zeros((self.laws, speed.size)) for name in regions}
-        for number, given in enumerate(self.given):
-            out = np.flatnonzero((block == number) & (times > 0))
+        for fold, given in zip(self.folds, self.given, strict=True):
+            out = fold.tested[times[fold.tested] > 0]
             for place, law in enumerate(given(self.records.only(out).places)):
                 for name, boundary in regions.items():
                     scores[name][place, out] = times[out] * score(law, speed[out], boundary[out])

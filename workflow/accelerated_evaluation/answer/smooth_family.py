@@ -14,8 +14,8 @@ import pandas as pd
 from numpy.typing import NDArray
 
 from accelerated_evaluation import answer
-from accelerated_evaluation.answer.calibration import held_out_counts
-from accelerated_evaluation.answer.scores import BLOCKS, HeldOut
+from accelerated_evaluation.answer.calibration import DIVISIONS, TENTHS, counts_by_fold
+from accelerated_evaluation.answer.scores import BLOCKS, HeldOut, contiguous_folds
 from accelerated_evaluation.base.arrays import Array
 from accelerated_evaluation.base.errors import InputError
 from accelerated_evaluation.base.files import atomic_path, content_digest, read_arrays
@@ -51,8 +51,9 @@ class SmoothFamily:
     fitter: Fitter  # the records, with the bases of the splines
     family: LawFamily
     scores: Array  # held-out log score of each member on each distinct record, shape (M, n)
-    # Held-out number of records in each cell of `calibration.strips`, (M, cells); None if not calibrated.
-    expected: Array | None
+    # Held-out number of records of each fold in each cell of `calibration.strips`, shape (M, folds, cells),
+    # by the names of `calibration.DIVISIONS`; empty if not calibrated.
+    expected: Mapping[str, Array]
     encounters: pd.DataFrame | None = None  # encounter table, from which laws take their lead speeds
     closing_speed_max: float = math.inf  # cap on the closing speed of laws [m/s]
 
@@ -67,17 +68,24 @@ class SmoothFamily:
     ) -> Self:
         """Fit the members that have enough records, and score them on contiguous blocks of records.
 
-        The fit begins from ``start``, a fit to similar records. The numbers of records that the table of the
-        calibration compares, which take as long as the scores, are computed only if ``calibrated``.
+        The fit begins from ``start``, a fit to similar records. The numbers of records that the tables of the
+        calibration compare, which take longer than the scores, are computed only if ``calibrated``, and then
+        on `BLOCKS` blocks.
         """
         fitter = Fitter(records, members)
         family, boundary = fitter.fit(start), region(records) * records.range_
         fitted = tuple(member for member in members if member.level is None or member in family.tails)
         if fitted != members:
             fitter = Fitter(records, fitted)
-        held_out = HeldOut.of_family(fitter, family, blocks)
+        held_out = HeldOut.of_family(fitter, family, contiguous_folds(records.size, blocks))
         scores = held_out.scores({"region": boundary})["region"]
-        return cls(fitter, family, scores, held_out_counts(held_out) if calibrated else None)
+        if not calibrated:
+            return cls(fitter, family, scores, {})
+        others = {name: divide(records.size) for name, divide in DIVISIONS.items() if name != TENTHS}
+        divided = {TENTHS: held_out}
+        divided |= {name: HeldOut.of_family(fitter, family, folds) for name, folds in others.items()}
+        expected = {name: counts_by_fold(own) for name, own in divided.items()}
+        return cls(fitter, family, scores, expected)
 
     @property
     def records(self) -> DistinctRecords:
@@ -131,7 +139,7 @@ def region(records: DistinctRecords) -> float:
 
 
 FORMAT = "accelerated-evaluation family"
-VERSION = 2
+VERSION = 3
 HAZARD = ("coefficients", "smoothing", "factor")
 EXCESS = (*HAZARD, "parameters")
 FAR = ("levels", "factors", "shapes")
@@ -157,7 +165,7 @@ def write_family(path: str | os.PathLike, scored: SmoothFamily) -> None:
     family = scored.family
     header = _header(scored.records) | {"members": [member.name for member in scored.members]}
     arrays = {"header": np.array(json.dumps(header)), "scores": scored.scores}
-    arrays |= {"expected": scored.expected}
+    arrays |= {f"expected, {name}": values for name, values in scored.expected.items()}
     for kind in ("ranges", "body"):
         arrays |= {f"{kind} {name}": getattr(getattr(family, kind), name) for name in HAZARD}
     if (few := family.far_records) is not None:
@@ -228,7 +236,8 @@ def _from_arrays(
         size, lowest, table = (arrays[f"far records, {name}"] for name in ("size", "lowest", "table"))
         few = FarRecords(Places.of(*table[:2], records.support), table[2], int(size), float(lowest))
     family = LawFamily(ranges, body, thresholds, exceedances, tails, far, few)
-    return SmoothFamily(fitter, family, arrays["scores"], arrays["expected"])
+    expected = {name: arrays[f"expected, {name}"] for name in DIVISIONS if f"expected, {name}" in arrays}
+    return SmoothFamily(fitter, family, arrays["scores"], expected)
 
 
 def _hazard(arrays: Mapping[str, Array], kind: str, grid: HazardGrid) -> SmoothHazard:

@@ -35,7 +35,13 @@ from accelerated_evaluation.answer.injuries.tables import (
 )
 from accelerated_evaluation.answer.joint_family import JointFamily
 from accelerated_evaluation.answer.law_study import LawStudy
-from accelerated_evaluation.answer.map_tables import MapTables, calibration_table, crash_shares, restricted
+from accelerated_evaluation.answer.map_tables import (
+    MapTables,
+    calibration_table,
+    crash_shares,
+    fold_calibration,
+    restricted,
+)
 from accelerated_evaluation.answer.posterior import Posterior, budget
 from accelerated_evaluation.base.arrays import Array
 from accelerated_evaluation.crash_map.maps import read_crash_map
@@ -84,6 +90,7 @@ def answer_tables(
         tables["laws"] = study.family.table(study.weights)
     elif not isinstance(way, Map):  # the table of a map also has crashes and near misses
         tables["calibration"] = calibration_table(study)
+        tables["fold_calibration"] = fold_calibration(study)
     if isinstance(way, Map):
         tables |= _map_tables(own, study, way, streams)
     if isinstance(way, Simulations):
@@ -183,6 +190,7 @@ def _map_tables(own: Answer, study: LawStudy, way: Map, streams: Streams) -> Tab
     return {
         "answer_thresholds": more.thresholds(streams("thresholds")),
         "calibration": more.calibration(),
+        "fold_calibration": fold_calibration(study),
         "near_misses": more.near_misses(own.posteriors, streams("near misses")),
     }
 
