@@ -6,6 +6,7 @@ among laws adds to the width.
 """
 
 import argparse
+from functools import partial
 
 import pandas as pd
 from accelerated_evaluation.answer.law_study import LawStudy
@@ -35,14 +36,14 @@ def examine(kind: str, number: int, world: World, setting: WorldSettings) -> dic
         span: ``held``, ``width``, ``true_law_held``, ``true_law_width``.
     """
     records = simulate_records(world, setting, child_generator(ROOT, "worlds", kind, number))
-    generator = child_generator(ROOT, "worlds", kind, number, "causes")
-    study = LawStudy.of_family(SmoothFamily.of(distinct_records(records)[0]), DRAWS, generator)
-    levels = threshold_table(study, setting.lines, generator)["probability"]
+    streams = partial(child_generator, ROOT, "worlds", kind, number, "causes")
+    study = LawStudy.of_family(SmoothFamily.of(distinct_records(records)[0]), DRAWS, streams("weigh"))
+    levels = threshold_table(study, setting.lines, streams)["probability"]
     reported = {"kind": kind, "world": number, "threshold_ratio": levels.max() / levels.min()}
     truth = float(world.masses(setting.lines).sum())
     true_law = study.only([Member(LEVEL, TRUE_LAW[kind]).name])
     for prefix, laws in (("", study), ("true_law_", true_law)):
-        summary = summary_under(laws, setting.lines, generator)
+        summary = summary_under(laws, setting.lines, streams)
         low, high = summary["low80"], summary["high80"]
         reported |= {f"{prefix}held": low <= truth <= high, f"{prefix}width": high / low}
     return reported

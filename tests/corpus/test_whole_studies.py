@@ -50,7 +50,6 @@ TINY = {
     "answer": {
         "grid": {"lead_speed_cells": 8, "range_cells": 12, "refinement": 2, "closing_speed_points": 60},
         "draws": 50,
-        "quality_draws": 20,
     },
     "sensitivity": {
         "inverse_ttc_knots": [0.9, 0.99],

@@ -1,13 +1,15 @@
 """Scores, weights, calibration and exact probabilities of laws with dependence, against closed forms."""
 
 from dataclasses import replace
+from functools import partial
 from types import SimpleNamespace
 
 import accelerated_evaluation as ae
 import numpy as np
 import pandas as pd
 import pytest
-from accelerated_evaluation.answer.by_map import masses_under
+from accelerated_evaluation.answer import variants
+from accelerated_evaluation.answer.by_map import masses_under, thinned
 from accelerated_evaluation.answer.calibration import (
     counts_by_fold,
     expected_counts,
@@ -35,6 +37,7 @@ from accelerated_evaluation.answer.scores import (
     time_to_collision_boundary,
 )
 from accelerated_evaluation.answer.smooth_family import SmoothFamily
+from accelerated_evaluation.answer.variants import choice_table, quality_table
 from accelerated_evaluation.crash_map.exact import ALL, exact_probabilities
 from accelerated_evaluation.crash_map.lines import CrashLines, crash_places
 from accelerated_evaluation.laws.paper.models import recorded_lead_speeds
@@ -323,10 +326,35 @@ def test_thinned_lines_are_unbiased(crash_map, records, family):
     assert abs(np.mean(drawn) - whole) < 4 * np.std(drawn) / np.sqrt(60) + 1e-4 * whole
 
 
+def equal_weights(fitter, family, encounters=None):
+    """Return a study with 80 draws, in which all members have the same weight."""
+    smooth = SmoothFamily(fitter, family, np.zeros((len(MEMBERS), SIZE)), {}, encounters, 45.0)
+    return ae.LawStudy(smooth, np.full((80, len(MEMBERS)), 1 / len(MEMBERS)))
+
+
+def test_the_answer_and_its_variants_print_one_number(
+    crash_map, records, fitter, family, encounters, monkeypatch
+):
+    """The first rows of the variants are the answer itself: the same fit, draws and lines of the map."""
+    study, streams = equal_weights(fitter, family, encounters), partial(ae.child_generator, 1)
+    draws, car = study.draws(streams("draws")), RateCar()
+    problem, way = ae.Problem(ae.CUT_IN, draws.proposal, car), ae.Map(crash_map, records)
+    answer = ae.evaluate(problem, draws, way, generator=streams("answer")).table().iloc[0]
+    lines = thinned(CrashLines.of(crash_map, records.lead_speed), car, draws, streams("answer"))
+    monkeypatch.setattr(variants, "SPLINES", {})  # whose fits take a while
+    fewer = records.only(np.arange(1, SIZE))
+    readings = {"as in the answer": records, "without a record": fewer}
+    tables = choice_table(study, lines, streams), quality_table(readings, study, lines, streams)
+    for table in tables:
+        for column in ("probability", "median", "low80", "high95"):
+            assert table[column][0] == pytest.approx(answer[column], rel=1e-9)
+        others = table[table.iloc[:, 0] != "equal weights"].iloc[1:]  # the weights of this study are equal
+        assert (abs(others["median"] / answer["median"] - 1) > 1e-6).all()
+
+
 def test_the_posterior_holds_the_truth_and_its_budget_adds_up(crash_map, records, fitter, family):
-    lines, none = CrashLines.of(crash_map, records.lead_speed), np.zeros((len(MEMBERS), 0))
-    smooth = SmoothFamily(fitter, family, none, none)
-    study = ae.LawStudy(smooth, np.full((80, len(MEMBERS)), 1 / len(MEMBERS)))
+    lines = CrashLines.of(crash_map, records.lead_speed)
+    study = equal_weights(fitter, family)
     draws = study.draws(np.random.default_rng(8))
     posterior = ae.Posterior(masses_under(lines, draws).sum(axis=1), draws.member)
     low, high = posterior.interval(0.95)

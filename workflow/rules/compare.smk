@@ -50,7 +50,7 @@ rule compare_record_variants:
     params:
         **UNDER_TEST,
         seed=config["seed"],
-        answer=part(config["answer"], "draws", "quality_draws"),
+        draws=config["answer"]["draws"],
         support=SUPPORT,
         outlier_rows=INPUTS.source["outlier_rows"],
         library=code_up_to("answer"),

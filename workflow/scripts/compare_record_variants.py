@@ -16,16 +16,15 @@ from accelerated_evaluation.vehicles.external.slow import loaded_for
 
 if __name__ == "__main__":
     with job(snakemake.log[0]):
-        files, params, few = snakemake.input, snakemake.params, snakemake.params.answer["quality_draws"]
+        files, params = snakemake.input, snakemake.params
         records = stored_records(CUT_IN, files.encounters, params.support)
         stream, support = partial(child_generator, params.seed, "laws"), records.data.support
-        study = LawStudy.of(records, params.answer["draws"], stream, files.family).smooth_only()
+        study = LawStudy.of(records, params.draws, stream, files.family).smooth_only()
         lines = CrashLines.of(read_crash_map(files.map), records.data.lead_speed, support=support)
         cut_ins = (records.table[name].to_numpy() for name in ("lead_speed", "range", "closing_speed"))
         with loaded_for(params.vehicle, params.simulations | {"workers": snakemake.threads}) as vehicle:
             crashed = vehicle.simulate(*cut_ins).crash
-            lines = thinned(lines, vehicle, study.draws(stream("draws")), stream("thinned"))
+            lines = thinned(lines, vehicle, study.draws(stream("draws")), stream("answer"))
         variants = record_variants(records.table, crashed, params.outlier_rows, support)
-        table = quality_table(variants, study.smooth, lines, few, stream("data_quality"))
-        write_csv(snakemake.output.data_quality, table)
-        write_csv(snakemake.output.choices, choice_table(study, lines, few, stream("choices")))
+        write_csv(snakemake.output.data_quality, quality_table(variants, study, lines, stream))
+        write_csv(snakemake.output.choices, choice_table(study, lines, stream))

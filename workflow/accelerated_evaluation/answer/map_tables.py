@@ -24,7 +24,7 @@ from accelerated_evaluation.answer.law_study import LawStudy
 from accelerated_evaluation.answer.law_table import KNOT, PAPER, TOGETHER, papers_law
 from accelerated_evaluation.answer.posterior import Posterior
 from accelerated_evaluation.answer.scores import HeldOut
-from accelerated_evaluation.answer.variants import threshold_table
+from accelerated_evaluation.answer.variants import Streams, threshold_table
 from accelerated_evaluation.base.arrays import Array
 from accelerated_evaluation.crash_map.lines import CrashLines
 from accelerated_evaluation.crash_map.maps import CrashMap
@@ -181,10 +181,10 @@ class MapTables:
         """Return all lines of the map with the intervals of an event."""
         return CrashLines.of(self.crash_map, self.records.lead_speed, event, self.records.support)
 
-    def thresholds(self, generator: np.random.Generator) -> pd.DataFrame:
+    def thresholds(self, streams: Streams) -> pd.DataFrame:
         """Return the crash probability for each threshold of the laws; see `threshold_table`."""
-        lines = thinned(self.lines(), self.vehicle, self.draws, generator)
-        return threshold_table(self.study, lines, generator)
+        lines = thinned(self.lines(), self.vehicle, self.draws, streams("answer"))
+        return threshold_table(self.study, lines, streams)
 
     def calibration(self) -> pd.DataFrame:
         """Return recorded and expected numbers of critical cut-ins; see `calibration_table`."""

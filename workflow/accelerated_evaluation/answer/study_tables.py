@@ -1,9 +1,8 @@
 """The tables of a study's answer, for all scenarios and for all ways in which an answer is computed."""
 
 import os
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 
-import numpy as np
 import pandas as pd
 from scipy.special import ndtri
 
@@ -43,6 +42,7 @@ from accelerated_evaluation.answer.map_tables import (
     restricted,
 )
 from accelerated_evaluation.answer.posterior import Posterior, budget
+from accelerated_evaluation.answer.variants import Streams
 from accelerated_evaluation.base.arrays import Array
 from accelerated_evaluation.crash_map.maps import read_crash_map
 from accelerated_evaluation.laws.draws import Draws
@@ -53,7 +53,6 @@ UNDER_TEST = "under test"
 WHOLE = "all encounters"  # name of the answer without a restriction
 SEPARATOR = " | "  # between the parts of the name of a risk of injury
 
-Streams = Callable[[str], np.random.Generator]
 Tables = dict[str, pd.DataFrame]
 
 
@@ -188,7 +187,7 @@ def comparison_tables(
 def _map_tables(own: Answer, study: LawStudy, way: Map, streams: Streams) -> Tables:
     more = MapTables(own.problem.scenario, study, own.draws, own.problem.vehicle, way.crash_map)
     return {
-        "answer_thresholds": more.thresholds(streams("thresholds")),
+        "answer_thresholds": more.thresholds(streams),
         "calibration": more.calibration(),
         "fold_calibration": fold_calibration(study),
         "near_misses": more.near_misses(own.posteriors, streams("near misses")),

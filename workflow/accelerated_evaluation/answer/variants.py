@@ -1,7 +1,6 @@
 """The answer for other choices of the statistician, and for other treatments of the records."""
 
-from collections.abc import Mapping
-from copy import deepcopy
+from collections.abc import Callable, Mapping
 from dataclasses import replace
 
 import numpy as np
@@ -23,16 +22,20 @@ from accelerated_evaluation.records.segments import MINIMUM_ROWS
 RANGE_LIMIT_WIDTH = 0.5  # [m], width below the largest range in which records may be affected by rounding
 
 
-def threshold_table(study: LawStudy, lines: CrashLines, generator: np.random.Generator) -> pd.DataFrame:
+Streams = Callable[[str], np.random.Generator]
+"""Returns the generator of a step of the answer by its name, always in the same state."""
+
+
+def threshold_table(study: LawStudy, lines: CrashLines, streams: Streams) -> pd.DataFrame:
     """Return the crash probability from the laws with one threshold alone, one row for each ``level``.
 
-    All thresholds get the same random numbers, so that they differ only by the threshold.
+    All thresholds get the random numbers of the answer, so that they differ only by the threshold.
     """
     levels = {name: NAMED[name].level for name in study.names if name in NAMED}
     rows = []
     for level in sorted({level for level in levels.values() if level is not None}):
         own = study.only([name for name, each in levels.items() if each == level])
-        rows.append({"level": level} | summary_under(own, lines, deepcopy(generator)))
+        rows.append({"level": level} | summary_under(own, lines, streams))
     return pd.DataFrame(rows, columns=["level", *SUMMARY])
 
 
@@ -67,33 +70,34 @@ def record_variants(
 
 def quality_table(
     choices: Mapping[str, DistinctRecords],
-    start: SmoothFamily,
+    study: LawStudy,
     lines: CrashLines,
-    draws: int,
-    generator: np.random.Generator,
+    streams: Streams,
 ) -> pd.DataFrame:
     """Return the crash probability for each treatment of the records, one row for each ``reading``.
 
-    The laws are fitted again, from a fit ``start`` to all records, and weighted again. All treatments get the
-    same random numbers. The numbers are NaN if too few records are left.
+    The laws are fitted again, from the fit of the study to its records, and weighted again. All treatments
+    get the random numbers of the answer, which is therefore the first row. The numbers are NaN if too few
+    records are left.
     """
-    rows, answers = [], {}
+    start = study.smooth
+    rows, answers = [], {start.records.cut_ins.tobytes(): summary_under(study, lines, streams)}
     for reading, records in tqdm(choices.items(), desc="data quality", unit=" readings"):
         # A treatment that concerns no record leaves the records, and therefore the answer, as they are.
         content = records.cut_ins.tobytes()
         if content not in answers:
-            own = deepcopy(generator)
             answers[content] = {}
             if records.size >= MINIMUM_ROWS:
                 family = SmoothFamily.of(records, start.members, start=start.family)
-                answers[content] = summary_under(LawStudy.of_family(family, draws, own), lines, own)
+                again = LawStudy.of_family(family, len(study.weights), streams("weigh"))
+                answers[content] = summary_under(again, lines, streams)
         rows.append({"reading": reading, "events": records.size} | answers[content])
     return pd.DataFrame(rows)
 
 
-def summary_under(study: LawStudy, lines: CrashLines, generator: np.random.Generator) -> dict[str, float]:
-    """Return the summary of the crash probability under draws of a study of laws."""
-    draws = study.draws(generator)
+def summary_under(study: LawStudy, lines: CrashLines, streams: Streams) -> dict[str, float]:
+    """Return the summary of the crash probability under draws of a study of laws, as those of the answer."""
+    draws = study.draws(streams("draws"))
     return summarise(Posterior(masses_under(lines, draws).sum(axis=1), draws.member))
 
 
@@ -101,22 +105,20 @@ PRIORS = {"far tail: prior half as wide": 4 * PRIOR, "far tail: prior twice as w
 SPLINES = {"fewer splines": (4, 3), "more splines": (9, 8)}
 
 
-def choice_table(
-    study: LawStudy, lines: CrashLines, draws: int, generator: np.random.Generator
-) -> pd.DataFrame:
+def choice_table(study: LawStudy, lines: CrashLines, streams: Streams) -> pd.DataFrame:
     """Tabulate the crash probability for other choices of laws, weights, priors and splines.
 
-    There is a row for each choice, with the columns of `posterior.summarise`. All choices have the same
-    random numbers. The lines of the crash map are thinned to the probable ones.
+    There is a row for each choice, with the columns of `posterior.summarise`. All choices have the random
+    numbers of the answer, which is therefore the first row. The lines of the crash map are thinned to the
+    probable ones.
     """
 
     def row(choice: str, own: LawStudy, on: CrashLines = lines) -> dict[str, str | float]:
-        return {"choice": choice} | summary_under(own, on, deepcopy(generator))
+        return {"choice": choice} | summary_under(own, on, streams)
 
     def of_shape(*shapes: str) -> LawStudy:
         return study.only([name for name in study.names if name in NAMED and NAMED[name].shape in shapes])
 
-    study = replace(study, weights=study.weights[:draws])
     smooth, records = study.smooth, study.smooth.records
     rows = [
         row("as in the answer", study),
@@ -135,7 +137,7 @@ def choice_table(
     for choice, splines in SPLINES.items():
         support = replace(records.support, splines=splines)
         family = SmoothFamily.of(replace(records, support=support), smooth.members)
-        again = LawStudy.of_family(family, draws, deepcopy(generator))
+        again = LawStudy.of_family(family, len(study.weights), streams("weigh"))
         places = Places.of(lines.places.lead_speed, lines.places.range_, support)
         rows.append(row(choice, again, on=replace(lines, places=places)))
     return pd.DataFrame(rows)

@@ -62,6 +62,8 @@ TABLES = {
     "laws": "laws/laws.csv",
     # Recorded against expected counts of cut-ins and near misses near the crash set.
     "calibration": "laws/calibration.csv",
+    # The same by block of the records: cells outside their limits, those expected by chance, and dispersion.
+    "fold_calibration": "laws/fold_calibration.csv",
     # Random predicted crashes: lead speed, range and closing speed, and how far they are from the records.
     "crash_places": "laws/crash_places.csv",
     # Shares of the answer by distance of the predicted crashes from the records.

@@ -37,7 +37,7 @@ def without_details(laws: pd.DataFrame) -> pd.DataFrame:
 
 
 def of_the_answer(calibration: pd.DataFrame) -> pd.DataFrame:
-    """Return the rows of the table ``calibration`` for the weighted mean of all laws.
+    """Return the rows of a table of the calibration for the weighted mean of all laws.
 
     The weighted mean is the first law of the table.
     """
@@ -49,6 +49,9 @@ laws_table = result_table("laws", digits=3, digest=without_details)
 
 # Recorded and expected counts near the crash set.
 calibration_table = result_table("calibration", digits=3, digest=of_the_answer)
+
+# The same counts by block of the records.
+fold_calibration_table = result_table("fold_calibration", digits=3, digest=of_the_answer)
 
 
 @table("answer", digits=DIGITS, digest=with_intervals)
