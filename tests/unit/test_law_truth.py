@@ -9,7 +9,7 @@ import numpy as np
 import pandas as pd
 import pytest
 from accelerated_evaluation.answer import variants
-from accelerated_evaluation.answer.by_map import masses_under, thinned
+from accelerated_evaluation.answer.by_map import MapCrashes, masses_under, thinned
 from accelerated_evaluation.answer.calibration import (
     counts_by_fold,
     expected_counts,
@@ -52,7 +52,7 @@ from accelerated_evaluation.records.segments import complete
 from accelerated_evaluation.vehicles import AccAeb
 from accelerated_evaluation.vehicles.protocol import CRASH
 from rate_car import RATE, RateCar, exponential_records
-from scipy.stats import poisson
+from scipy.stats import kstest, poisson
 
 SIZE = 12_000
 MEAN = 2.0  # [m/s], of the closing speeds that the tests draw
@@ -301,6 +301,37 @@ def test_exact_probability_of_a_smooth_law(crash_map, records, family):
         lines, lines.masses(family.ranges, law), law, 3000, np.random.default_rng(6)
     )
     assert np.all(speed > RATE * range_ * 0.98)
+
+
+class ExponentialDensity:
+    """Cut-ins with exponential closing speeds, given by their density alone."""
+
+    box = SimpleNamespace(upper=(35.0, 75.0, 45.0))
+
+    def log_density(self, x):
+        return -x[:, 2] / MEAN
+
+
+def test_crashes_of_a_map_are_drawn_where_they_happen_and_not_in_the_middle_of_its_intervals(
+    crash_map, records, fitter, family, encounters
+):
+    """The toy car crashes above a closing speed, and exponential speeds exceed it by exponential excesses."""
+    draws = equal_weights(fitter, family, encounters).draws(np.random.default_rng(8))
+    problem, generator = ae.Problem(ae.CUT_IN, draws.proposal, RateCar()), np.random.default_rng(9)
+    crashes = ae.evaluate(problem, draws, ae.Map(crash_map, records), generator=generator).crashes
+
+    def distance(x):
+        return kstest(x[:, 2] - RATE * x[:, 1], "expon", args=(0, MEAN)).statistic
+
+    drawn = crashes.drawn(2000, generator)
+    # The laws are fitted to 12,000 records, and the map knows the boundary to a third of a metre a second.
+    assert distance(drawn) < 0.12
+    assert len(np.unique(drawn[:, 2])) == 2000
+    assert distance(super(MapCrashes, crashes).drawn(2000, generator)) > 0.15  # as it was: the middles
+    lines = CrashLines.of(crash_map, records.lead_speed)
+    masses = lines.masses(family.ranges, family.law(Member()))
+    by_density = crash_places(lines, masses, ExponentialDensity(), 2000, generator)
+    assert distance(np.column_stack(by_density)) < 0.12
 
 
 def test_members_and_parts_of_intervals_give_the_same_probabilities(crash_map, records, family):

@@ -39,6 +39,10 @@ class Crashes:
         weights = self.weights.mean(axis=0)
         return weights / weights.sum() if len(weights) else weights
 
+    def drawn(self, size: int, generator: np.random.Generator) -> Array:
+        """Draw crashes from the mean of the draws, shape (size, d)."""
+        return self.x[generator.choice(len(self.x), size, p=self.shares)]
+
 
 @dataclass(frozen=True)
 class Replayed:

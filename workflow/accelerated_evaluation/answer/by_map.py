@@ -10,9 +10,10 @@ from accelerated_evaluation.answer.extrapolation import speed_limits
 from accelerated_evaluation.answer.posterior import Posterior
 from accelerated_evaluation.base.arrays import Array
 from accelerated_evaluation.crash_map.checked import sample_crashes
-from accelerated_evaluation.crash_map.lines import CrashLines, divided, with_impacts
+from accelerated_evaluation.crash_map.lines import CrashLines, crash_places, divided, with_impacts
 from accelerated_evaluation.crash_map.maps import CrashMap
 from accelerated_evaluation.laws.draws import Draws, MixedDraws, single_laws
+from accelerated_evaluation.laws.protocol import Law
 from accelerated_evaluation.laws.smooth.conditional import SpeedLaw
 from accelerated_evaluation.laws.smooth.family import DistinctRecords
 from accelerated_evaluation.laws.smooth.mean import MeanLaw
@@ -58,7 +59,8 @@ class Map:
                 lines, impact_speed = with_impacts(lines, vehicle, law)
                 limits = speed_limits(self.records.cut_ins, lines.places.lead_speed, lines.places.range_)
                 lines, part = divided(lines, limits.values())
-                crashes = Crashes(lines.inside, impact_speed[part], masses_under(lines, draws))
+                masses = masses_under(lines, draws)
+                crashes = MapCrashes(lines.inside, impact_speed[part], masses, lines, draws)
                 probabilities = crashes.weights.sum(axis=1)
             else:
                 probabilities = masses_under(lines, draws).sum(axis=1)
@@ -76,6 +78,30 @@ class Map:
         """Return the lines of a map that matter for an event."""
         lines = CrashLines.of(crash_map, self.records.lead_speed, event, self.records.support)
         return thinned(lines, vehicle, draws, generator)
+
+
+@dataclass(frozen=True)
+class MapCrashes(Crashes):
+    """Crashes of a map: ``x`` has one cut-in of each interval of the closing speed, which contains others."""
+
+    lines: CrashLines
+    draws: Draws
+
+    def drawn(self, size: int, generator: np.random.Generator) -> Array:
+        """Draw crashes from the mean of the draws, shape (size, 3)."""
+        probabilities = self.weights.sum(axis=1)
+        counts, places = generator.multinomial(size, probabilities / probabilities.sum()), []
+        for law, masses, count in zip(laws_of(self.draws), self.weights, counts, strict=True):
+            if count:
+                places.append(np.column_stack(crash_places(self.lines, masses, law, count, generator)))
+        return generator.permutation(np.concatenate(places))
+
+
+def laws_of(draws: Draws) -> Sequence[SpeedLaw | Law]:
+    """Return the law of each draw: of the closing speed if it is smooth, and otherwise of cut-ins."""
+    if isinstance(draws, MixedDraws):
+        return [law for part in draws.parts for law in laws_of(part)]
+    return draws.draws.laws if isinstance(draws, MeanLaw) else single_laws(draws)
 
 
 def thinned(lines: CrashLines, vehicle: Vehicle, draws: Draws, generator: np.random.Generator) -> CrashLines:

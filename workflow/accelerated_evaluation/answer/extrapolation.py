@@ -128,7 +128,7 @@ def drawn_crashes(answer: Answer, records: FittedRecords, generator: np.random.G
     names = list(answer.problem.scenario.names)
     if answer.crashes is None or not answer.crashes.weights.any():
         return pd.DataFrame(columns=[*names, "part"])
-    x = answer.crashes.x[generator.choice(len(answer.crashes.x), DRAWN, p=answer.crashes.shares)]
+    x = answer.crashes.drawn(DRAWN, generator)
     parts = parts_of(records, x)
     part = np.select([parts[name] for name in DISJOINT], DISJOINT, "")
     return pd.DataFrame(x, columns=names).assign(part=part)

@@ -84,7 +84,7 @@ class SmoothFamily:
         others = {name: divide(records.size) for name, divide in DIVISIONS.items() if name != TENTHS}
         divided = {TENTHS: held_out}
         divided |= {name: HeldOut.of_family(fitter, family, folds) for name, folds in others.items()}
-        expected = {name: counts_by_fold(own) for name, own in divided.items()}
+        expected = {name: counts_by_fold(divided[name]) for name in DIVISIONS}
         return cls(fitter, family, scores, expected)
 
     @property

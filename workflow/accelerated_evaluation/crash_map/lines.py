@@ -25,6 +25,7 @@ from accelerated_evaluation.scenarios.protocol import Event
 from accelerated_evaluation.vehicles.protocol import CRASH, Vehicle
 
 NODES, NODE_WEIGHTS = np.polynomial.legendre.leggauss(32)
+STEPS = 200  # number of closing speeds in an interval at which a density is evaluated to draw one of them
 EVEN = 0.05  # share of the kept lines that are selected independently of their probability
 
 
@@ -198,18 +199,28 @@ class CrashLines(Lines):
 
 
 def crash_places(
-    lines: CrashLines, masses: Array, law: SpeedLaw, size: int, generator: np.random.Generator
+    lines: CrashLines, masses: Array, law: SpeedLaw | Law, size: int, generator: np.random.Generator
 ) -> tuple[Array, Array, Array]:
     """Draw lead speeds [m/s], ranges [m] and closing speeds [m/s] of crashes under a law, (size,) each.
 
-    Intervals are drawn with their probabilities ``masses``, and closing speeds in the intervals by inversion.
+    Intervals are drawn with their probabilities ``masses``. Closing speeds in the intervals are drawn by
+    inversion, or, if the law has only a density, from its values at `STEPS` closing speeds in the interval.
     """
     interval = generator.choice(masses.size, size, p=masses / masses.sum())
-    row = lines.row[interval]
-    given = law.given(lines.places.only(row))
-    start, end = given.cumulative(lines.start[interval]), given.cumulative(lines.end[interval])
-    level = start - np.log1p(generator.random(size) * np.expm1(start - end))
-    return lines.places.lead_speed[row], lines.places.range_[row], given.inverse(level)
+    row, start, end = lines.row[interval], lines.start[interval], lines.end[interval]
+    lead_speed, range_ = lines.place(row)
+    if hasattr(law, "given"):
+        given = law.given(lines.places.only(row))
+        start, end = given.cumulative(start), given.cumulative(end)
+        level = start - np.log1p(generator.random(size) * np.expm1(start - end))
+        return lead_speed, range_, given.inverse(level)
+    width = (np.minimum(end, law.box.upper[2]) - start) / STEPS
+    speeds = start[:, None] + width[:, None] * (np.arange(STEPS) + generator.random((size, STEPS)))
+    x = np.column_stack([np.repeat(lead_speed, STEPS), np.repeat(range_, STEPS), speeds.ravel()])
+    density = law.log_density(x).reshape(speeds.shape)
+    below = np.cumsum(np.exp(density - density.max(axis=1, keepdims=True)), axis=1)
+    chosen = (below < below[:, -1:] * generator.random((size, 1))).sum(axis=1)
+    return lead_speed, range_, speeds[np.arange(size), chosen]
 
 
 def lead_speed_shares(crash_map: CrashMap, lead_speeds: Array) -> Array:

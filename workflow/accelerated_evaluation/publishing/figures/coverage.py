@@ -1,12 +1,15 @@
 """Beyond the paper: coverage of the intervals (figures 18 and 24), and where predicted crashes lie (37)."""
 
+import math
 from collections.abc import Iterable
 
 import matplotlib.pyplot as plt
 import numpy as np
 import pandas as pd
 from matplotlib.axes import Axes
+from matplotlib.colors import LogNorm
 from matplotlib.figure import Figure
+from matplotlib.patches import Patch
 from matplotlib.ticker import MaxNLocator, PercentFormatter
 
 from accelerated_evaluation.answer.extrapolation import FAR, NEAR, RECORDED
@@ -146,25 +149,32 @@ PARTS = {
     FAR: ("faster than all records", "#b2182b", "^"),
 }
 DRAWN_CRASHES = 1000  # largest number of crashes that is drawn
-CLOSE = 0.15  # [1/s], least TTC^-1 of the records that are drawn
+CELL = (0.75, 0.25)  # [m] and [m/s], cells in which the records are counted
 
 
 @figure
 def fig37_extrapolation(
     extrapolation: pd.DataFrame, crash_places: pd.DataFrame, encounters: pd.DataFrame, source: str
 ) -> tuple[Figure, pd.DataFrame]:
-    """Draw the records with a short time to collision, and crashes drawn from the answer.
+    """Draw the number of records in each cell of range and closing speed, and crashes drawn from the answer.
 
-    The figure, with the share of each part of the predicted crashes in its legend; and these crashes.
+    The figure, with the share of each part of the predicted crashes in its legend; and its data: a row for
+    each crash with its ``part``, and one for the middle of each cell with its number of ``records``.
     """
     shares, crashes = extrapolation.set_index("part")["share"], crash_places.head(DRAWN_CRASHES)
-    near = encounters[encounters["inverse_ttc"] > CLOSE]
+    cells = _counted(encounters)
     with paper_style():
         drawn, axes = plt.subplots(figsize=(1.4 * COLUMN_WIDTH, 3.2))
-        axes.plot(near["range"], near["closing_speed"], ".", color="#777777", markersize=1.5, label="records")
+        grid = cells.pivot_table(index="closing_speed", columns="range", values="records")
+        most = int(cells["records"].max())
+        image = axes.pcolormesh(
+            grid.columns, grid.index, grid, cmap="Greys", norm=LogNorm(0.3, most), rasterized=True
+        )
+        grey = image.cmap(image.norm(math.sqrt(most)))
+        handles = [Patch(color=grey, label=f"records: 1 (light) to {most:,} (black) in a cell")]
         for part, (meaning, color, marker) in PARTS.items():
             rows = crashes[crashes["part"] == part]
-            axes.plot(
+            handles += axes.plot(
                 rows["range"],
                 rows["closing_speed"],
                 marker,
@@ -175,9 +185,20 @@ def fig37_extrapolation(
                 label=f"crashes, {meaning}: {100 * shares[part]:.0f} %",
             )
         fastest = encounters["closing_speed"].max()
-        axes.axhline(fastest, color="black", linewidth=0.6, linestyle=":", label="fastest record")
+        handles.append(
+            axes.axhline(fastest, color="black", linewidth=0.6, linestyle=":", label="fastest record")
+        )
         ends = round(encounters["range"].max()), 1.05 * max([fastest, *crashes["closing_speed"]])
         axes.set(xlabel="range [m]", ylabel="closing speed [m/s]", xlim=(0, ends[0]), ylim=(0, ends[1]))
-        axes.legend(loc="lower center", bbox_to_anchor=(0.5, 1.0), fontsize=6)
+        axes.legend(handles=handles, loc="lower center", bbox_to_anchor=(0.5, 1.0), fontsize=6)
         note_source(drawn, source)
-    return drawn, crashes
+    return drawn, pd.concat([crashes, cells], ignore_index=True)
+
+
+def _counted(encounters: pd.DataFrame) -> pd.DataFrame:
+    """Count the records in cells; a row for the middle of each cell that contains records."""
+    columns = ("range", "closing_speed")
+    middles = [
+        (np.floor(encounters[name] / width) + 0.5) * width for name, width in zip(columns, CELL, strict=True)
+    ]
+    return encounters.groupby(middles).size().rename("records").reset_index()
