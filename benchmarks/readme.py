@@ -427,6 +427,12 @@ def experiments_table(experiments: pd.DataFrame) -> str:
     )
 
 
+def rests(extrapolation: pd.DataFrame) -> str:
+    """Return a paragraph that says what the answer rests on, and what the replays could have shown."""
+    quality = pd.read_csv(ROOT / "figures" / "spmd" / "tables" / "data_quality.csv")
+    return rests_in_words(extrapolation, quality) + "\n"
+
+
 def answer_in_words(answer: pd.DataFrame) -> str:
     """Return the number of cut-ins for one crash, with its interval, in a sentence."""
     crash = answer.set_index("event").loc["crash"]
@@ -527,7 +533,7 @@ def published(text: Path, study: str, table: str, make: Callable[[pd.DataFrame],
 BLOCKS = {
     "answer_in_words": published(README, "spmd", "answer", answer_in_words),
     "answer": published(README, "spmd", "answer", answer_table),
-    "rests": published(README, "spmd", "extrapolation", lambda table: rests_in_words(table) + "\n"),
+    "rests": published(README, "spmd", "extrapolation", rests),
     "covers": result(README, "worlds_beyond", covers_in_words),
     "left_turn": published(JOINT_LAWS, "left_turn", "scenario_answer", scenario_answers),
     "pedestrian": published(JOINT_LAWS, "pedestrian", "scenario_answer", scenario_answers),

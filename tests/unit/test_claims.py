@@ -51,17 +51,20 @@ def study():
     course = estimates.assign(probability=7.5e-7, variance=1e-15)
     searches = [
         (method, segment, seed, iteration, 4000 * iteration, 3.0 - iteration)
-        for method in N
+        for method in (*N, "heuristic")
         for segment in SEGMENTS
         for seed in (0, 1)
         for iteration in (1, 2)
     ]
     names = ["method", "segment", "seed", "iteration", "simulations_total", "inverse_ttc_rate"]
+    trace = pd.DataFrame(searches, columns=names)
+    moved = (trace["method"] == "heuristic") * 0.05 * trace["iteration"]
+    trace["inverse_ttc_from_2"] = (0.17 + moved).where(trace["method"] != "single")
     return {
         **models,
         "two_pieces": models["piecewise"],
         "three_pieces": models["piecewise"],
-        "trace": pd.DataFrame(searches, columns=names),
+        "trace": trace,
         "estimates": estimates,
         "coverage": coverage,
         "course": course,
@@ -92,12 +95,18 @@ def evidence():
         | {"smallest": 0.1, "ratio": [1.0, 2.0], "ci_low": [0.9, 1.9], "ci_high": [1.1, 2.1]}
     )
     repeated = [
-        (method, updates, seed, needed + seed, change + 0.001 * seed, 0.2 + 0.01 * seed)
-        for method, needed, change in (("piecewise", 200.0, 0.01), ("heuristic", 100.0, 0.3))
+        (method, updates, seed, search, needed + seed, change + 0.001 * seed, 0.2 + 0.01 * seed)
+        for method, search, needed, change in (
+            ("single", 6000, 300.0, 0.01),
+            ("piecewise", 7000, 200.0, 0.01),
+            ("heuristic", 7000, 100.0, 0.3),
+            ("shifted", 9000, 50.0, 0.3),
+        )
         for updates in (2, 12)
         for seed in (0, 1, 2)
     ]
-    names = ["method", "crash_updates", "seed", "needed", "change_inverse_ttc", "change_inverse_range"]
+    names = ["method", "crash_updates", "seed", "simulations", "needed"]
+    names += ["change_inverse_ttc", "change_inverse_range"]
     variation = [
         (method, seed, "all", variation + 0.01 * seed)
         for method, variation in (("piecewise", 12.0), ("single", 16.0))
@@ -146,13 +155,18 @@ def test_numbers_and_verdicts_by_hand(study):
     low, high = claims.loc["piecewise", ["ours_low", "ours_high"]]
     assert (low, high) == pytest.approx((7500 - 416, 7500 + 416), abs=1.5)
     assert claims.loc["single", ["ours", "verdict"]].tolist() == [12000, "differs"]
-    assert claims.loc["ratio_single", ["ours", "verdict"]].tolist() == [pytest.approx(1.6), "derived"]
-    assert claims.loc["saving", "ours"] == pytest.approx(1 - 7500 / 12000)
+    # By the exact variances, and not by the two replicates, whose ratio is 12000 / 7500.
+    exact = claims.loc["ratio_single", "ours"]
+    assert exact == pytest.approx(256.16 / 144.12, abs=1e-3)
+    assert (
+        claims.loc["saving", "ours"] == claims.loc["half", "ours"] == pytest.approx(1 - 1 / exact, abs=1e-3)
+    )
     assert claims.loc["single_run", ["ours", "verdict"]].tolist() == [11000, "differs"]
     assert claims.loc["single_run", "ours_high"] == pytest.approx(9500 + 1.962 * 300, abs=1)
     assert claims.loc["saving_run", "ours"] == pytest.approx(1 - 7000 / 11000)
-    assert claims.loc["search_piecewise", ["ours", "verdict"]].tolist() == [24000, "agrees"]
-    assert claims.loc["search_single", ["ours", "verdict"]].tolist() == [24000, "differs"]
+    # The paper's searches stop by another rule.
+    assert claims.loc["search_piecewise", ["ours", "verdict"]].tolist() == [24000, "not comparable"]
+    assert claims.loc["search_single", ["ours", "verdict"]].tolist() == [24000, "not comparable"]
     assert claims.loc["fitted_single", ["ours", "why"]].tolist() == [4, "the same number"]
     assert claims.loc["fitted_piecewise", ["ours", "verdict"]].tolist() == [12, "count"]
     assert claims.loc["moved_single", "ours"] == 3
@@ -173,11 +187,13 @@ def test_statements_and_verdicts_by_hand(study):
         "settled_ttc": [pytest.approx(0.011), "agrees"],
         "settled_range": [pytest.approx(0.21), "differs"],
         "same_estimate": [pytest.approx(1.0), "agrees"],
-        "faster_search": [pytest.approx(1.15, abs=0.02), "agrees"],
+        "faster_search": [pytest.approx((6000 + 301) / (7000 + 201)), "differs"],
+        "faster_all": [pytest.approx(1.15, abs=0.02), "agrees"],
         "half": [pytest.approx(1 - 144.12 / 256.16, abs=1e-3), "agrees"],
         "faster": [pytest.approx(crude / needed[0]), "differs"],
         "orders": [pytest.approx(math.log10(crude / needed[0])), "agrees"],
         "heuristic": [pytest.approx(201 / 101), "agrees"],
+        "shifted": [pytest.approx(201 / 51), "agrees"],
     }
     assert claims.loc["independent", "spread"].endswith("1 of 2 intervals exclude 0")
     assert claims.loc["pareto", "spread"] == "none; ranks among 3 families: 1 (all)"
@@ -238,8 +254,20 @@ def test_replicates_that_did_not_converge_are_not_compared(study):
     study["estimates"].loc[0, "converged"] = False
     claims = table(study)
     assert claims.loc["piecewise", "why"] == "1 of 2 replicates of piecewise did not converge"
-    assert set(claims.loc[["piecewise", "ratio_single", "saving"], "verdict"]) == {"not comparable"}
+    assert set(claims.loc[["piecewise", "piecewise_run", "saving_run"], "verdict"]) == {"not comparable"}
     assert claims.loc["single", "verdict"] == "differs"
+    assert claims.loc["ratio_single", "verdict"] != "not comparable"  # it comes from exact variances
+
+
+def test_a_heuristic_that_never_acts_is_not_compared_with_itself(study):
+    """If no knot moves in the first segment, the method is piecewise; moves in another one do not matter."""
+    still = study["trace"]["method"] == "heuristic"
+    study["trace"].loc[still, "inverse_ttc_from_2"] = 0.17
+    study["trace"].loc[still & (study["trace"]["segment"] == "25-35"), "inverse_ttc_from_2"] = [0.1, 0.2] * 2
+    row = table(study).loc["heuristic"]
+    assert row["verdict"] == "cannot be tested"
+    assert row["why"].startswith("in the first segment no iteration has too few events")
+    assert table(study).loc["shifted", "verdict"] == "agrees"
 
 
 def test_all_lane_changes_have_no_like_in_the_published_records(study):

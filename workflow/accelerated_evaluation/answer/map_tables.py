@@ -45,6 +45,8 @@ class NearMisses:
     recorded: Mapping[str, int]
     # Probability of each event, by its name, under each law.
     probabilities: Mapping[str, Mapping[str, float]]
+    # Probability of each event, by its name, averaged over the draws of the answer.
+    together: Mapping[str, float]
 
 
 def shown_members(study: LawStudy) -> tuple[Member, ...]:
@@ -57,7 +59,8 @@ def calibration_table(study: LawStudy, near: NearMisses | None = None) -> pd.Dat
 
     The numbers are those of cut-ins in cells, of range and closing speed or of lead speed and host speed. The
     expected numbers are those under laws that were fitted without the block of the records; only those of
-    near misses are under laws that were fitted to all records. The table has a row for each law and cell, and
+    near misses are under laws that were fitted to all records, and for the weighted mean those of the answer,
+    which averages over draws of the parameters. The table has a row for each law and cell, and
     for each event of ``near``, which is None if the records are not replayed: the cell ``where``, the speed
     that divides the cells (``counted``), and the columns of `with_limits`.
     """
@@ -69,8 +72,8 @@ def calibration_table(study: LawStudy, near: NearMisses | None = None) -> pd.Dat
 
     by_event = {} if near is None else near.probabilities
     by_member = dict(zip(smooth.names, smooth.expected[TENTHS].sum(axis=1), strict=True))
-    mean = {name: study.mean(values) for name, values in by_event.items()}
-    tables = {TOGETHER: [recorded.assign(expected=study.mean(by_member)), *near_misses(mean)]}
+    mean = near_misses({} if near is None else near.together)
+    tables = {TOGETHER: [recorded.assign(expected=study.mean(by_member)), *mean]}
     for member in shown_members(study):
         of_member = {name: values[member.name] for name, values in by_event.items()}
         of_cells = recorded.assign(expected=by_member[member.name])
@@ -186,13 +189,16 @@ class MapTables:
         lines = thinned(self.lines(), self.vehicle, self.draws, streams("answer"))
         return threshold_table(self.study, lines, streams)
 
-    def calibration(self) -> pd.DataFrame:
-        """Return recorded and expected numbers of critical cut-ins; see `calibration_table`."""
-        named = {self.scenario.event_in_words(event): event for event in sorted(self.crash_map.events)}
+    def calibration(self, posteriors: Mapping[Event, Posterior]) -> pd.DataFrame:
+        """Return recorded and expected numbers of critical cut-ins; see `calibration_table`.
+
+        ``posteriors`` are those of the answer, by event.
+        """
+        named = {self.scenario.event_in_words(event): event for event in sorted(posteriors)}
         recorded = {name: int(event.happens(self.replayed).sum()) for name, event in named.items()}
-        return calibration_table(
-            self.study, NearMisses(recorded, {name: self._by_law(event) for name, event in named.items()})
-        )
+        by_law = {name: self._by_law(event) for name, event in named.items()}
+        together = {name: posteriors[event].probabilities.mean() for name, event in named.items()}
+        return calibration_table(self.study, NearMisses(recorded, by_law, together))
 
     def _by_law(self, event: Event) -> dict[str, float]:
         smooth = self.study.smooth

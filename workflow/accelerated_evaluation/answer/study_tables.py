@@ -188,7 +188,7 @@ def _map_tables(own: Answer, study: LawStudy, way: Map, streams: Streams) -> Tab
     more = MapTables(own.problem.scenario, study, own.draws, own.problem.vehicle, way.crash_map)
     return {
         "answer_thresholds": more.thresholds(streams),
-        "calibration": more.calibration(),
+        "calibration": more.calibration(own.posteriors),
         "fold_calibration": fold_calibration(study),
         "near_misses": more.near_misses(own.posteriors, streams("near misses")),
     }

@@ -19,6 +19,7 @@ from accelerated_evaluation.laws.smooth.shapes import PRIOR
 from accelerated_evaluation.laws.smooth.splines import SUPPORT, Support
 from accelerated_evaluation.records.segments import MINIMUM_ROWS
 
+WITHOUT_CRASHES = "without the record that crashes"  # name of a treatment
 RANGE_LIMIT_WIDTH = 0.5  # [m], width below the largest range in which records may be affected by rounding
 
 
@@ -60,7 +61,7 @@ def record_variants(
             for reading, kept in {
                 "without ranges under 3 m": range_ >= 3,
                 "without ranges under 5 m": range_ >= 5,
-                "without the record that crashes": ~crashed,
+                WITHOUT_CRASHES: ~crashed,
                 "without the authors' outliers": ~outlier,
                 "without the last half metre of range": range_ <= support.range_max - RANGE_LIMIT_WIDTH,
             }.items()

@@ -12,7 +12,7 @@ import pandas as pd
 
 from accelerated_evaluation.publishing.article import beyond
 from accelerated_evaluation.publishing.article.tables import Tables, plain, typeset
-from accelerated_evaluation.publishing.tables.claims import departure
+from accelerated_evaluation.publishing.tables.claims import UNTESTED, departure
 from accelerated_evaluation.publishing.tables.exact import share_of_one_run
 from accelerated_evaluation.publishing.tables.paper_claims import (
     CLAIMS,
@@ -92,7 +92,7 @@ def _claims(tables: Tables) -> dict[str, Any]:
     claims = tables["claims"].set_axis(list(CLAIMS))
     claims = claims.assign(paper=claims["paper"].astype(float), claim=claims["claim"].map(typeset))
     keys = ("claim", "source", "paper", "ours", "ours_low", "ours_high", "verdict")
-    unlike = claims[claims["verdict"].isin(["differs", "undecided", "not comparable"])]
+    unlike = claims[claims["verdict"].isin(["differs", "undecided", "not comparable", UNTESTED])]
     reasons = unlike.assign(why=unlike["why"].map(_reason)).groupby("why", sort=False)
     runs = claims.loc[list(RUNS)]
     return {
@@ -111,7 +111,7 @@ def _claims(tables: Tables) -> dict[str, Any]:
 def _verdicts(claims: pd.DataFrame) -> dict[str, int]:
     """Count the claims by verdict; ``judged`` is the number of those that have a verdict of their own."""
     counts = claims["verdict"].value_counts()
-    words = ("agrees", "differs", "undecided", "not comparable")
+    words = ("agrees", "differs", "undecided", "not comparable", UNTESTED)
     found = {word.replace(" ", "_"): int(counts.get(word, 0)) for word in words}
     return found | {"judged": sum(found.values())}
 

@@ -51,8 +51,16 @@ def statements(evidence: Evidence, alpha: float, beta: float) -> dict[str, Sprea
         | _settled(evidence.repeated_searches)
         | {"same_estimate": _same_estimate(evidence.course, alpha)}
         | _faster(evidence, alpha, beta)
-        | {"heuristic": _heuristic(evidence.repeated_searches)}
+        | {name: _improves(evidence.repeated_searches, name) for name in ("heuristic", "shifted")}
     )
+
+
+def heuristic_acts(trace: pd.DataFrame) -> bool:
+    """Return whether the heuristic moved a knot in any search of the first segment."""
+    searches = trace[trace["method"] == "heuristic"]
+    knots = searches[searches["segment"] == searches["segment"].iloc[0]] if len(searches) else searches
+    knots = knots.filter(regex=r"^inverse_(range|ttc)_from_")
+    return bool((knots.max() > knots.min()).any())
 
 
 def _records(evidence: Evidence) -> dict[str, Spread]:
@@ -118,7 +126,8 @@ def _faster(evidence: Evidence, alpha: float, beta: float) -> dict[str, Spread]:
 
     The numbers of simulations to convergence are those of the exact variances, one for each search.
     """
-    reach, totals, sizes, together = -float(ndtri(alpha / 2)) / beta, search_totals(evidence.trace), {}, {}
+    reach, totals = -float(ndtri(alpha / 2)) / beta, search_totals(evidence.trace)
+    sizes, together = {}, {}
     for method in ("piecewise", "single"):
         found = evidence.variation.query("method == @method and segment == 'all'")
         needed = (reach * found["variation_trimmed"].to_numpy()) ** 2
@@ -127,21 +136,41 @@ def _faster(evidence: Evidence, alpha: float, beta: float) -> dict[str, Spread]:
     crude = Mean(crude_sample_size(evidence.exact, alpha, beta).value, 0.0, math.inf)
     what = _by_exact_variances(len(totals["single"]))
     saved = sizes["piecewise"].over(sizes["single"])
+    saving = saved._replace(value=1 - saved.value).interval(what)
     ratio = crude.over(sizes["piecewise"]).interval(what)
     return {
-        "faster_search": together["single"].over(together["piecewise"]).interval(what),
-        "half": saved._replace(value=1 - saved.value).interval(what),
+        "ratio_single": sizes["single"].over(sizes["piecewise"]).interval(what),
+        "ratio_crude": ratio,
+        "saving": saving,
+        "faster_search": _with_search(evidence.repeated_searches),
+        "faster_all": together["single"].over(together["piecewise"]).interval(what),
+        "half": saving,
         "faster": ratio,
         "orders": Spread(*(math.log10(size) if size > 0 else math.nan for size in ratio[:3]), ratio.of),
     }
 
 
-def _heuristic(repeated: pd.DataFrame) -> Spread:
-    """Return the ratio of simulations to convergence, piecewise to heuristic, by the exact variance."""
-    rows = repeated[repeated["crash_updates"] == repeated["crash_updates"].min()]
+def _with_search(repeated: pd.DataFrame) -> Spread:
+    """Return the ratio of simulations, single to piecewise, with the searches, in the first segment."""
+    rows = _shortest(repeated)
+    sums = (rows["simulations"] + rows["needed"]).groupby(rows["method"])
+    needed = {name: Mean.of(found) for name, found in sums}
+    return needed["single"].over(needed["piecewise"]).interval(_by_exact_variances(rows["seed"].nunique()))
+
+
+def _improves(repeated: pd.DataFrame, method: str) -> Spread:
+    """Return the ratio of simulations to convergence, piecewise to a method, by the exact variance."""
+    rows = _shortest(repeated)
     needed = {name: Mean.of(found["needed"]) for name, found in rows.groupby("method")}
-    ratio = needed["piecewise"].over(needed["heuristic"])
+    if method not in needed:
+        return exactly(math.nan, "none, the study does not have the method")
+    ratio = needed["piecewise"].over(needed[method])
     return ratio.interval(_by_exact_variances(rows["seed"].nunique()))
+
+
+def _shortest(repeated: pd.DataFrame) -> pd.DataFrame:
+    """Return the searches with the fewest updates, as in the study."""
+    return repeated[repeated["crash_updates"] == repeated["crash_updates"].min()]
 
 
 def _by_exact_variances(searches: int) -> str:

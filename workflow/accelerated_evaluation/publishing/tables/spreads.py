@@ -9,6 +9,7 @@ from numpy.typing import ArrayLike
 from scipy.special import ndtri, stdtrit
 
 from accelerated_evaluation.answer.extrapolation import ALL, FAR, NEAR, RECORDED
+from accelerated_evaluation.answer.variants import WITHOUT_CRASHES
 from accelerated_evaluation.methods.importance_sampling import crude_simulations
 from accelerated_evaluation.publishing.published import result_table
 from accelerated_evaluation.publishing.tables.display import readable
@@ -147,10 +148,13 @@ def without_replay(extrapolation: pd.DataFrame) -> pd.DataFrame:
     return extrapolation.assign(**{"80 %": ends})[shown]
 
 
-def rests_in_words(extrapolation: pd.DataFrame, *, by_speed: bool = True) -> str:
+def rests_in_words(
+    extrapolation: pd.DataFrame, data_quality: pd.DataFrame | None = None, *, by_speed: bool = True
+) -> str:
     """Return a paragraph that says how much of the answer lies beyond the records; empty without crashes.
 
-    The parts are those of cut-ins, by closing speed, or otherwise those by distance from the records.
+    The parts are those of cut-ins, by closing speed, or otherwise those by distance from the records. The
+    table ``data_quality`` has the crash probability without the records that crash the vehicle.
     """
     rows = extrapolation.set_index("part")
     if rows.empty or rows["share"].isna().any():
@@ -172,14 +176,26 @@ def rests_in_words(extrapolation: pd.DataFrame, *, by_speed: bool = True) -> str
     if pd.isna(whole["recorded"]):
         return words
     share = whole["recorded"] / whole["records"]
-    replayed, low, high, expected = (
+    replayed, low, high, expected, within = (
         readable(value, DIGITS)
-        for value in (share, whole["replay_low95"], whole["replay_high95"], whole["expected"])
+        for value in (
+            share,
+            whole["replay_low95"],
+            whole["replay_high95"],
+            whole["expected"],
+            rows.loc[RECORDED, "expected"],
+        )
     )
+    without = ""
+    if data_quality is not None and whole["recorded"]:
+        others = data_quality.set_index("reading").loc[WITHOUT_CRASHES]
+        number = readable(others["events"] * others["probability"], DIGITS)
+        without = f"; laws that are fitted without the records that crash expect {number}"
     return (
         f"{words} A check without a model: {whole['recorded']:.0f} of {whole['records']:,.0f} records crash "
         f"the vehicle when they are replayed, which is {replayed} (95 % interval {low} to {high}). The "
-        f"answer expects {expected}."
+        f"answer expects {expected}, of which {within} within the records{without}. The check is weak: it "
+        f"can only contradict a mean outside of this interval."
     )
 
 
