@@ -100,9 +100,7 @@ class Judged:
     @property
     def verdict(self) -> str:
         """The verdict: `MET`, `NOT_MET` or `UNDECIDED`; the first two have a probability of at least 95 %."""
-        if self.probability_met >= CONFIDENCE:
-            return MET
-        return NOT_MET if self.probability_met <= 1 - CONFIDENCE else UNDECIDED
+        return verdict_of(self.probability_met)
 
     def met_after(self, encounters: float) -> float:
         """Return the probability that the criterion is met if that many encounters end without the event."""
@@ -113,6 +111,13 @@ class Judged:
     def chance_without_event(self, encounters: float) -> float:
         """Return the probability that so many further encounters end without the event."""
         return float(np.exp(-self.events * encounters).mean())
+
+
+def verdict_of(probability: float) -> str:
+    """Return the verdict on a criterion that is met with a given probability."""
+    if probability >= CONFIDENCE:
+        return MET
+    return NOT_MET if probability <= 1 - CONFIDENCE else UNDECIDED
 
 
 def judge(

@@ -1,0 +1,72 @@
+"""The sum of the rates of several scenarios, against closed forms, and the command ``total``."""
+
+import json
+
+import numpy as np
+import pandas as pd
+import pytest
+from accelerated_evaluation import Posterior, cli
+from accelerated_evaluation.answer.posterior import Rate
+from accelerated_evaluation.answer.total import SIZE, rate_values, total_table
+
+
+def posterior(*probabilities):
+    return Posterior(np.array(probabilities), np.zeros(len(probabilities), dtype=int))
+
+
+def test_the_sum_of_two_rates():
+    """Mean and variance of the sum are those of independent products."""
+    generator = np.random.default_rng(3)
+    p, q = posterior(1e-6, 3e-6), posterior(2e-5)
+    rate = Rate(10, 5.0)
+    rates = {"a": rate_values(p, rate, generator), "b": rate_values(q, 0.1, generator)}
+    table = total_table(rates, "hour").set_index("scenario")
+    mean, variance = rate.law.mean(), rate.law.var()
+    expected = mean * 2e-6 + 0.1 * 2e-5
+    of_product = (variance + mean**2) * 5e-12 - (mean * 2e-6) ** 2
+    error = np.sqrt(of_product / SIZE)
+    assert table.loc["together", "mean"] == pytest.approx(expected, abs=5 * error)
+    assert table.loc["b", "mean"] == pytest.approx(2e-6)
+    assert table.loc["b", "share"] == pytest.approx(2e-6 / expected, rel=0.02)
+    spread = np.sum(list(rates.values()), axis=0).std()
+    assert spread == pytest.approx(np.sqrt(of_product), rel=0.03)
+    assert spread > 1.1 * mean * 1e-6  # the uncertainty of the rate of encounters is in it
+
+
+@pytest.fixture
+def studies(tmp_path, monkeypatch):
+    """Two studies, the first with a known distance."""
+    monkeypatch.chdir(tmp_path)
+    for name, kilometres, probability in (("one", 1e4, 1e-6), ("two", None, 1e-5)):
+        folder = tmp_path / "results" / name
+        (folder / "laws").mkdir(parents=True)
+        (folder / "config.json").write_text(json.dumps({"study": name, "seed": 1}))
+        (folder / "exposure.json").write_text(json.dumps({"kilometres": kilometres, "hours": None}))
+        draws = {"draw": [1, 2], "law": ["a", "a"], "probability": [probability, 2 * probability]}
+        pd.DataFrame(draws).to_csv(folder / "laws/answer_draws.csv", index=False)
+        parts = pd.DataFrame({"part": ["all"], "records": [1000]})
+        parts.to_csv(folder / "laws/extrapolation.csv", index=False)
+
+
+@pytest.mark.usefixtures("studies")
+def test_the_command_sums_studies(capsys):
+    assert cli.main(["total", "one", "two=0.02", "--criterion", "1"]) == 0
+    assert "shown to be met" in capsys.readouterr().out
+    table = pd.read_csv("results/total.csv").set_index("scenario")
+    assert table.loc["one", "mean"] == pytest.approx(0.1 * 1.5e-6, rel=0.01)
+    assert table.loc["two", "mean"] == pytest.approx(0.02 * 1.5e-5, rel=0.01)
+
+
+@pytest.mark.usefixtures("studies")
+@pytest.mark.parametrize(
+    ("arguments", "message"),
+    [
+        (["one", "two"], "Write two=RATE"),
+        (["one", "two=many"], "a positive number"),
+        (["one", "one"], "each study once"),
+        (["one", "three=1"], "no such file"),
+    ],
+)
+def test_studies_that_cannot_be_summed(arguments, message, capsys):
+    assert cli.main(["total", *arguments]) != 0
+    assert message in capsys.readouterr().err

@@ -1,0 +1,52 @@
+"""The rate of an event over several scenarios, each with its own exposure."""
+
+from collections.abc import Mapping
+
+import numpy as np
+import pandas as pd
+
+from accelerated_evaluation.answer.criterion import CONFIDENCE
+from accelerated_evaluation.answer.posterior import Posterior, Rate, summarise
+from accelerated_evaluation.base.arrays import Array
+
+SIZE = 20_000  # number of equally likely values of each rate
+TOTAL = "together"
+
+
+def rate_values(posterior: Posterior, rate: Rate | float, generator: np.random.Generator) -> Array:
+    """Return equally likely values of the rate of an event in a scenario, shape (`SIZE`,).
+
+    ``posterior`` is the probability of the event in an encounter. ``rate`` is the posterior of the rate of
+    encounters, or this rate itself if it is taken as known.
+    """
+    values = posterior.with_sampling + posterior.unseen_lapses
+    draws, levels = generator.integers(len(values), size=SIZE), (np.arange(SIZE) + 0.5) / SIZE
+    probabilities = values[draws, generator.integers(values.shape[1], size=SIZE)]
+    encounters = rate if isinstance(rate, float) else generator.permutation(rate.law.ppf(levels))
+    return probabilities * encounters
+
+
+def total_table(rates: Mapping[str, Array], per: str) -> pd.DataFrame:
+    """Tabulate the rates of the scenarios and their sum.
+
+    Parameters
+    ----------
+    rates
+        Equally likely values of the rate of each scenario, all of the same shape. The scenarios are taken as
+        independent, because their laws are fitted to different records.
+    per
+        Unit of the rates, ``kilometre`` or ``hour``.
+
+    Returns
+    -------
+    pandas.DataFrame
+        One row for each scenario and one for all together: mean, median, intervals, the one-sided 95 % upper
+        bound ``upper95``, and the ``share`` of the mean.
+    """
+    whole, rows = np.sum(list(rates.values()), axis=0), []
+    for name, values in {**rates, TOTAL: whole}.items():
+        summary = summarise(Posterior(values, np.zeros(values.size, dtype=int)))
+        row = {"scenario": name, "per": per, "mean": summary.pop("probability")} | summary
+        row |= {"upper95": float(np.quantile(values, CONFIDENCE)), "share": values.mean() / whole.mean()}
+        rows.append(row)
+    return pd.DataFrame(rows)

@@ -1,0 +1,104 @@
+"""The subcommand ``total``, which sums the crash rates of several scenarios."""
+
+import argparse
+from pathlib import Path
+
+from accelerated_evaluation.base.errors import InputError
+from accelerated_evaluation.commands import COMMANDS
+
+DESCRIPTION = """\
+Sum the crash rates of finished studies of different scenarios into one rate with one interval, such as those
+of cut-ins, left turns and pedestrians for the same vehicle.
+
+The rate of a scenario is the number of its encounters per kilometre or hour times the crash probability of an
+encounter. A study whose records have an exposure knows the first number, with its uncertainty. For the others
+it has to be given, as in left_turn=0.02, and is taken as known. The studies are taken as independent.
+
+Run it in the folder in which the studies ran, for example
+  accelerated-evaluation total spmd left_turn=0.02 pedestrian=0.005 --per kilometre --criterion 1e-6"""
+
+
+@COMMANDS.add("total")
+class Total:
+    """Sum the crash rates of several scenarios."""
+
+    help = "sum the crash rates of studies of several scenarios into one rate with one interval"
+    description = DESCRIPTION
+
+    @staticmethod
+    def add_arguments(command: argparse.ArgumentParser) -> None:
+        """Add the studies, the unit, the criterion and the table to write to the parser."""
+        command.add_argument(
+            "studies",
+            metavar="STUDY[=RATE]",
+            nargs="+",
+            help="name of a study, and its number of encounters per kilometre or hour if it does not know it",
+        )
+        command.add_argument(
+            "--per", choices=("kilometre", "hour"), default="kilometre", help="unit (default: %(default)s)"
+        )
+        command.add_argument(
+            "--criterion", metavar="LIMIT", type=float, help="upper limit by which the sum is judged"
+        )
+        command.add_argument(
+            "--target", metavar="OUT.csv", type=Path, default=Path("results/total.csv"), help="table to write"
+        )
+
+    @staticmethod
+    def run(arguments: argparse.Namespace) -> None:
+        """Print the rates of all studies and their sum, and write the table."""
+        import numpy as np
+
+        from accelerated_evaluation.answer.comparison import posterior_of
+        from accelerated_evaluation.answer.criterion import criterion_in_words, verdict_of
+        from accelerated_evaluation.answer.posterior import UNITS, Rate
+        from accelerated_evaluation.answer.total import TOTAL, rate_values, total_table
+        from accelerated_evaluation.base.files import read_json, write_csv
+        from accelerated_evaluation.base.randomness import child_generator
+        from accelerated_evaluation.publishing.study import Study
+
+        rates, key = {}, next(name for name, unit in UNITS.items() if unit == arguments.per)
+        for text in arguments.studies:
+            name, _, given = text.partition("=")
+            if name in rates:
+                raise InputError(text, seen="named twice", expected="each study once", change="Remove one.")
+            study = Study.named(name)
+            posterior = posterior_of(study.answer_draws)
+            size = study.extrapolation.loc[0, "records"] if len(study.extrapolation) else 0
+            length = read_json(study.path("exposure.json"))[key]
+            if posterior is None or (not given and (length is None or not size)):
+                raise InputError(
+                    text,
+                    seen="no crash probability" if posterior is None else f"records of unknown {key}",
+                    expected=f"a study with an answer, and its number of encounters per {arguments.per}",
+                    change=f"Write {name}=RATE with this number."
+                    if posterior is not None
+                    else "Leave it out.",
+                )
+            rate = _rate(text, given) if given else Rate(int(size), float(length))
+            rates[name] = rate_values(posterior, rate, child_generator(study.config["seed"], "total", name))
+        table = total_table(rates, arguments.per)
+        write_csv(arguments.target, table)
+        shown = table[["scenario", "share", "mean", "median", "low80", "high80", "upper95"]]
+        print(f"crashes per {arguments.per}")
+        print(shown.to_string(index=False, float_format="{:.3g}".format))
+        if arguments.criterion is not None:
+            values = np.sum(list(rates.values()), axis=0)
+            row = table.set_index("scenario").loc[TOTAL]
+            met = float(np.mean(values <= arguments.criterion))
+            judged = {"verdict": verdict_of(met), "probability": met, "upper95": row["upper95"]}
+            text = f"{arguments.criterion:g} per {arguments.per}"
+            print(criterion_in_words(judged | {"criterion": text, "beyond": np.nan}))
+        print(arguments.target)
+
+
+def _rate(text: str, given: str) -> float:
+    try:
+        rate = float(given)
+    except ValueError:
+        rate = -1.0
+    if not 0 < rate < float("inf"):
+        raise InputError(
+            text, seen=repr(given), expected="a positive number after =", change="Correct the number."
+        )
+    return rate
