@@ -1,11 +1,15 @@
 """The checks of all figures find each defect, and the figures of a slow vehicle have none."""
 
+from pathlib import Path
+
+import matplotlib as mpl
 import numpy as np
 import pandas as pd
 import pytest
 from accelerated_evaluation.publishing.figures.scenario import fig35_sampled_answer, fig36_crashes_among_runs
-from accelerated_evaluation.publishing.figures.style import paper_style
+from accelerated_evaluation.publishing.figures.style import paper_style, save_figure
 from accelerated_evaluation.scenarios.cut_in import CUT_IN
+from accelerated_evaluation.vehicles.replay import write_trace
 from figure_checks import defects
 from matplotlib import pyplot as plt
 
@@ -79,3 +83,38 @@ def test_the_simulations_of_a_slow_vehicle_are_drawn_with_the_critical_records()
     assert defects(drawn) == []
     assert data["outcome"].tolist() == ["no crash", "crash"]
     assert data["closing_speed"].tolist() == [10.0, 10.0]
+
+
+USERS = {
+    "text.usetex": True,
+    "font.size": 20,
+    "axes.facecolor": "black",
+    "savefig.facecolor": "red",
+    "savefig.bbox": "tight",
+    "axes.xmargin": 0.4,
+    "lines.linestyle": "--",
+    "axes.formatter.use_locale": True,
+}
+
+
+def drawn_in(folder, settings):
+    """Return the files of a figure, and of a replay, that a user with such settings draws."""
+    with mpl.rc_context(settings):
+        with paper_style():
+            figure, axes = plt.subplots()
+            axes.semilogy([1, 2, 3], [1e-7, 1e-6, 5e-6], label="a_b")
+            axes.legend()
+        save_figure(figure, pd.DataFrame({"x": [1]}), folder, "fig")
+        trace = pd.DataFrame({"time_s": [0.0, 0.1, 0.2], "range": [3.0, 2.5, 2.1]})
+        write_trace(trace, folder / "table.csv", folder / "replay.svg", "a_b & c")
+        assert mpl.rcParams["font.size"] == settings.get("font.size", mpl.rcParams["font.size"])
+    return {path.name: path.read_bytes() for path in Path(folder).iterdir()}
+
+
+def test_figures_are_the_same_whatever_the_matplotlibrc_of_the_user(tmp_path):
+    folders = [tmp_path / name for name in ("plain", "users")]
+    for folder in folders:
+        folder.mkdir()
+    plain, users = (drawn_in(*each) for each in zip(folders, ({}, USERS), strict=True))
+    assert len(plain) == 6
+    assert plain == users

@@ -8,6 +8,7 @@ import numpy as np
 import pandas as pd
 
 from accelerated_evaluation.base.arrays import Array
+from accelerated_evaluation.base.drawing import own_settings
 from accelerated_evaluation.base.errors import InputError
 from accelerated_evaluation.base.files import atomic_path, write_csv
 from accelerated_evaluation.scenarios.cut_in import CUT_IN
@@ -39,12 +40,14 @@ def trace_encounter(
     if not hasattr(vehicle, "trace"):
         known = scenario.vehicles
         followed = [each for each in known if hasattr(known[each], "trace")]
-        raise InputError(
-            "vehicle",
-            seen=name,
-            expected=f"one whose states are known: {', '.join(followed) or 'this scenario has none'}",
-            change="Name one of these. Other vehicles return only the outcomes of an encounter.",
-        )
+        expected = f"one whose states are known: {', '.join(followed)}"
+        change = "Name one of these. Other vehicles return only the outcomes of an encounter."
+        if not followed:
+            expected = f"a vehicle with a method `trace`, which none of the scenario {scenario.name} has"
+            change = (
+                "Use `simulate` to see the outcomes, or give your vehicle a trace (docs/your_scenario.md)."
+            )
+        raise InputError("vehicle", seen=name, expected=expected, change=change)
     return vehicle.trace(*encounter) if lead_speeds is None else vehicle.trace(*encounter, lead_speeds)
 
 
@@ -62,13 +65,15 @@ def write_trace(
     write_csv(table, trace)
     if figure is not None:
         each = [Panel(name, {name: name}) for name in trace if name not in (TIME, EMERGENCY)]
-        _draw(trace, figure, title, panels or each)
+        with own_settings(
+            {"svg.hashsalt": "accelerated-evaluation"}
+        ):  # so that equal figures give equal files
+            _draw(trace, figure, title, panels or each)
 
 
 def _draw(trace: pd.DataFrame, path: Path, title: str, panels: Sequence[Panel]) -> None:
     """Draw the panels over time, and shade emergencies."""
-    import matplotlib as mpl  # slow to import, and only needed here
-    from matplotlib.figure import Figure
+    from matplotlib.figure import Figure  # slow to import, and only needed here
 
     figure = Figure(figsize=(5, 1.75 * len(panels)), layout="constrained", dpi=150)
     axes = figure.subplots(len(panels), sharex=True, squeeze=False)[:, 0]
@@ -76,9 +81,9 @@ def _draw(trace: pd.DataFrame, path: Path, title: str, panels: Sequence[Panel]) 
         _draw_panel(axis, trace, panel)
     axes[-1].set_xlabel("time [s]")
     axes[0].set_title(title, fontsize=9)
-    # Without a date, and with a fixed salt, equal figures give equal files.
+    # Equal figures give equal files only without a date.
     dates = {".svg": {"Date": None}, ".pdf": {"CreationDate": None}, ".png": None}
-    with atomic_path(path) as temporary, mpl.rc_context({"svg.hashsalt": "accelerated-evaluation"}):
+    with atomic_path(path) as temporary:
         figure.savefig(temporary, metadata=dates[path.suffix])
 
 

@@ -51,6 +51,9 @@ class ThisProcess(Engine):
         """
         # Figures that a cell shows without saving them are embedded in the notebook, as in a kernel.
         os.environ["MPLBACKEND"] = "module://matplotlib_inline.backend_inline"
+        import matplotlib as mpl  # reads the environment variable
+
+        mpl.rcdefaults()  # the user's matplotlibrc would give other figures
         shell = InteractiveShell.instance(config=Config({"HistoryManager": {"enabled": False}}))
         shell.reset()
         ran = 0

@@ -17,6 +17,7 @@ import pandas as pd
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
+from accelerated_evaluation.base.drawing import own_settings
 from accelerated_evaluation.base.files import atomic_path, write_csv
 from accelerated_evaluation.methods import METHODS
 from accelerated_evaluation.publishing.tables.display import reproducible
@@ -91,7 +92,7 @@ def printed(settings: Print) -> Iterator[None]:
 def paper_style() -> Iterator[None]:
     """Draw figures in the common style of this project within a ``with`` block."""
     font = {} if _print is None else {"font.serif": [_print.font], "mathtext.fontset": "stix"}
-    with mpl.rc_context({**_RC, **font}):
+    with own_settings({**_RC, **font}):
         yield
 
 
