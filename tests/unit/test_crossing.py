@@ -46,11 +46,11 @@ def test_the_car_agrees_with_the_stored_verdicts(name, solver):
     [
         ("left_turn", {"headway": 2.0}),
         ("left_turn", {"acc_limit": 5.0}),
-        ("left_turn", {"actuator_jerk": 1e6}),
+        ("left_turn", {"actuator_jerk": 2e3}),
         ("left_turn", {"aeb": False}),
         ("pedestrian", {"headway": 2.0}),
         ("pedestrian", {"acc_limit": 5.0}),
-        ("pedestrian", {"actuator_jerk": 1e6}),
+        ("pedestrian", {"actuator_jerk": 2e3}),
         ("pedestrian", {"ki": 0.0}),
         ("pedestrian", {"aeb_ttc": 0.955}),
         ("pedestrian", {"aeb_deceleration": 10.0}),

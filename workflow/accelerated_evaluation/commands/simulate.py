@@ -16,6 +16,7 @@ import numpy as np
 import yaml
 from tqdm import tqdm
 
+from accelerated_evaluation.base import strict_yaml
 from accelerated_evaluation.base.errors import InputError
 from accelerated_evaluation.base.files import atomic_path
 from accelerated_evaluation.commands import COMMANDS, add_scenario
@@ -140,13 +141,13 @@ def _parameters(texts: Iterable[str]) -> dict[str, Any]:
             change = "Write, for example, --parameter headway=1.5."
             raise InputError("--parameter", seen=repr(text), expected="NAME=VALUE", change=change)
         try:
-            parameters[name] = yaml.safe_load(value)
+            parameters[name] = strict_yaml.load(value)
         except yaml.YAMLError as error:
             raise InputError(
                 f"--parameter {name}",
                 seen=repr(value),
                 expected="a value as in YAML",
-                change="Put a text with special characters in quotes.",
+                change="Put a text with special characters in quotes, and write numbers without leading 0.",
             ) from error
     return parameters
 

@@ -36,14 +36,28 @@ def zero_or_more(default: float) -> Any:  # noqa: ANN401
     return field(default=default, metadata={"least": 0.0})
 
 
-def check_number(name: str, value: object, *, least: float | None = None) -> None:
-    """Raise InputError if a parameter is not a finite number of at least ``least``, or above 0 for None."""
+LARGEST_MULTIPLE = 100  # largest value of a parameter as a multiple of its published value
+
+
+def check_number(
+    name: str, value: object, *, least: float | None = None, published: float | None = None
+) -> None:
+    """Raise InputError if a parameter is not a finite number in its range.
+
+    The number must be at least ``least``, or above 0 for None. It must not exceed 100 times the published
+    value, or 100 if that is 0 or unknown, because a larger one is a slip: such a car is not what its user
+    thinks, and its simulation may overflow.
+    """
     if isinstance(value, bool) or not isinstance(value, int | float | np.number) or not np.isfinite(value):
         raise parameter_error(name, value, "a finite number")
     if least is None and value <= 0:
         raise parameter_error(name, value, "a positive number")
     if least is not None and value < least:
         raise parameter_error(name, value, f"a number of {least:g} or more")
+    largest = LARGEST_MULTIPLE * abs(published or 1.0)
+    if abs(value) > largest:
+        usual = f", {LARGEST_MULTIPLE} times the published {published:g}" if published else ""
+        raise parameter_error(name, value, f"a size of at most {largest:g}{usual}")
 
 
 def parameter_error(name: str, value: object, expected: str) -> InputError:
@@ -62,7 +76,8 @@ class AccAebParameters:
 
     The car has a proportional-integral ACC on the time headway, an AEB triggered by the time to collision
     (TTC), and an actuator limited in friction and jerk. The cars of the scenarios have other defaults and
-    further parameters. InputError names the first parameter that is not a finite number in its range.
+    further parameters. InputError names the first parameter that is not a finite number in its range, which
+    ends at 100 times its default.
     """
 
     deterministic: ClassVar[bool] = True
@@ -88,7 +103,8 @@ class AccAebParameters:
         for each in fields(self):
             value = getattr(self, each.name)
             if each.type is float or (each.name == "aeb_ttc" and value is not None):
-                check_number(each.name, value, least=-math.inf if each.name in ("kp", "ki") else None)
+                least = -math.inf if each.name in ("kp", "ki") else None
+                check_number(each.name, value, least=least, published=each.default)
 
 
 # Smallest number of encounters for a thread, which take about 5 ms. For smaller slices, starting a further

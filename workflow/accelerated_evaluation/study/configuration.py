@@ -5,7 +5,7 @@
 
 import math
 import os
-from collections.abc import Hashable, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from difflib import get_close_matches
 from functools import reduce
 from operator import eq, getitem
@@ -14,6 +14,7 @@ from typing import Any
 
 import yaml
 
+from accelerated_evaluation.base import strict_yaml
 from accelerated_evaluation.base.errors import InputError, StudyError
 from accelerated_evaluation.base.files import project_file, write_text
 from accelerated_evaluation.base.sections import default_of
@@ -97,6 +98,14 @@ def default_configuration() -> dict[str, Any]:
         defaults = {name: default_of(part) for name, part in sections.items()}
         own |= {place: defaults} if place else defaults
     return _merged(own, read_yaml(DEFAULTS))
+
+
+def read_again(config: Mapping[str, Any], paths: Iterable[str | os.PathLike]) -> dict[str, Any]:
+    """Return a configuration that Snakemake has read from files with the values that `read_yaml` reads.
+
+    The values that do not come from these files are unchanged. The errors are those of `read_yaml`.
+    """
+    return strict_yaml.restored(dict(config), reduce(_merged, map(read_yaml, map(Path, paths)), {}))
 
 
 def completed(config: Mapping[str, Any]) -> dict[str, Any]:
@@ -203,31 +212,16 @@ def parameter_table() -> str:
     return "\n".join(rows) + "\n"
 
 
-class _StrictLoader(yaml.SafeLoader):
-    """A YAML loader that raises an error if a mapping has a key twice, instead of using the second one."""
-
-    def construct_mapping(self, node: yaml.MappingNode, deep: bool = False) -> dict:
-        keys = set()
-        for key_node, _ in node.value:
-            if key_node.tag == "tag:yaml.org,2002:merge":  # the key <<, which may be repeated
-                continue
-            key = self.construct_object(key_node, deep=True)
-            if isinstance(key, Hashable) and key in keys:
-                raise yaml.MarkedYAMLError(problem=f"key {key!r} twice", problem_mark=key_node.start_mark)
-            keys |= {key} if isinstance(key, Hashable) else set()
-        return super().construct_mapping(node, deep)
-
-
 def read_yaml(path: Path) -> dict[str, Any]:
     """Read a single configuration file.
 
-    InputError is raised if the file is missing or too large, is not YAML in UTF-8, contains a key twice, or
-    is not a mapping of keys to values.
+    InputError is raised if the file is missing or too large, is not YAML in UTF-8, contains a key twice or a
+    number that YAML reads as another one, or is not a mapping of keys to values.
     """
     try:
         if path.stat().st_size > LARGEST:
             raise ValueError(f"{path.stat().st_size:,} bytes, more than {LARGEST:,}")
-        config = yaml.load(path.read_text(encoding="utf-8"), Loader=_StrictLoader)  # a safe loader
+        config = strict_yaml.load(path.read_text(encoding="utf-8"))
         if _holds_itself(config):
             raise ValueError("a part that holds itself by an alias (*)")
     except (OSError, ValueError, yaml.YAMLError, RecursionError) as error:
@@ -281,7 +275,9 @@ def _violations(error: ValidationError) -> Iterator[tuple[list, str]]:
                 yield [*path, name], f"{_key([*path, name])}: seen nothing; expected {expected}"
     else:
         seen, expected = shown(error.instance), in_words(error.schema)
-        yield path, f"{_key(path) or 'top level'}: seen {seen}; expected {expected}"
+        is_text = error.schema.get("type") == "string" and not isinstance(error.instance, str | dict | list)
+        hint = " in quotation marks" if is_text and error.instance is not None else ""
+        yield path, f"{_key(path) or 'top level'}: seen {seen}; expected {expected}{hint}"
 
 
 def _key(path: Sequence[str | int]) -> str:

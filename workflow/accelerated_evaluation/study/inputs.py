@@ -14,7 +14,7 @@ from accelerated_evaluation.records.sources import SOURCES, describe, record_fil
 from accelerated_evaluation.records.verdict import require_checks
 from accelerated_evaluation.scenarios import SCENARIOS
 from accelerated_evaluation.scenarios.cut_in import CUT_IN
-from accelerated_evaluation.study.configuration import completed, read_yaml, resolved, validate
+from accelerated_evaluation.study.configuration import completed, read_again, resolved, validate
 from accelerated_evaluation.study.dependencies import without_unused
 from accelerated_evaluation.study.preflight import (
     compared_sections,
@@ -59,15 +59,13 @@ class StudyInputs:
     ) -> Self:
         """Complete and check a configuration, and find all files that it names.
 
-        ``config`` is as Snakemake has merged it, and ``paths`` are the configuration files, which are checked
-        for repeated keys, because Snakemake does not report them. Paths of records are relative to the
-        working directory or to the folder of the project. The processes of jobs, which are not the main
-        process, skip slow checks. StudyError is raised if the configuration is not valid, or if a file or
-        vehicle that it names cannot be used.
+        ``config`` is as Snakemake has merged it, and ``paths`` are the configuration files, which are read
+        again, because Snakemake accepts repeated keys and reads some numbers as others. Paths of records are
+        relative to the working directory or to the folder of the project. The processes of jobs, which are
+        not the main process, skip slow checks. StudyError is raised if the configuration is not valid, or if
+        a file or vehicle that it names cannot be used.
         """
-        for path in paths:
-            read_yaml(Path(path))
-        config = completed(config)
+        config = completed(read_again(config, paths))
         validate(config)
         criteria_of(config["criteria"], SCENARIOS[config["scenario"]["name"]])
         if config["scenario"]["name"] != CUT_IN.name:

@@ -62,7 +62,7 @@ class ReferenceDriver(CompiledVehicle):
                 if not isinstance(value, bool):
                     raise parameter_error(field.name, value, "true or false")
             else:
-                check_number(field.name, value, least=field.metadata.get("least"))
+                check_number(field.name, value, least=field.metadata.get("least"), published=field.default)
         if self.entry_offset > self.start_offset:
             expected = f"at most start_offset = {self.start_offset:g} m"
             raise parameter_error("entry_offset", self.entry_offset, expected)

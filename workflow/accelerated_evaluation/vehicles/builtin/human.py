@@ -89,7 +89,7 @@ class Human:
             if each.name in ("swerves", "certain") and not isinstance(value, bool):
                 raise parameter_error(each.name, value, "true or false")
             if each.init and each.name not in ("swerves", "certain", "seed"):
-                check_number(each.name, value, least=each.metadata.get("least"))
+                check_number(each.name, value, least=each.metadata.get("least"), published=each.default)
         if isinstance(self.seed, bool) or not isinstance(self.seed, int) or self.seed < 0:
             raise parameter_error("seed", self.seed, "a whole number of 0 or more")
         if not self.urgent_response < self.critical_response < self.calm_response:
