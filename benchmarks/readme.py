@@ -12,7 +12,8 @@ from pathlib import Path
 import numpy as np
 import pandas as pd
 from accelerated_evaluation.methods import METHODS
-from accelerated_evaluation.publishing.tables.paper_claims import PAPER_PROBABILITY
+from accelerated_evaluation.methods.importance_sampling import crude_simulations
+from accelerated_evaluation.publishing.tables.paper_claims import PAPER_PROBABILITY, PAPER_RATIOS
 from accelerated_evaluation.publishing.tables.spreads import rests_in_words
 
 sys.path += [str(Path(__file__).parent), str(Path(__file__).parent / "motorway")]
@@ -228,14 +229,20 @@ def covers_in_words(worlds: pd.DataFrame) -> str:
     worlds = worlds[worlds["procedure"] == "map"].sort_values("coverage80")
     is_family = worlds["kind"].isin(FAMILY)
     like, others = 100 * worlds.loc[is_family, "coverage80"], worlds[~is_family]
+    few, many = worlds["worlds"].min(), worlds["worlds"].max()
+    error = 100 * math.sqrt(0.8 * 0.2 / few)
+    size = (
+        f"Each kind has {few if few == many else f'{few} or {many}'} worlds, so that a share of 80 % has a "
+        f"standard error of {error:.0f} points."
+    )
     first, second, unlike = others.iloc[0], others.iloc[1], 100 * others["coverage80"]
     return (
         "**How far it can be trusted.** On synthetic records whose true crash probability is known, the "
         f"80 % intervals cover the truth in {like.min():.0f} % to {like.max():.0f} % of the worlds of "
         f"{like.size} kinds that resemble the models, and in {unlike.min():.0f} % to {unlike.max():.0f} % of "
-        f"those of {len(others)} kinds that break an assumption. The worst kinds are *{first['kind']}* and "
-        f"*{second['kind']}*, where the tail changes beyond the records and the answer is "
-        f"{first['median_ratio']:.1f} and {second['median_ratio']:.1f} times the truth "
+        f"those of {len(others)} kinds that break an assumption. {size} The worst kinds are "
+        f"*{first['kind']}* and *{second['kind']}*, where the tail changes beyond the records and the answer "
+        f"is {first['median_ratio']:.1f} and {second['median_ratio']:.1f} times the truth "
         "([worlds](benchmarks/worlds/README.md)).\n"
     )
 
@@ -427,10 +434,100 @@ def experiments_table(experiments: pd.DataFrame) -> str:
     )
 
 
+def on_one_line(text: str) -> str:
+    """Return a text without its line breaks and indentation, and with one line break at its end."""
+    return " ".join(text.split()) + "\n"
+
+
+def of_study(name: str) -> pd.DataFrame:
+    """Return a published table of the default study."""
+    return pd.read_csv(ROOT / "figures" / "spmd" / "tables" / f"{name}.csv")
+
+
 def rests(extrapolation: pd.DataFrame) -> str:
     """Return a paragraph that says what the answer rests on, and what the replays could have shown."""
-    quality = pd.read_csv(ROOT / "figures" / "spmd" / "tables" / "data_quality.csv")
-    return rests_in_words(extrapolation, quality) + "\n"
+    return rests_in_words(extrapolation, of_study("data_quality")) + "\n"
+
+
+def paper_in_words(needed: pd.DataFrame) -> str:
+    """Return what was found about the paper's methods and about the interval of its estimate, as a list."""
+    simulations = needed.set_index(["scope", "method"])["simulations"]
+    single, piecewise = simulations["all", "single"], simulations["all", "piecewise"]
+    repeated = of_study("repeated_searches")
+    shortest = repeated[repeated["crash_updates"] == repeated["crash_updates"].min()]
+    slow = shortest.groupby("method")[["simulations", "needed"]].mean().sum(axis=1)
+    costs = of_study("table2_computation")
+    search = costs[(costs["stage"] == "Cross-Entropy") & (costs["quantity"] == "simulations")]
+    search = search.set_index("method")["ours"]
+    everywhere = (search["single"] + single) / (search["piecewise"] + piecewise)
+    rarest = of_study("exact").query("segment != 'all'")["probability"].min()
+    shares = 100 * of_study("uncertainty").set_index("source")["variance_share"]
+    return on_one_line(
+        f"""- Piecewise mixtures need fewer simulations than single distributions, as the paper says. By the
+        exact variances, a single distribution needs {single / piecewise:.2f} times as many (paper:
+        {PAPER_RATIOS["single"]:.2f}). If the search is counted, it needs
+        {slow["single"] / slow["piecewise"]:.2f} times as many in the slow traffic where nearly all crashes
+        happen, and {everywhere:.2f} times as many if crashes are also searched in fast traffic, where their
+        probability is {rarest:.0e}."""
+    ) + on_one_line(
+        f"""- The narrow interval of importance sampling is not the uncertainty of the answer. Sampling
+        contributes {shares["sampling"]:.1f} % of the variance of the paper's estimate, finite data
+        contribute
+        {shares["data"]:.0f} %, and the choice among two or three pieces and three knots contributes
+        {shares["choice of model"]:.0f} %. The cap of the closing speed is not among these choices."""
+    )
+
+
+def sampler_in_words(samplers: pd.DataFrame) -> str:
+    """Return how many simulations the sampler takes on the main problem, like for like, as a list of one."""
+    rows = samplers[samplers["problem"] == "segment_5_15"].set_index("method")
+    ours, equal = rows.loc[OURS], rows["effective_calls"]
+    public = rows.drop(index=[OURS, *METHODS], errors="ignore").query("failed <= @RELIABLE")
+    return on_one_line(
+        f"""- For a crash in the segment from 5 to 15 m/s, our sampler takes {ours["calls_mean"]:,.0f}
+        simulations on average, with its search. At equal error, it takes {equal[OURS]:,.0f}, the paper's
+        piecewise method with a search of 300 draws an iteration {equal["piecewise"]:,.0f}, and the best
+        public tool {public["effective_calls"].min():,.0f}. Our sampler may assume that a crash also
+        happens at every
+        larger closing speed, which is nearly always so ([benchmarks](benchmarks/README.md)). It is a
+        package
+        of its own, for any function or simulator ([guide](fewruns/README.md))."""
+    )
+
+
+def few_in_words(answers: pd.DataFrame) -> str:
+    """Return how many simulations an answer takes, and how many crude Monte Carlo would take."""
+    runs = answers.set_index("vehicle").loc["acc_aeb", "runs_mean"]
+    median = of_study("answer").set_index("event").loc["crash", "median"]
+    crude = float(f"{crude_simulations(median, 0.2, 0.2) / 1e6:.1g}")
+    return on_one_line(
+        f"""Such an answer takes about {round(runs, -1):.0f} simulations of a vehicle. Crude Monte Carlo
+        takes
+        about {crude:.0f} million for one law (an 80 % interval of ± 20 %)."""
+    )
+
+
+def left_out_in_words(motion: pd.DataFrame) -> str:
+    """Return what the answer does not include, as a paragraph."""
+    closing = motion[motion["gap"] == "closing"].set_index("vehicle")["factor"]
+    europe = pd.read_csv(RESULTS / "europe.csv")
+    europe = europe[europe["what"] == "factor of the European lead motion"].set_index("group")["value"]
+    counted = pd.read_csv(RESULTS / "motorway.csv").query("host == 'acc_aeb'")
+    crashes = counted.groupby("gap")["counted"].sum()
+    return on_one_line(
+        f"""**What is not included.** The answer is for cut-ins whose gap closes, recorded on roads in the
+        United States in 2012 and 2013, with the other car up to 75 m ahead at 5 to 35 m/s. The other
+        car keeps its
+        speed, and nobody steers. With lead vehicles that change their speed, the crash probability is
+        {closing["under test"]:.1f} times as large with American and {europe["acc_aeb"]:.2f} times with
+        European motion, and for the careful human {closing["cc_human"]:.1f} and
+        {europe["cc_human"]:.2f} times. Crashes also happen after gaps that open (notebook 14). On a
+        simulated motorway, the only world whose
+        crashes are counted, these are {crashes["opening"]:.0f} of the {crashes.sum():.0f} crashes of
+        the car
+        under test ([motorway](benchmarks/motorway/README.md)). Weather and the second vehicle ahead are
+        unknown. For other countries and years, use [your own records](docs/your_records.md)."""
+    )
 
 
 def answer_in_words(answer: pd.DataFrame) -> str:
@@ -534,6 +631,10 @@ BLOCKS = {
     "answer_in_words": published(README, "spmd", "answer", answer_in_words),
     "answer": published(README, "spmd", "answer", answer_table),
     "rests": published(README, "spmd", "extrapolation", rests),
+    "few": result(README, "answers", few_in_words),
+    "paper_methods": published(README, "spmd", "needed", paper_in_words),
+    "sampler_in_words": result(README, "samplers", sampler_in_words),
+    "left_out": published(README, "spmd", "lead_motion", left_out_in_words),
     "covers": result(README, "worlds_beyond", covers_in_words),
     "left_turn": published(JOINT_LAWS, "left_turn", "scenario_answer", scenario_answers),
     "pedestrian": published(JOINT_LAWS, "pedestrian", "scenario_answer", scenario_answers),
