@@ -45,6 +45,8 @@ def parts_of(schema, path=()):
         yield from parts_of(part, (*path, name))
     for name, part in schema.get("$defs", {}).items():
         yield from parts_of(part, ("$defs", name))
+    if schema.get("additionalProperties"):
+        yield from parts_of(schema["additionalProperties"], (*path, "others"))
     if "items" in schema:
         yield from parts_of(schema["items"], (*path, "items"))
 
@@ -98,7 +100,8 @@ def is_closed(path, part):
         stated.append({"minimum", "exclusiveMinimum"} & set(part))
         stated.append({"maximum", "exclusiveMaximum"} & set(part))
     if "properties" in part:
-        stated.append(part.get("additionalProperties") is False)
+        others = part.get("additionalProperties")  # of names that `consistency` checks, or none
+        stated.append(others is False or (bool(others) and is_closed((*path, "others"), others)))
         stated.append(sorted(part.get("required", [])) == sorted(part["properties"]))
     elif path[-1] != "items":
         stated.append(part.get("description", "").endswith("."))

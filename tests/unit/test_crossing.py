@@ -113,7 +113,7 @@ def test_ode45_misses_only_contacts_that_are_short():
 def test_the_longest_step_of_ode45_is_a_fiftieth_of_the_run():
     columns, crash, slow = verdicts("left_turn")
     car = LeftTurnCar(solver="ode45")
-    starts, outcomes = car.start(columns[:, ~slow]), np.empty((6, (~slow).sum()))
+    starts, outcomes = car.start(columns[:, ~slow]), np.empty((7, (~slow).sum()))
     for steps, agrees in ((50.0, True), (25.0, False)):
         kernel.simulate_slice(
             starts, 0, starts.shape[1], car.compiled()._replace(least_steps=steps), outcomes

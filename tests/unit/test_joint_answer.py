@@ -33,7 +33,7 @@ TOY = ae.Scenario(
     "Two variables, and a crash that is a function of them.",
     [ae.Variable(name, "", 0, 10, "modelled", "") for name in BOX.names],
     Outcomes,
-    [ae.Event("crash", scored_by="distance")],
+    [ae.Event.flag("crash", scored_by="distance")],
     {},
     "none",
 )

@@ -10,8 +10,8 @@ from pathlib import Path
 import pandas as pd
 import pytest
 from accelerated_evaluation import InputError, cli, load_vehicle
+from accelerated_evaluation.base.users_code import FOLDER
 from accelerated_evaluation.track.campaign_file import read_campaign
-from accelerated_evaluation.vehicles.external.checked import FOLDER
 from law_folder import begin_campaign
 
 CARS = """

@@ -73,7 +73,7 @@ def test_a_member_may_look_up_another_while_it_is_imported(zoo):
 
 def test_two_members_of_one_name_are_refused(zoo):
     (zoo / "twin.py").write_text(MEMBER.format(name="zebra", loud=True))
-    with pytest.raises(ValueError, match="each animal are called 'zebra'"):
+    with pytest.raises(InputError, match="animal 'zebra': seen two members"):
         len(animals())
 
 
@@ -84,7 +84,7 @@ def test_the_same_member_may_register_twice():
     registry.add("one")(member)
     registry.add("other")(member)
     assert dict(registry) == {"one": member, "other": member}
-    with pytest.raises(ValueError, match="called 'one'"):
+    with pytest.raises(InputError, match="thing 'one': seen two members"):
         registry.add("one")(object())
     assert registry["one"] is member
 

@@ -8,7 +8,7 @@ import pandas as pd
 import pytest
 from accelerated_evaluation import InputError, LawStudy, load
 from accelerated_evaluation.answer import law_table as law_scores
-from accelerated_evaluation.answer.smooth_family import NAMED, SmoothFamily
+from accelerated_evaluation.answer.smooth_family import SmoothFamily, named
 from accelerated_evaluation.base.errors import ConvergenceError
 from accelerated_evaluation.crash_map.sensitivity import Levels
 from accelerated_evaluation.laws.distributions import BoundedExponential
@@ -151,7 +151,7 @@ def test_laws_of_few_records_have_tails_above_thresholds_that_some_exceed(record
     rows = recorded.iloc[:: len(recorded) // 200].assign(range=lambda table: 1 / table["inverse_range"])
     smooth = SmoothFamily.of(DistinctRecords.of(rows))
     study = LawStudy.of_family(smooth, 20, np.random.default_rng(1))
-    levels = {NAMED[name].level for name in study.names} - {None}
+    levels = {named()[name].level for name in study.names} - {None}
     assert levels < set(LEVELS)
     assert all(smooth.family.exceedances[level].index.size >= FEWEST for level in levels)
     assert np.isfinite(smooth.scores).all()

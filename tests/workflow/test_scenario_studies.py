@@ -1,5 +1,6 @@
-"""Studies of other scenarios than the cut-in, in miniature; and a scenario that two files add."""
+"""Studies of other scenarios than the cut-in, in miniature; and one from a folder of its user."""
 
+import json
 import os
 import shutil
 import subprocess
@@ -9,6 +10,7 @@ from pathlib import Path
 import numpy as np
 import pandas as pd
 import pytest
+from accelerated_evaluation.base.extensions import VARIABLE
 from accelerated_evaluation.scenarios import SCENARIOS
 from scipy.stats import norm
 
@@ -56,19 +58,8 @@ def test_a_study_of_a_scenario_completes_and_a_second_run_does_nothing(project, 
     assert "Nothing to be done" in again.stdout + again.stderr
 
 
-@pytest.fixture
-def with_toy(tmp_path):
-    """Return the environment of a copy of the library with the files of the toy scenario."""
-    package = "workflow/accelerated_evaluation"
-    for folder in ("config", "workflow/schemas", package):
-        shutil.copytree(ROOT / folder, tmp_path / folder)  # compiled code comes along
-    toy = f"{package}/scenarios/backing_out"
-    shutil.copytree(ROOT / "tests/toys" / toy, tmp_path / toy, ignore=shutil.ignore_patterns("__pycache__"))
-    return os.environ | {"PYTHONPATH": str(tmp_path / "workflow")}
-
-
 def run(tmp_path, environment, *commands):
-    """Run commands one after another in one process, which imports the copy of the library."""
+    """Run commands one after another in one process."""
     lines = [
         "from accelerated_evaluation.cli import main",
         *(f"assert main({each}) == 0" for each in commands),
@@ -80,18 +71,27 @@ def run(tmp_path, environment, *commands):
 
 
 @pytest.mark.studies
-def test_two_files_add_a_scenario_that_is_simulated_and_estimated(tmp_path, with_toy):
+def test_a_scenario_a_law_and_a_check_of_a_users_folder_are_used_by_all_commands(tmp_path):
+    """Commands without a configuration find the modules by the environment variable."""
+    shutil.copytree(ROOT / "tests/toys/mine", tmp_path / "mine")
+    files = [str(tmp_path / f"mine/{name}.py") for name in ("backing_out", "toy_copula", "toy_check")]
+    environment = os.environ | {VARIABLE: os.pathsep.join(files)}
     generator = np.random.default_rng(1)
     records = pd.DataFrame({"speed_mps": generator.normal(9, 2, 400), "gap_m": generator.normal(35, 8, 400)})
     records.clip([1, 1], [19, 99], axis=1).assign(driver=np.arange(400) % 40).to_csv(tmp_path / "records.csv")
-    (tmp_path / "toy.yaml").write_text("study: toy\nscenario: {name: backing_out, records: records.csv}\n")
+    settings = {
+        "study": "toy",
+        "scenario": {"name": "backing_out", "records": "records.csv"},
+        "modules": files,
+    }
+    (tmp_path / "toy.yaml").write_text(json.dumps(settings))
     here = ["--scenario", "backing_out"]
     law = [*here, "--law", "results/toy/estimate/law.json"]
     printed = run(
         tmp_path,
-        with_toy,
+        environment,
         ["simulate", "records.csv", "out.csv", *here],
-        ["estimate", "--config", "toy.yaml", "--law", "gaussian_copula"],
+        ["estimate", "--config", "toy.yaml", "--law", "toy_copula"],
         ["inspect", "toy.yaml"],
         ["replay", "9", "35", "trace.csv", *here, "--figure", "trace.svg"],
         ["campaign", "new", "c.json", *law],
@@ -105,6 +105,8 @@ def test_two_files_add_a_scenario_that_is_simulated_and_estimated(tmp_path, with
         out["gap_m"] - out["speed_mps"] - out["speed_mps"] ** 2 / 12
     )
     assert "FINE  equal values" in printed
+    assert f"{(out['speed_mps'] > 15).sum()} of them" in printed
+    assert json.loads((tmp_path / "results/toy/estimate/law.json").read_text())["kind"] != "gaussian_copula"
     trace, far = pd.read_csv(tmp_path / "trace.csv"), 35 - 9 - 9**2 / 12
     assert trace["gap_m"].iloc[-1] == pytest.approx(far, abs=0.1)
     assert "10 new or corrected" in printed

@@ -20,7 +20,7 @@ from accelerated_evaluation.methods.problem import Problem
 from accelerated_evaluation.methods.study import with_encounters
 from accelerated_evaluation.methods.surrogate import Surrogate, sampler_of
 from accelerated_evaluation.scenarios.protocol import ENDED, Event
-from accelerated_evaluation.vehicles.protocol import Outcomes
+from accelerated_evaluation.vehicles.protocol import CRASH, Outcomes
 
 RIDGE = 1e-2  # ridge penalty of the regression, in units of the variance of its terms
 SMALLEST_DEVIATION = 0.3  # [m/s], smallest standard deviation of the residuals
@@ -185,7 +185,7 @@ class Runs:
             return None
         outcomes, progress = joined(self.outcomes), self.sampler.progress
         happened = event.happens(outcomes)
-        if self.problem.event.quantity == "crash" and event.quantity == "impact_speed":
+        if self.problem.event == CRASH and event.is_above:
             share = impact_share(progress.z, outcomes, event.threshold)
             batches = progress.batches[-len(controls) :]
             controls = [
@@ -226,9 +226,9 @@ def is_part(event: Event, sampled: Event) -> bool:
     if event == sampled:
         return True
     if event.quantity == sampled.quantity:
-        is_impact = event.quantity == "impact_speed"
-        return (event.threshold > sampled.threshold) == is_impact
-    return event.quantity in ("crash", "impact_speed") and sampled.quantity != "impact_speed"
+        return (event.threshold > sampled.threshold) == event.is_above
+    needs_crash = event.is_above or event == CRASH
+    return needs_crash and not sampled.is_above and (sampled == CRASH or sampled.at is not None)
 
 
 def joined(outcomes: Sequence[Any]) -> Any:  # noqa: ANN401

@@ -12,7 +12,7 @@ from threadpoolctl import threadpool_limits
 from accelerated_evaluation.answer.fitted_records import FittedRecords
 from accelerated_evaluation.answer.joint_family import Candidate
 from accelerated_evaluation.answer.law_study import LawStudy
-from accelerated_evaluation.answer.smooth_family import NAMED, SmoothFamily
+from accelerated_evaluation.answer.smooth_family import SmoothFamily, named
 from accelerated_evaluation.base.errors import InputError
 from accelerated_evaluation.base.randomness import child_generator
 from accelerated_evaluation.laws import FITS, LAWS
@@ -82,7 +82,7 @@ def choose_draws(choice: str, records: FittedRecords, config: Mapping[str, Any])
     if choice == ANSWER:
         return law_study(records, config).draws(generator)
     is_smooth = isinstance(records.data, DistinctRecords)
-    if is_smooth and choice in NAMED:
+    if is_smooth and choice in named():
         with threadpool_limits(1, "blas"):
             return _one_member(choice, records, config).draws(generator)
     if is_smooth and choice in (PAPER, *FITS):
@@ -92,7 +92,7 @@ def choose_draws(choice: str, records: FittedRecords, config: Mapping[str, Any])
     if choice in kinds:
         own = child_generator(config["seed"], "laws", "fit", choice)
         return OneLaw(Candidate(choice, kinds[choice], {}).fit(records.data, own))
-    known = (PAPER, *FITS, *NAMED) if is_smooth else kinds
+    known = (PAPER, *FITS, *named()) if is_smooth else kinds
     raise InputError(
         "--law",
         seen=repr(choice),
@@ -103,10 +103,10 @@ def choose_draws(choice: str, records: FittedRecords, config: Mapping[str, Any])
 
 def _one_member(name: str, records: FittedRecords, config: Mapping[str, Any]) -> LawStudy:
     """Fit one smooth law, without scores."""
-    members = tuple(dict.fromkeys((Member(), NAMED[name])))
+    members = tuple(dict.fromkeys((Member(), named()[name])))
     fitter = Fitter(records.data, members)
     family = fitter.fit()
-    if NAMED[name].level is not None and NAMED[name] not in family.tails:
+    if named()[name].level is not None and named()[name] not in family.tails:
         raise InputError(
             "--law",
             seen=f"{name!r}, whose threshold fewer than ten of the {records.size:,} distinct records exceed",
@@ -117,5 +117,5 @@ def _one_member(name: str, records: FittedRecords, config: Mapping[str, Any]) ->
     cap = config["answer"]["grid"]["closing_speed_max"]
     smooth = SmoothFamily(fitter, family, scores, {}, records.table, cap)
     weights = np.zeros((config["answer"]["draws"], len(members)))
-    weights[:, members.index(NAMED[name])] = 1.0
+    weights[:, members.index(named()[name])] = 1.0
     return LawStudy(smooth, weights)

@@ -18,6 +18,7 @@ from accelerated_evaluation.answer.calibration import DIVISIONS, TENTHS, counts_
 from accelerated_evaluation.answer.scores import BLOCKS, HeldOut, contiguous_folds
 from accelerated_evaluation.base.arrays import Array
 from accelerated_evaluation.base.errors import InputError
+from accelerated_evaluation.base.extensions import EXTENSIONS
 from accelerated_evaluation.base.files import atomic_path, content_digest, read_arrays
 from accelerated_evaluation.laws import smooth
 from accelerated_evaluation.laws.smooth.conditional import Places, SpeedLaw, Threshold
@@ -25,13 +26,13 @@ from accelerated_evaluation.laws.smooth.dependent import DependentLaw
 from accelerated_evaluation.laws.smooth.draws import LawDraws
 from accelerated_evaluation.laws.smooth.excess import Excess
 from accelerated_evaluation.laws.smooth.family import (
-    MEMBERS,
     DistinctRecords,
     Exceedances,
     FarRecords,
     Fitter,
     LawFamily,
     Member,
+    members_at,
 )
 from accelerated_evaluation.laws.smooth.mean import MeanLaw
 from accelerated_evaluation.laws.smooth.shapes import SHAPES, FarTail
@@ -41,7 +42,11 @@ from accelerated_evaluation.laws.smooth.smooth_hazard import HazardGrid, SmoothH
 # set and about 600 records.
 REGION = 0.25
 REGION_SHARE = 0.003  # smallest share of the records in the region, for records of less critical traffic
-NAMED = {member.name: member for member in MEMBERS}
+
+
+def named() -> dict[str, Member]:
+    """Return all members of the family by name, also those whose tails users have added."""
+    return {member.name: member for member in members_at()}
 
 
 @dataclass(frozen=True)
@@ -61,17 +66,18 @@ class SmoothFamily:
     def of(
         cls,
         records: DistinctRecords,
-        members: tuple[Member, ...] = MEMBERS,
+        members: tuple[Member, ...] | None = None,
         blocks: int = BLOCKS,
         start: LawFamily | None = None,
         calibrated: bool = False,
     ) -> Self:
         """Fit the members that have enough records, and score them on contiguous blocks of records.
 
-        The fit begins from ``start``, a fit to similar records. The numbers of records that the tables of the
-        calibration compare, which take longer than the scores, are computed only if ``calibrated``, and then
-        on `BLOCKS` blocks.
+        Members are by default those of `members_at`. The fit begins from ``start``, a fit to similar
+        records. The numbers of records that the tables of the calibration compare, which take longer than the
+        scores, are computed only if ``calibrated``, and then on `BLOCKS` blocks.
         """
+        members = members_at() if members is None else members
         fitter = Fitter(records, members)
         family, boundary = fitter.fit(start), region(records) * records.range_
         fitted = tuple(member for member in members if member.level is None or member in family.tails)
@@ -123,11 +129,11 @@ class SmoothFamily:
 
     def speeds(self, name: str) -> SpeedLaw:
         """Return the distribution of the closing speed of a member, given by its name."""
-        return self.family.law(NAMED[name])
+        return self.family.law(named()[name])
 
     def law(self, name: str) -> DependentLaw:
         """Return a member, without the uncertainty of its parameters."""
-        return DependentLaw.fitted(self.family, NAMED[name], self.encounters, self.records.support)
+        return DependentLaw.fitted(self.family, named()[name], self.encounters, self.records.support)
 
 
 def region(records: DistinctRecords) -> float:
@@ -196,7 +202,7 @@ def read_family(path: str | os.PathLike, records: DistinctRecords) -> SmoothFami
         if differing:
             seen, expected = f"another value of {' and '.join(differing)}", "the family of these records"
             raise InputError(str(path), seen=seen, expected=expected, change=change)
-        return _from_arrays(arrays, tuple(NAMED[name] for name in header["members"]), records)
+        return _from_arrays(arrays, tuple(named()[name] for name in header["members"]), records)
     except (LookupError, OSError, TypeError, ValueError) as error:
         seen, expected = f"{type(error).__name__}: {error}", "a family file"
         raise InputError(str(path), seen=seen, expected=expected, change=change) from error
@@ -209,7 +215,8 @@ def _header(records: DistinctRecords) -> dict[str, str | int]:
         digest.update(np.ascontiguousarray(values).tobytes())
     folders = Path(*smooth.__path__), Path(*answer.__path__)
     sources = [*sorted(folders[0].glob("*.py")), *(folders[1] / name for name in SCORING)]
-    code = content_digest(sources)
+    shapes = [file for each in EXTENSIONS.values() if "laws" in each.rooms for file in each.files]
+    code = content_digest([*sources, *shapes])
     return {"format": FORMAT, "version": VERSION, "records": digest.hexdigest(), "code": code}
 
 

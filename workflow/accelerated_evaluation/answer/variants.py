@@ -10,7 +10,7 @@ from tqdm import tqdm
 from accelerated_evaluation.answer.by_map import masses_under
 from accelerated_evaluation.answer.law_study import LawStudy
 from accelerated_evaluation.answer.posterior import SUMMARY, Posterior, summarise
-from accelerated_evaluation.answer.smooth_family import NAMED, SmoothFamily
+from accelerated_evaluation.answer.smooth_family import SmoothFamily, named
 from accelerated_evaluation.base.arrays import Array
 from accelerated_evaluation.crash_map.lines import CrashLines
 from accelerated_evaluation.laws.smooth.conditional import Places
@@ -32,7 +32,8 @@ def threshold_table(study: LawStudy, lines: CrashLines, streams: Streams) -> pd.
 
     All thresholds get the random numbers of the answer, so that they differ only by the threshold.
     """
-    levels = {name: NAMED[name].level for name in study.names if name in NAMED}
+    known = named()
+    levels = {name: known[name].level for name in study.names if name in known}
     rows = []
     for level in sorted({level for level in levels.values() if level is not None}):
         own = study.only([name for name, each in levels.items() if each == level])
@@ -118,9 +119,9 @@ def choice_table(study: LawStudy, lines: CrashLines, streams: Streams) -> pd.Dat
         return {"choice": choice} | summary_under(own, on, streams)
 
     def of_shape(*shapes: str) -> LawStudy:
-        return study.only([name for name in study.names if name in NAMED and NAMED[name].shape in shapes])
+        return study.only([name for name in study.names if name in known and known[name].shape in shapes])
 
-    smooth, records = study.smooth, study.smooth.records
+    smooth, records, known = study.smooth, study.smooth.records, named()
     rows = [
         row("as in the answer", study),
         row("without two kinds of drivers", study.only([n for n in study.names if "two kinds" not in n])),

@@ -40,7 +40,7 @@ class Command(Protocol):
         """
 
 
-COMMANDS: Registry[Command] = Registry("command", __name__, __path__)
+COMMANDS: Registry[Command] = Registry("command", __name__, __path__, contract=[Command])
 LAW = """\
 A law of a study is results/STUDY/laws/answer.json (the law that the records support best) or
 results/STUDY/models/two_pieces.json (the paper's). It was fitted to results/STUDY/encounters.parquet.

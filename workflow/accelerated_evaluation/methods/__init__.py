@@ -65,6 +65,6 @@ class Method(ABC):
         """
 
 
-METHODS: Registry[type[Method]] = Registry("method", __name__, __path__, "name")
+METHODS: Registry[type[Method]] = Registry("method", __name__, __path__, "name", contract=[Method])
 
 __all__ = ["METHODS", "Estimate", "Method", "Stopping", "configured_stopping", "normal_reach"]

@@ -6,9 +6,10 @@ scenario.
 """
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, field, fields, replace
+from dataclasses import dataclass, field, fields
+from functools import partial
 from pathlib import Path
-from typing import Any, Literal
+from typing import Any, Literal, Protocol
 
 import numpy as np
 import pandas as pd
@@ -88,11 +89,14 @@ class Outcome:
         Unit of the outcome, or `FLAG` if it is true or false.
     description
         Description of the outcome.
+    optional
+        Whether a vehicle may leave out the outcome, a number, which is then NaN for all encounters.
     """
 
     name: str
     unit: str
     description: str
+    optional: bool = False
 
     @property
     def is_flag(self) -> bool:
@@ -100,9 +104,14 @@ class Outcome:
         return self.unit == FLAG
 
 
-def outcome(unit: str, description: str) -> Any:  # noqa: ANN401
-    """Return a dataclass field for an outcome, an array of shape (n,), with its unit and its description."""
-    return field(metadata={"unit": unit, "description": description})
+def outcome(unit: str, description: str, *, optional: bool = False) -> Any:  # noqa: ANN401
+    """Return a dataclass field for an outcome, an array of shape (n,), with its unit and its description.
+
+    A vehicle may leave out an ``optional`` outcome, a number. Optional outcomes are the last fields. An
+    outcome that is added to a scenario later is optional, so that vehicles of users remain valid.
+    """
+    described = {"unit": unit, "description": description, "optional": optional}
+    return field(default=None, metadata=described) if optional else field(metadata=described)
 
 
 @dataclass(frozen=True)
@@ -117,55 +126,146 @@ class Panel:
 
 @dataclass(frozen=True, order=True)
 class Event:
-    """An event of an encounter: the crash, or an outcome above or below a threshold.
+    """An event of an encounter, given by two functions of the outcomes: whether it happened, and how nearly.
+
+    `Event.flag`, `Event.above` and `Event.at_most` make the usual events. Two events are equal if their names
+    and thresholds are.
 
     Attributes
     ----------
     quantity
-        Name of the outcome; a flag is an event without a threshold.
+        Name of the event; for the usual events the name of an outcome.
     threshold
-        Threshold in the unit of the outcome.
+        Threshold in the unit of the outcome; 0 for an event without a threshold.
+    happens
+        Function of the outcomes of n encounters, an instance of `Scenario.outcome_type`, that returns whether
+        the event happened in each of them, shape (n,).
+    score
+        Function of the outcomes that returns a number for each encounter, shape (n,), which is smaller the
+        closer the encounter came to the event.
+    at
+        Function of a threshold that returns the same event with this threshold; None for an event without
+        a threshold.
     scored_by
-        Name of the outcome that is smaller the closer an encounter came to the event.
+        Name of the outcome that is the score of encounters without the event; None if it is no single one.
     is_above
-        True if the event is a value above the threshold, False if it is a value at or below the threshold.
+        Whether the event is a value above the threshold, as an impact speed, and happens only in crashes.
     filled
         Smallest share of the encounters in a separate part of the event in which the event happens. It is
         small if rounding errors decide in a part of the encounters. The surrogate-guided sampler then makes
         more simulations before it excludes parts that it has not met. It is not used for cut-ins.
     words
-        The event in words, with the threshold in place of ``{:g}``; by default it follows from the outcome.
+        The event in words, with ``{threshold:g}`` and ``{unit}`` in place of the threshold and its unit.
+
+    Examples
+    --------
+    An event of one's own, from two outcomes of the scenario:
+
+    >>> from accelerated_evaluation import Event
+    >>> creeping = Event(
+    ...     "creeping",
+    ...     happens=lambda outcomes: (outcomes.clearance < 1) & (outcomes.run_time > 30),
+    ...     score=lambda outcomes: outcomes.clearance,
+    ... )
     """
 
     quantity: str
     threshold: float = 0.0
-    scored_by: str = field(kw_only=True, repr=False)
-    is_above: bool = field(default=False, kw_only=True, repr=False)
-    filled: float = field(default=FILLED, kw_only=True, repr=False)
+    happens: Callable[[Any], NDArray[np.bool_]] = field(kw_only=True, repr=False, compare=False)
+    score: Callable[[Any], Array] = field(kw_only=True, repr=False, compare=False)
+    at: Callable[[float], "Event"] | None = field(default=None, kw_only=True, repr=False, compare=False)
+    scored_by: str | None = field(default=None, kw_only=True, repr=False, compare=False)
+    is_above: bool = field(default=False, kw_only=True, repr=False, compare=False)
+    filled: float = field(default=FILLED, kw_only=True, repr=False, compare=False)
     words: str | None = field(default=None, kw_only=True, repr=False, compare=False)
 
-    def happens(self, outcomes: Any) -> NDArray[np.bool_]:  # noqa: ANN401
-        """Return whether the event happened in each of n simulated encounters, shape (n,).
+    @classmethod
+    def flag(cls, name: str, *, scored_by: str, **more: Any) -> "Event":  # noqa: ANN401
+        """Return the event that an outcome is true, such as a crash, scored by another outcome.
 
-        ``outcomes`` is an instance of `Scenario.outcome_type`.
+        ``more`` are further attributes, `filled` and `words`.
         """
-        values = getattr(outcomes, self.quantity)
-        if values.dtype == bool:
-            return values
-        return values > self.threshold if self.is_above else values <= self.threshold
+        happens, score = partial(_is_true, name), partial(_outcome, scored_by)
+        return cls(name, happens=happens, score=score, scored_by=scored_by, **more)
 
-    def score(self, outcomes: Any) -> Array:  # noqa: ANN401
-        """Return a score, shape (n,), that is smaller the closer an encounter came to the event.
+    @classmethod
+    def above(cls, name: str, threshold: float, *, scored_by: str, **more: Any) -> "Event":  # noqa: ANN401
+        """Return the event that an outcome which is 0 without a crash is above a threshold in a crash.
 
-        If the event is a value above a threshold, such as an impact speed, the score of a crash is minus this
-        value. Crashes then have smaller scores than all other encounters.
+        The score of a crash is minus the outcome, so that crashes have smaller scores than all other
+        encounters, which are scored by the outcome ``scored_by``. ``more`` is as for `flag`.
         """
-        nearness = getattr(outcomes, self.scored_by)
-        return (
-            np.where(outcomes.crash, -getattr(outcomes, self.quantity), nearness)
-            if self.is_above
-            else nearness
+        return cls(
+            name,
+            float(threshold),
+            happens=partial(_is_above, name, threshold),
+            score=partial(_score_above, name, scored_by),
+            at=partial(cls.above, name, scored_by=scored_by, **more),
+            scored_by=scored_by,
+            is_above=True,
+            **more,
         )
+
+    @classmethod
+    def at_most(cls, name: str, threshold: float, **more: Any) -> "Event":  # noqa: ANN401
+        """Return the event that an outcome is at or below a threshold; the outcome is also the score.
+
+        All crashes are such events, or the outcome is not a measure of how near a crash was. ``more`` is as
+        for `flag`.
+        """
+        return cls(
+            name,
+            float(threshold),
+            happens=partial(_is_at_most, name, threshold),
+            score=partial(_outcome, name),
+            at=partial(cls.at_most, name, **more),
+            scored_by=name,
+            **more,
+        )
+
+
+def _outcome(name: str, outcomes: Any) -> Array:  # noqa: ANN401
+    """Return an outcome by name; InputError if the vehicle does not have this optional outcome."""
+    values = getattr(outcomes, name)
+    if values is None or (values.dtype.kind == "f" and np.isnan(values).any()):
+        raise InputError(
+            "event",
+            seen=f"outcomes of a vehicle without {name}",
+            expected=f"the optional outcome {name}, on which the event depends",
+            change="Add it to the outcomes of the vehicle, or choose another event.",
+        )
+    return values
+
+
+def _is_true(name: str, outcomes: Any) -> NDArray[np.bool_]:  # noqa: ANN401
+    values = _outcome(name, outcomes)
+    if values.dtype != bool:
+        raise InputError(
+            f"event {name}",
+            seen=f"the outcome {name}, a number, without a threshold",
+            expected="an outcome that is true or false, or a threshold",
+            change=f'Use Event.above("{name}", ...) or Event.at_most("{name}", ...).',
+        )
+    return values
+
+
+def _is_above(name: str, threshold: float, outcomes: Any) -> NDArray[np.bool_]:  # noqa: ANN401
+    return _outcome(name, outcomes) > threshold
+
+
+def _is_at_most(name: str, threshold: float, outcomes: Any) -> NDArray[np.bool_]:  # noqa: ANN401
+    return _outcome(name, outcomes) <= threshold
+
+
+def _score_above(name: str, scored_by: str, outcomes: Any) -> Array:  # noqa: ANN401
+    return np.where(outcomes.crash, -_outcome(name, outcomes), _outcome(scored_by, outcomes))
+
+
+class Simulating(Protocol):
+    """What a vehicle of any scenario has."""
+
+    def simulate(self, *columns: Array) -> Any:  # noqa: ANN401
+        """Return the outcomes of n encounters, given the scenario's variables, each of shape (n,)."""
 
 
 def _as_they_are(x: Array) -> Array:
@@ -333,24 +433,25 @@ class Scenario:
         quantity
             Name of the outcome.
         threshold
-            Threshold in the unit of the outcome.
+            Threshold in the unit of the outcome; not used for an event without a threshold.
 
         Raises
         ------
         KeyError
             If no event of the scenario refers to this outcome.
         """
-        return replace({each.quantity: each for each in self.events}[quantity], threshold=threshold)
+        event = {each.quantity: each for each in self.events}[quantity]
+        return event if event.at is None else event.at(threshold)
 
     def event_in_words(self, event: Event) -> str:
         """Return an event as text with its unit, such as ``impact speed above 5 m/s``."""
-        if event.words is not None:
-            return event.words.format(event.threshold)
-        (outcome,) = (each for each in self.outcomes if each.name == event.quantity)
-        name = outcome.name.replace("_", " ")
-        if outcome.is_flag:
-            return name
-        return f"{name} {'above' if event.is_above else 'at most'} {event.threshold:g} {outcome.unit}"
+        unit = next((each.unit for each in self.outcomes if each.name == event.quantity), "")
+        words = event.words
+        if words is None:
+            words = event.quantity.replace("_", " ")
+            if event.at is not None:
+                words += f" {'above' if event.is_above else 'at most'} {{threshold:g}} {{unit}}"
+        return words.format(threshold=event.threshold, unit=unit)
 
     def outcomes_of(self, columns: Sequence[ArrayLike]) -> Any:  # noqa: ANN401
         """Return the outcomes of n encounters as an instance of `outcome_type`, from columns of numbers.

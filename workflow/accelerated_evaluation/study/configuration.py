@@ -16,12 +16,13 @@ import yaml
 
 from accelerated_evaluation.base import strict_yaml
 from accelerated_evaluation.base.errors import InputError, StudyError
+from accelerated_evaluation.base.extensions import load_files
 from accelerated_evaluation.base.files import project_file, write_text
 from accelerated_evaluation.base.sections import default_of
 from accelerated_evaluation.records.limits import AUTO, AUTOMATIC, with_limits, with_values
 from accelerated_evaluation.study.consistency import (
-    CHECKS,
     WORKFLOW,
+    conditions,
     in_words,
     keys,
     own_sections,
@@ -84,11 +85,43 @@ def load(paths: Sequence[str | os.PathLike] = (), given: Mapping[str, Any] | Non
     config: dict[str, Any] = {}
     for part in (*map(read_yaml, map(Path, paths)), given or {}):
         config = _merged(config, part)
+    load_modules(config, paths)
     config = completed(config)
     validate(config)
     source = config["data"][config["data"]["source"]]
     source["path"] = str(project_file(source["path"]))
     return config
+
+
+def load_modules(config: Mapping[str, Any], paths: Iterable[str | os.PathLike]) -> None:
+    """Import the modules that the key ``modules`` of a configuration names, before it is checked.
+
+    ``paths`` are the configuration files. A relative path of a module begins in the folder of one of them,
+    the last one first, or in the working directory. InputError is raised if the key is not a list of files
+    that exist, or if a module cannot be used.
+    """
+    named = config.get("modules", [])
+    if not isinstance(named, list) or not all(isinstance(each, str) for each in named):
+        raise InputError(
+            "modules",
+            seen=shown(named),
+            expected="a list of Python files",
+            change="Write, for example, modules: [my_laws.py].",
+        )
+    folders = [*(Path(path).parent for path in reversed(list(map(str, paths)))), Path()]
+    files = []
+    for name in named:
+        found = [folder / name for folder in folders if (folder / name).is_file()]
+        if not found:
+            raise InputError(
+                "modules",
+                seen=f"no file {name} in {' or '.join(dict.fromkeys(map(str, folders)))}",
+                expected="a Python file, relative to the configuration file",
+                change="Correct the path.",
+            )
+        files.append(found[0])
+    load_files(files)
+    schema.cache_clear()  # a module may add the section of a source or method
 
 
 def default_configuration() -> dict[str, Any]:
@@ -184,7 +217,7 @@ def validate(config: Mapping[str, Any]) -> None:
     validator = StrictValidator(schema())
     violations = [violation for error in validator.iter_errors(config) for violation in _violations(error)]
     lines = [line for _, line in violations]
-    for check in CHECKS:
+    for check in conditions():
         paths = [key.split(".") for key in check.keys]
         if any(all(map(eq, path, wrong)) for path in paths for wrong, _ in violations):
             continue

@@ -106,6 +106,14 @@ def _is_scenario(name: str) -> bool:
     return name in SCENARIOS
 
 
+def _are_events(scenario: str, events: Mapping[str, Sequence[float]]) -> bool:
+    """Return whether names are those of events of a scenario, or of cut-ins, which have defaults."""
+    from accelerated_evaluation.scenarios import SCENARIOS
+
+    known = [each.quantity for name in {scenario, "cut_in"} & {*SCENARIOS} for each in SCENARIOS[name].events]
+    return {*events} <= {*known}
+
+
 def _mean_what_they_say(compared: Mapping[str, Mapping]) -> bool:
     """Return whether no label is misleading.
 
@@ -153,6 +161,11 @@ def _is_own_folder(study: str) -> bool:
 
 def _of_sources() -> Iterator[Check]:
     """Yield the conditions on the section of each source; most apply only to the source that is used."""
+    yield Check(
+        ("data.source",),
+        lambda source: source in SOURCES,
+        f"a source of records: one of {', '.join(SOURCES)}",
+    )
     for name, source in SOURCES.items():
         yield Check(
             (f"data.{name}.description",),
@@ -180,7 +193,16 @@ CHECKS = (
         f"a name of at most {LONGEST} characters, on one line and none of {', '.join(sorted(FOLDERS))}",
     ),
     Check(("scenario.name",), _is_scenario, "cut_in, left_turn, pedestrian or another scenario"),
-    *_of_sources(),
+    Check(
+        ("scenario.name", "answer.events"),
+        _are_events,
+        "thresholds of outcomes by which the scenario defines events",
+    ),
+    Check(
+        ("crash_map.events",),
+        lambda events: _are_events("cut_in", events),
+        "thresholds of outcomes by which cut-ins define events",
+    ),
     Check(
         ("methods",),
         _are_methods,
@@ -232,19 +254,6 @@ CHECKS = (
         )
         for variant in PIECEWISE
     ),
-    *(
-        Check(
-            (key,),
-            lambda kind: kind in piece_kinds(),
-            f"a distribution that can be fitted to a piece and tilted: one of {', '.join(piece_kinds())}",
-        )
-        for key in ("models.inverse_range.pieces", "models.inverse_ttc.body.kind", "models.inverse_ttc.tail")
-    ),
-    Check(
-        ("models.inverse_ttc.body.kind", "models.inverse_ttc.body.components"),
-        lambda kind, components: components == 1 or kind not in piece_kinds() or kind in mixture_kinds(),
-        f"one component, or a distribution of which mixtures can be fitted: {', '.join(mixture_kinds())}",
-    ),
     Check(
         ("cross_entropy.minimum_weight", "models.inverse_range.variant"),
         lambda weight, variant: weight * PIECEWISE[variant] < 1,
@@ -281,9 +290,24 @@ CHECKS = (
         "a step of the course that is not above simulations and maximum_simulations",
     ),
     Check(("uncertainty.sampling_interval",), _rising, "the lower end first"),
-    Check(
-        ("data.source",),
-        lambda source: source in SOURCES,
-        f"a source of records: one of {', '.join(SOURCES)}",
-    ),
 )
+
+
+def conditions() -> tuple[Check, ...]:
+    """Return all conditions; those on registered sources and distributions include the user's own."""
+    return (*CHECKS, *_of_sources(), *_of_kinds())
+
+
+def _of_kinds() -> Iterator[Check]:
+    """Yield the conditions on names of distributions."""
+    for key in ("models.inverse_range.pieces", "models.inverse_ttc.body.kind", "models.inverse_ttc.tail"):
+        yield Check(
+            (key,),
+            lambda kind: kind in piece_kinds(),
+            f"a distribution that can be fitted to a piece and tilted: one of {', '.join(piece_kinds())}",
+        )
+    yield Check(
+        ("models.inverse_ttc.body.kind", "models.inverse_ttc.body.components"),
+        lambda kind, components: components == 1 or kind not in piece_kinds() or kind in mixture_kinds(),
+        f"one component, or a distribution of which mixtures can be fitted: {', '.join(mixture_kinds())}",
+    )

@@ -12,6 +12,7 @@ from typing import Any
 
 import fewruns
 
+from accelerated_evaluation.base.extensions import EXTENSIONS, Extension, load_known
 from accelerated_evaluation.base.files import content_digest
 
 # The rooms (packages) of the library, and the distribution of the sampler. Each imports only what stands
@@ -37,8 +38,22 @@ JOBS = "study/jobs"  # the module that all scripts use
 
 
 def code_up_to(room: str) -> dict[str, str]:
-    """Return digests of all code that a script importing from ``room`` may run, by the name of the room."""
-    return {name: digest_of(name) for name in (JOBS, *ROOMS[: ROOMS.index(room) + 1])}
+    """Return digests of all code that a script importing from ``room`` may run, by the name of the room.
+
+    Extensions that add members to one of these rooms are also included, by the names of `extension_names`.
+    """
+    rooms = ROOMS[: ROOMS.index(room) + 1]
+    extensions = [name for name, each in extension_names().items() if each.rooms & {*rooms}]
+    return {name: digest_of(name) for name in (JOBS, *rooms, *extensions)}
+
+
+def extension_names() -> dict[str, Extension]:
+    """Return the extensions by name; files have their path from the working directory."""
+    load_known()
+    return {
+        os.path.relpath(name) if os.path.isabs(name) else name: each
+        for name, each in sorted(EXTENSIONS.items())
+    }
 
 
 def modules_up_to(room: str) -> list[str]:
@@ -47,7 +62,9 @@ def modules_up_to(room: str) -> list[str]:
 
 
 def files_of(room: str) -> list[Path]:
-    """Return the Python files of a room, or the one of a module such as ``study/jobs``."""
+    """Return the Python files of a room or an extension, or the one of a module such as ``study/jobs``."""
+    if (extension := extension_names().get(room)) is not None:
+        return extension.files
     module = LIBRARY / f"{room}.py"
     folder = Path(fewruns.__file__).parent if room == SAMPLER else LIBRARY / room
     return [module] if module.is_file() else sorted(folder.rglob("*.py"))

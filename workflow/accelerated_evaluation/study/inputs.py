@@ -14,7 +14,7 @@ from accelerated_evaluation.records.sources import SOURCES, describe, record_fil
 from accelerated_evaluation.records.verdict import require_checks
 from accelerated_evaluation.scenarios import SCENARIOS
 from accelerated_evaluation.scenarios.cut_in import CUT_IN
-from accelerated_evaluation.study.configuration import completed, read_again, resolved, validate
+from accelerated_evaluation.study.configuration import completed, load_modules, read_again, resolved, validate
 from accelerated_evaluation.study.dependencies import without_unused
 from accelerated_evaluation.study.preflight import (
     compared_sections,
@@ -65,7 +65,10 @@ class StudyInputs:
         not the main process, skip slow checks. StudyError is raised if the configuration is not valid, or if
         a file or vehicle that it names cannot be used.
         """
-        config = completed(read_again(config, paths))
+        paths = list(paths)
+        config = read_again(config, paths)
+        load_modules(config, paths)
+        config = completed(config)
         validate(config)
         criteria_of(config["criteria"], SCENARIOS[config["scenario"]["name"]])
         if config["scenario"]["name"] != CUT_IN.name:

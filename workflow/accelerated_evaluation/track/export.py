@@ -14,7 +14,7 @@ from accelerated_evaluation.base.errors import InputError
 from accelerated_evaluation.base.files import write_csv, write_text
 from accelerated_evaluation.laws.motion import SPEED_COLUMNS, LeadMotion, draw_lead_speeds
 from accelerated_evaluation.scenarios.cut_in import CUT_IN
-from accelerated_evaluation.scenarios.protocol import Scenario
+from accelerated_evaluation.scenarios.protocol import Outcome, Scenario
 from accelerated_evaluation.track.recipe import (
     ALL_LAWS,
     CUT_IN_FILES,
@@ -146,7 +146,7 @@ def _cut_ins_in_words(drawn: WeightedSet) -> dict[str, str]:
 def _parts_of(drawn: WeightedSet, scenario: Scenario) -> dict[str, str]:
     """Return the parts of the page for encounters that are ordered by the score of a built-in vehicle."""
     outcomes = {each.name: each for each in scenario.outcomes}
-    score = outcomes[scenario.events[0].scored_by]
+    score = outcomes.get(scenario.events[0].scored_by, Outcome("score", "", "the score of the event"))
     known = {
         "description": scenario.description,
         "variables": "\n".join(

@@ -180,14 +180,17 @@ def outcomes_of(driven: Iterable[DrivenOutcome], scenario: Scenario) -> Any:  # 
     """Convert reported outcomes to the type of outcomes that a simulation of the scenario returns.
 
     If an event is scored by a quantity that was not measured, the quantity gets the value 0 after a crash and
-    infinity otherwise. All other quantities that were not measured are 0. All runs are marked as ended.
+    infinity otherwise. All other quantities that were not measured are 0, or NaN if they are optional. All
+    runs are marked as ended.
     """
     rows = list(driven)
     crash = np.array([row.crash for row in rows])
     nearness = {event.scored_by for event in scenario.events}
 
+    without = {each.name: np.nan if each.optional else 0.0 for each in scenario.outcomes}
+
     def column(name: str) -> np.ndarray:
-        unknown = np.where(crash, 0.0, np.inf) if name in nearness else np.zeros(len(rows))
+        unknown = np.where(crash, 0.0, np.inf) if name in nearness else np.full(len(rows), without[name])
         given = zip(rows, unknown.tolist(), strict=True)
         return np.array([row.measured.get(name, value) for row, value in given])
 

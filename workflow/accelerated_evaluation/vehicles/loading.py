@@ -1,16 +1,14 @@
 """Load a vehicle by its name: a built-in vehicle, a command, an FMU, or a class in a user's file."""
 
 import difflib
-import importlib.util
 import inspect
-import sys
 from collections.abc import Iterable, Mapping
 from pathlib import Path
-from types import ModuleType
 from typing import Any
 
 from accelerated_evaluation.base.errors import InputError, StudyError
 from accelerated_evaluation.base.tables import require_file
+from accelerated_evaluation.base.users_code import error_in_words, import_file, kept_alive
 from accelerated_evaluation.scenarios import SCENARIOS
 from accelerated_evaluation.scenarios.cut_in import CUT_IN
 from accelerated_evaluation.scenarios.parameters import parameter_names, required_names
@@ -18,8 +16,6 @@ from accelerated_evaluation.scenarios.protocol import Scenario
 from accelerated_evaluation.vehicles.external.checked import (
     CheckedVehicle,
     ForeignVehicle,
-    error_in_words,
-    kept_alive,
 )
 from accelerated_evaluation.vehicles.protocol import VEHICLES, Vehicle
 
@@ -115,7 +111,7 @@ def _load_user_vehicle(name: str, scenario: Scenario, parameters: dict[str, Any]
     path, _, class_name = name.rpartition(":")
     if not path:
         raise _load_error(name, "no class", "path/to/file.py:ClassName", f"Write {name}:ClassName.")
-    module = _load_module(name, Path(path))
+    module = import_file(Path(path), f"vehicle {name}")
     vehicle_class = getattr(module, class_name, None)
     if not inspect.isclass(vehicle_class):
         own = [
@@ -140,29 +136,6 @@ def _load_user_vehicle(name: str, scenario: Scenario, parameters: dict[str, Any]
         raise _load_error(
             name, error_in_words(error), f"{class_name} made from {parameters}", change
         ) from error
-
-
-def _load_module(name: str, path: Path) -> ModuleType:
-    """Import the user's file as a module with a unique name, by which dataclasses and pickle find it."""
-    if not path.is_file():
-        raise _load_error(name, f"no file {path}", "a Python file", "Correct the path before the colon.")
-    module_name = f"accelerated_evaluation_user_{path.stem}_{abs(hash(path.resolve())):x}"
-    spec = importlib.util.spec_from_file_location(module_name, path)
-    if spec is None or spec.loader is None:
-        raise _load_error(name, f"file {path}", "a name that ends in .py", "Rename the file.")
-    module = importlib.util.module_from_spec(spec)
-    sys.modules[module_name] = module
-    try:
-        with kept_alive():
-            spec.loader.exec_module(module)
-    except BaseException as error:
-        del sys.modules[module_name]
-        if isinstance(error, KeyboardInterrupt):
-            raise
-        raise _load_error(
-            name, error_in_words(error), "a file that Python can import", "Correct the file."
-        ) from error
-    return module
 
 
 def _load_error(name: str, seen: str, expected: str, change: str) -> InputError:

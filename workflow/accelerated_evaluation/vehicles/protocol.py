@@ -109,7 +109,8 @@ def event_named(text: str, scenario: Scenario = CUT_IN, where: str = "--event") 
     Parameters
     ----------
     text
-        ``crash``, or a quantity and a threshold in its unit, separated by an equals sign.
+        ``crash`` or another event without a threshold; or a quantity and a threshold in its unit, separated
+        by an equals sign.
     scenario
         The scenario, whose events determine the possible quantities.
     where
@@ -125,27 +126,30 @@ def event_named(text: str, scenario: Scenario = CUT_IN, where: str = "--event") 
         value = float(threshold or "nan")
     except ValueError:
         value = math.nan
-    if text == CRASH.quantity:
+    plain = [each.quantity for each in scenario.events if each.at is None]
+    if text in plain:
         return scenario.event(text)
-    names = [each.quantity for each in scenario.events if each.quantity != CRASH.quantity]
+    names = [each.quantity for each in scenario.events if each.at is not None]
     if quantity in names and math.isfinite(value) and value >= 0:
         return scenario.event(quantity, value)
     others = f", or {' or '.join(names)} with a threshold, such as {names[0]}=1" if names else ""
-    raise InputError(where, seen=repr(text), expected=f"crash{others}", change="Correct the event.")
+    expected = f"{' or '.join(plain)}{others}"
+    raise InputError(where, seen=repr(text), expected=expected, change="Correct the event.")
 
 
 def events_of(scenario: Scenario, thresholds: Mapping[str, list[float]]) -> list[Event]:
-    """Return the events of a scenario in addition to the crash, with thresholds by the name of the outcome.
+    """Return the events of a scenario in addition to the crash, with thresholds by the name of the event.
 
-    Outcomes that the scenario does not have are left out.
+    Events that the scenario does not have are left out. The threshold of an event without one is not used.
     """
     names = [each.quantity for each in scenario.events[1:]]
-    return [
+    named = [
         scenario.event(name, float(value))
         for name, values in thresholds.items()
         if name in names
         for value in values
     ]
+    return list(dict.fromkeys(named))
 
 
 def events_from(thresholds: Mapping[str, list[float]]) -> list[Event]:
@@ -174,7 +178,8 @@ def checked_outcomes(
         for each in scenario.outcomes
     }
     rules = scenario.outcome_rules(dict(zip(scenario.names, encounters, strict=True)) | columns)
-    rules += [(np.isnan(column), name, "a number") for name, column in columns.items()]
+    required = [each.name for each in scenario.outcomes if not each.optional]
+    rules += [(np.isnan(columns[name]), name, "a number") for name in required]
     for wrong, name, expected in rules:
         if wrong.any():
             row = int(np.argmax(wrong))
@@ -196,11 +201,14 @@ def _checked_column(
 ) -> NDArray:
     """Return one outcome of a user's vehicle as an array of booleans or floats, shape (count,)."""
     name = outcome.name
+    if outcome.optional and getattr(outcomes, name, None) is None:
+        return np.full(count, np.nan)
     try:
         column = np.asarray(getattr(outcomes, name))
     except AttributeError as error:
         seen = type(outcomes).__name__
-        expected = f"Outcomes with {', '.join(scenario.outcome_names)}"
+        required = [each.name for each in scenario.outcomes if not each.optional]
+        expected = f"Outcomes with {', '.join(required)}"
         raise outcome_error(vehicle, "simulate", seen, expected) from error
     except Exception as error:  # for example a property of the user's class that raises an error
         seen = f"{type(error).__name__}: {' '.join(str(error).split())}"

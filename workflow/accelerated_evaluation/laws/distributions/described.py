@@ -112,7 +112,9 @@ class Described(ABC):
         return cls(**{name: INFINITE[name] if value is None else value for name, value in content.items()})
 
 
-DISTRIBUTIONS: Registry[type[Described]] = Registry("distribution", __package__, [str(Path(__file__).parent)])
+DISTRIBUTIONS: Registry[type[Described]] = Registry(
+    "distribution", __package__, [str(Path(__file__).parent)], contract=[Described, Distribution]
+)
 
 DescribedClass = TypeVar("DescribedClass", bound=type[Described])
 

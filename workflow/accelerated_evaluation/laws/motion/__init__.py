@@ -71,7 +71,9 @@ class LeadMotion(Protocol):
         """
 
 
-MOTIONS: Registry[type[LeadMotion]] = Registry("lead motion", __package__, [str(Path(__file__).parent)])
+MOTIONS: Registry[type[LeadMotion]] = Registry(
+    "lead motion", __package__, [str(Path(__file__).parent)], contract=[LeadMotion]
+)
 
 
 def draw_lead_speeds(motion: LeadMotion, encounters: Array, generator: np.random.Generator) -> Array:

@@ -71,15 +71,12 @@ class Member:
         return "hazard" if self.level is None else f"{self.shape} {self.level:g}"
 
 
-def members_at(levels: Sequence[float]) -> tuple[Member, ...]:
+def members_at(levels: Sequence[float] = LEVELS) -> tuple[Member, ...]:
     """Return the members of a family: the body alone, and each shape of tail above each threshold.
 
     A level is the probability that a closing speed is below the threshold, for example 0.95.
     """
     return (Member(), *(Member(level, shape) for shape in SHAPES for level in levels))
-
-
-MEMBERS = members_at(LEVELS)
 
 
 @dataclass(frozen=True)
@@ -173,7 +170,7 @@ class Fitter:
     """Fits the family of laws to distinct records, and keeps the data that several fits need."""
 
     records: DistinctRecords  # in the order of the record
-    members: tuple[Member, ...] = MEMBERS
+    members: tuple[Member, ...] = field(default_factory=members_at)
     grids: tuple[HazardGrid, HazardGrid] = field(init=False)  # of the range and of the closing speed
     binned: tuple[Binned, Binned] = field(init=False)  # the records in the bins of the two grids
 

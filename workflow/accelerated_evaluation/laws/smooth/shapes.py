@@ -12,6 +12,7 @@ from typing import Any, ClassVar, Protocol, Self
 import numpy as np
 
 from accelerated_evaluation.base.arrays import Array
+from accelerated_evaluation.base.registry import Registry
 
 SMALL = 1e-4  # absolute value of the shape parameter below which the derivative is computed from a series
 BELOW_ONE = 1 - 2.0**-53  # the largest number below 1
@@ -40,6 +41,10 @@ class Shape(Protocol):
 
     def derivatives(self, z: Array, parameters: Array) -> tuple[Array, Array]:
         """Return the derivatives of the log density at z by z, (n,), and by the parameters, (n, q)."""
+
+
+# Each shape is a candidate for the tail of the law of the answer. Shapes of users are in extensions.
+SHAPES: Registry[Shape] = Registry("tail shape", __package__, [], contract=[Shape])
 
 
 class Exponential:
@@ -185,7 +190,8 @@ class TwoKinds:
         return np.where(share < 1, np.log1p(-np.minimum(share, BELOW_ONE)), -parameters[0])
 
 
-SHAPES: dict[str, Shape] = {shape.name: shape for shape in (Exponential(), Generalised(), TwoKinds())}
+for _shape in (Exponential(), Generalised(), TwoKinds()):
+    SHAPES.add(_shape.name)(_shape)
 
 
 RECORDS = np.array([100, 10, 1])  # numbers of records that are expected beyond the levels

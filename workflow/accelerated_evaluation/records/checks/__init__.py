@@ -156,7 +156,7 @@ class Records:
 
 
 Check = Callable[[Records], Finding]
-CHECKS: Registry[Check] = Registry("check", __name__, __path__)
+CHECKS: Registry[Check] = Registry("check", __name__, __path__, contract=[Callable])
 
 
 def needs(*columns: str) -> Callable[[Check], Check]:

@@ -39,7 +39,7 @@ class Source:
     checks: tuple[Check, ...] = ()
 
 
-SOURCES: Registry[Source] = Registry("source", __name__, __path__)
+SOURCES: Registry[Source] = Registry("source", __name__, __path__, contract=[Source])
 
 
 def exposure(kilometres: float | None = None, hours: float | None = None) -> Schema:

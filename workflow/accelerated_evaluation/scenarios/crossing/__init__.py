@@ -32,6 +32,12 @@ class CrossingOutcomes:
     clearance: Array = outcome("m", "smallest distance minus the distance at contact; below 0 after a crash")
     impact_speed: Array = outcome("m/s", "relative speed at the first contact; 0 without a crash")
     run_time: Array = outcome("s", "time until the run ended, or was stopped")
+    post_encroachment_time: Array = outcome(
+        "s",
+        "time between host and target at the point where their paths cross, from centre to centre, if both "
+        "keep the speeds of the end of the run; 0 after a crash, inf if one of them never reaches the point",
+        optional=True,
+    )
 
 
 PANELS = (
@@ -53,6 +59,7 @@ def outcome_rules(columns: Mapping[str, Array]) -> list[Fault]:
         (not_a_speed, "impact_speed", "a finite speed of 0 m/s or more"),
         (~crash & (impact_speed != 0), "impact_speed", "0 m/s where crash is false"),
         (~(run_time >= 0), "run_time", "0 s or more"),
+        (columns["post_encroachment_time"] < 0, "post_encroachment_time", "0 s or more"),
     ]
 
 
@@ -71,4 +78,5 @@ def reported_rules(crash: bool, encounter: Mapping[str, float]) -> dict[str, Rep
         "clearance": touched if crash else apart,
         "impact_speed": apart if crash else still,
         "run_time": (lambda x: x >= 0, "0 or more"),
+        "post_encroachment_time": (lambda x: x >= 0, "0 or more"),
     }

@@ -39,7 +39,7 @@ TICK = 0.1  # [s], period of the controller's clock, and time between the points
 # point of its velocity, number of points in which it turns, number of ticks of a run.
 SPEED, AHEAD, ASIDE, TARGET, FIRST, TURNING, TICKS = range(7)
 # Rows of the outcomes, in the order of `CrossingOutcomes`.
-CRASH, ENDED, MIN_DISTANCE, CLEARANCE, IMPACT_SPEED, RUN_TIME = range(6)
+CRASH, ENDED, MIN_DISTANCE, CLEARANCE, IMPACT_SPEED, RUN_TIME, ENCROACHMENT = range(7)
 TRACED = 6  # columns of a trace: time, ahead, aside, speed, acceleration, whether the AEB is on
 # Elements of the state of the solver: speed of the host, range that the controller measures, integral of the
 # indicator of contact, step, and longest step.
@@ -315,6 +315,17 @@ def observe(car: Car, path: Path, end: float, outcome: NDArray) -> None:
 
 
 @compiled
+def crossing(path: Path, end: float) -> float:
+    """Return the time [s] before ``end`` at which the target crosses the path of the host, by bisection."""
+    before, after = 0.0, end
+    for _ in range(40):
+        middle = (before + after) / 2
+        is_beyond = position(path, middle)[1] <= 0.0
+        before, after = before if is_beyond else middle, middle if is_beyond else after
+    return after
+
+
+@compiled
 def first_contact(car: Car, path: Path, within: float) -> float:
     """Return the time [s] at which a contact began, by bisection; 0 if the contact exists at the tick.
 
@@ -419,9 +430,10 @@ def run(encounter: NDArray, car: Car, state: NDArray, outcome: NDArray, trace: N
     """Simulate one encounter, and write its outcomes.
 
     A run ends when the host stops, when the time of the run is over, or when host and target cannot come
-    closer any more. ``encounter`` is the initial state, shape (7,), and ``state``, shape (5,), the working
-    memory of the solver. ``outcome``, shape (6,), receives the outcomes in the order of `CrossingOutcomes`,
-    and ``trace``, shape (n, 6), the states at the first n ticks.
+    closer any more. The post-encroachment time assumes that both then keep their speeds. ``encounter`` is the
+    initial state, shape (7,), and ``state``, shape (5,), the working memory of the solver. ``outcome``, shape
+    (7,), receives the outcomes in the order of `CrossingOutcomes`, and ``trace``, shape (n, 6), the states at
+    the first n ticks.
     """
     memory, acceleration, tick, end, passed = (0.0, 0.0, 0.0, 0.0), 0.0, 0.0, 0.0, False
     ahead, aside, ticks = encounter[AHEAD], encounter[ASIDE], encounter[TICKS]
@@ -429,6 +441,8 @@ def run(encounter: NDArray, car: Car, state: NDArray, outcome: NDArray, trace: N
     state[LONGEST] = ticks * TICK / car.least_steps if car.emulates > 0.0 else TICK
     outcome[:], outcome[MIN_DISTANCE], outcome[CLEARANCE] = 0.0, np.inf, np.inf
     towards, across = velocity(encounter, 0.0)
+    # Time at which the target crosses the path of the host [s], and the way of the host to this point [m].
+    crossed, left = np.inf, 0.0
     while True:
         over = passed or state[V] <= 0.0 or tick >= ticks
         outcome[RUN_TIME] = max(tick - 1.0, 0.0) * TICK + end
@@ -447,8 +461,15 @@ def run(encounter: NDArray, car: Car, state: NDArray, outcome: NDArray, trace: N
         path = Path(ahead, -(towards + state[V]), ahead_2, aside, -across, -turn)
         if tick == 0.0:
             state[STEP] = first_step(car, path, state[V], acceleration, towards)
+        before = state[V]
         end = integrate(car, path, acceleration, towards, growth, tick, state)
         observe(car, path, end, outcome)
+        if crossed < np.inf:
+            left -= (before + state[V]) / 2 * end
+        elif aside > 0.0 >= position(path, end)[1]:
+            t = crossing(path, end)
+            speed = before + (state[V] - before) * t / end
+            crossed, left = tick * TICK + t, position(path, t)[0] - (speed + state[V]) / 2 * (end - t)
         ahead, aside = position(path, end)
         towards, across = new_towards, new_across
         reach = max(outcome[MIN_DISTANCE], car.contact, car.side_contact)
@@ -458,15 +479,23 @@ def run(encounter: NDArray, car: Car, state: NDArray, outcome: NDArray, trace: N
     outcome[CLEARANCE] = min(outcome[CLEARANCE], outcome[MIN_DISTANCE] - car.contact)
     outcome[CRASH] = state[CONTACT] > 0.0 if car.emulates > 0.0 else outcome[CLEARANCE] < 0.0
     outcome[ENDED] = over
+    if crossed == np.inf and across > 0.0:
+        crossed = outcome[RUN_TIME] + aside / across
+        left = ahead - towards * aside / across
+    outcome[ENCROACHMENT] = np.inf
+    if outcome[CRASH] > 0.0:
+        outcome[ENCROACHMENT] = 0.0
+    elif crossed < np.inf and state[V] > 0.0:
+        outcome[ENCROACHMENT] = abs(outcome[RUN_TIME] + left / state[V] - crossed)
 
 
 @compiled
 def simulate_slice(encounters: NDArray, begin: int, end: int, car: Car, outcomes: NDArray) -> None:
     """Simulate the columns ``begin`` to ``end`` of ``encounters``, shape (7, n), independently of each other.
 
-    The outcomes are written to ``outcomes``, shape (6, n). The rows of both arrays are listed in the module.
+    The outcomes are written to ``outcomes``, shape (7, n). The rows of both arrays are listed in the module.
     """
-    state, outcome, trace = np.empty(5), np.empty(6), np.empty((0, TRACED))
+    state, outcome, trace = np.empty(5), np.empty(7), np.empty((0, TRACED))
     for i in range(begin, end):
         run(encounters[:, i].copy(), car, state, outcome, trace)
         outcomes[:, i] = outcome
@@ -475,4 +504,4 @@ def simulate_slice(encounters: NDArray, begin: int, end: int, car: Car, outcomes
 @compiled
 def trace_run(encounter: NDArray, car: Car, trace: NDArray) -> None:
     """Simulate one encounter, shape (7,), and write its first n states to ``trace``, shape (n, 6)."""
-    run(encounter, car, np.empty(5), np.empty(6), trace)
+    run(encounter, car, np.empty(5), np.empty(7), trace)

@@ -10,7 +10,7 @@ from pathlib import Path
 from accelerated_evaluation.base.registry import Registry
 from accelerated_evaluation.scenarios import SCENARIOS
 from accelerated_evaluation.scenarios.crossing import PANELS, CrossingOutcomes, outcome_rules, reported_rules
-from accelerated_evaluation.scenarios.protocol import Event, Scenario, Variable
+from accelerated_evaluation.scenarios.protocol import Event, Scenario, Simulating, Variable
 
 SLOWEST = 0.2  # [m/s]; for a slower turning car the host waits, and rounding decides the outcome
 
@@ -35,10 +35,11 @@ LEFT_TURN = SCENARIOS.add("left_turn")(
         ),
         outcome_type=CrossingOutcomes,
         events=(
-            Event("crash", scored_by="clearance"),
-            Event("impact_speed", scored_by="clearance", threshold=5.0, is_above=True),
+            Event.flag("crash", scored_by="clearance"),
+            Event.above("impact_speed", 5.0, scored_by="clearance"),
+            Event.at_most("post_encroachment_time", 1.0),
         ),
-        vehicles=Registry("vehicle", __name__, __path__),
+        vehicles=Registry("vehicle", __name__, __path__, contract=[Simulating]),
         default_vehicle="acc_aeb",
         outcome_rules=outcome_rules,
         reported_rules=reported_rules,

@@ -12,7 +12,7 @@ import numpy as np
 from accelerated_evaluation.base.registry import Registry
 from accelerated_evaluation.scenarios import SCENARIOS
 from accelerated_evaluation.scenarios.crossing import PANELS, CrossingOutcomes, outcome_rules, reported_rules
-from accelerated_evaluation.scenarios.protocol import Event, Scenario, Variable
+from accelerated_evaluation.scenarios.protocol import Event, Scenario, Simulating, Variable
 
 SLOWEST = 0.3  # [m/s]; almost all crashes with slower pedestrians are artefacts of the simulation
 # The car creeps behind slow pedestrians, and its unstable control decides whether it touches them. Crashes
@@ -49,10 +49,11 @@ PEDESTRIAN = SCENARIOS.add("pedestrian")(
         ),
         outcome_type=CrossingOutcomes,
         events=(
-            Event("crash", scored_by="clearance", filled=FILLED),
-            Event("impact_speed", scored_by="clearance", threshold=CREEPING, is_above=True),
+            Event.flag("crash", scored_by="clearance", filled=FILLED),
+            Event.above("impact_speed", CREEPING, scored_by="clearance"),
+            Event.at_most("post_encroachment_time", 1.0),
         ),
-        vehicles=Registry("vehicle", __name__, __path__),
+        vehicles=Registry("vehicle", __name__, __path__, contract=[Simulating]),
         default_vehicle="acc_aeb",
         outcome_rules=outcome_rules,
         reported_rules=reported_rules,

@@ -1,11 +1,8 @@
 """A user's vehicle, with checks of its outcomes and messages for its exceptions."""
 
-import os
-import sys
 import warnings
 from abc import ABC, abstractmethod
-from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from collections.abc import Callable
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
@@ -15,6 +12,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from accelerated_evaluation.base.arrays import Array
 from accelerated_evaluation.base.errors import InputError, StudyError
+from accelerated_evaluation.base.users_code import error_in_words, kept_alive
 from accelerated_evaluation.scenarios.cut_in import CUT_IN
 from accelerated_evaluation.scenarios.protocol import Scenario
 from accelerated_evaluation.vehicles.moving import checked_lead_speeds, require_motion, takes_motion
@@ -46,9 +44,6 @@ class ForeignVehicle(ABC):
 
 REPEATED = 4  # number of encounters of the first batch that are simulated again, each twice
 TOLERANCE = 1e-5  # tolerance for repeated outcomes of an encounter, because rounding may depend on the batch
-
-FOLDER: dict[str, str] = {}
-"""The working folder of users' vehicles, after one of them has changed it."""
 
 
 @dataclass
@@ -194,7 +189,7 @@ def difference_in(
     """Return the error for the first outcome of ``again`` that differs from that of its row in ``first``."""
     for name in scenario.outcome_names:
         before, after = getattr(first, name)[rows] * 1.0, getattr(again, name) * 1.0
-        differs = ~np.isclose(after, before, rtol=TOLERANCE, atol=TOLERANCE)
+        differs = ~np.isclose(after, before, rtol=TOLERANCE, atol=TOLERANCE, equal_nan=True)
         if differs.any():
             row = int(np.argmax(differs))
             return outcome_error(
@@ -207,36 +202,3 @@ def difference_in(
                 "no encounter depend on the others in its batch.",
             )
     return None
-
-
-@contextmanager
-def kept_alive() -> Iterator[None]:
-    """Run a user's code in a ``with`` block such that it changes nothing of the process outside of the block.
-
-    If the block calls ``os._exit``, which would end the study without a message, SystemExit is raised
-    instead. Processes that the block forks may still call it. If the block changes the working folder, the
-    new folder is used in all later blocks, but not outside of them. The standard streams are restored.
-    """
-    own, leave, folder = os.getpid(), os._exit, os.getcwd()
-    streams = sys.stdin, sys.stdout, sys.stderr
-    os.chdir(FOLDER.get("user's code", folder))
-
-    def refuse(status: int) -> None:
-        if os.getpid() != own:
-            leave(status)
-        raise SystemExit(f"os._exit({status!r})")
-
-    os._exit = refuse
-    try:
-        yield
-    finally:
-        os._exit = leave
-        sys.stdin, sys.stdout, sys.stderr = streams
-        if (changed := os.getcwd()) != folder:
-            FOLDER["user's code"] = changed
-            os.chdir(folder)
-
-
-def error_in_words(error: BaseException) -> str:
-    """Return the type and the message of an exception on one line."""
-    return f"{type(error).__name__}: {' '.join(str(error).split())}"

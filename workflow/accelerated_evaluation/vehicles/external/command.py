@@ -2,6 +2,7 @@
 
 import contextlib
 import csv
+import math
 import os
 import shlex
 import signal
@@ -232,7 +233,7 @@ def _read_outcomes(
 
     ``refuse`` is a function that makes the error for a fault of the file.
     """
-    count, expected = encounters.shape[1], scenario.outcome_names
+    count = encounters.shape[1]
     if path.exists() and not path.is_file():  # opening a pipe would wait forever
         raise refuse("OUT.csv", "a folder, a device or a pipe", "a file with the outcomes")
     try:
@@ -243,12 +244,13 @@ def _read_outcomes(
     except (csv.Error, UnicodeDecodeError, OSError) as error:
         raise refuse("OUT.csv", str(error), "CSV text in UTF-8") from error
     header = [name.strip() for name in rows[0]] if rows else []
+    expected = [each.name for each in scenario.outcomes if not each.optional or each.name in header]
     if any(header.count(name) != 1 for name in expected):
         raise refuse("OUT.csv, row 1", ", ".join(header) or "no header", f"the columns {', '.join(expected)}")
     if len(rows) - 1 != count:
         raise refuse("OUT.csv", f"{len(rows) - 1} rows", f"{count}, one for each row of IN.csv")
-    columns = [header.index(name) for name in expected]
-    outcomes = np.empty((len(expected), count))
+    columns = [header.index(name) if name in header else None for name in scenario.outcome_names]
+    outcomes = np.empty((len(columns), count))
     for k, row in enumerate(rows[1:]):
         where = f"OUT.csv, row {k + 2}, column {{}}, {scenario.described(encounters[:, k])}"
         outcomes[:, k] = list(_numbers(row, columns, scenario, where, refuse))
@@ -256,10 +258,20 @@ def _read_outcomes(
 
 
 def _numbers(
-    row: list[str], columns: list[int], scenario: Scenario, where: str, refuse: Callable[..., InputError]
+    row: list[str],
+    columns: list[int | None],
+    scenario: Scenario,
+    where: str,
+    refuse: Callable[..., InputError],
 ) -> Iterator[float]:
-    """Yield the outcomes of a row as numbers; `checked_outcomes` checks for NaN and contradictions later."""
+    """Yield the outcomes of a row as numbers; `checked_outcomes` checks for NaN and contradictions later.
+
+    ``columns`` is None for an optional outcome without a column.
+    """
     for outcome, column in zip(scenario.outcomes, columns, strict=True):
+        if column is None:
+            yield math.nan
+            continue
         text = row[column].strip() if column < len(row) else ""
         try:
             yield FLAGS[text.lower()] if outcome.is_flag else float(text)

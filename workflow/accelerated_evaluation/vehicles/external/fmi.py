@@ -13,7 +13,7 @@ from typing import Any, NamedTuple
 
 from accelerated_evaluation.base.arrays import ACCELERATION, LENGTH, SPEED
 from accelerated_evaluation.base.errors import InputError
-from accelerated_evaluation.vehicles.external.checked import error_in_words
+from accelerated_evaluation.base.users_code import error_in_words
 
 # For each quantity, the factors of the possible units to the SI unit; the SI unit is the first one.
 INPUT_UNITS = {

@@ -15,13 +15,13 @@ from tqdm import tqdm
 
 from accelerated_evaluation.base.arrays import Array
 from accelerated_evaluation.base.errors import InputError
+from accelerated_evaluation.base.users_code import error_in_words
 from accelerated_evaluation.scenarios.cut_in import CUT_IN
 from accelerated_evaluation.scenarios.protocol import Scenario
 from accelerated_evaluation.vehicles.external.checked import (
     CheckedVehicle,
     ForeignVehicle,
     after_repetition,
-    error_in_words,
 )
 from accelerated_evaluation.vehicles.external.store import Encounter, Request, Store, store_of
 from accelerated_evaluation.vehicles.external.workers import (

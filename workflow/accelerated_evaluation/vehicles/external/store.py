@@ -5,6 +5,7 @@ of the simulation of this encounter, counted from 0, so that the same sequence o
 same outcomes.
 """
 
+import math
 import os
 import sqlite3
 from collections.abc import Iterable, Iterator, Mapping, Sequence
@@ -33,7 +34,11 @@ class _Statements:
     def __init__(self, scenario: Scenario) -> None:
         inputs = [f'"{name}"' for name in scenario.names]
         outcomes = [f'"{name}"' for name in scenario.outcome_names]
-        numbers = ", ".join(f"{name} REAL NOT NULL" for name in (*inputs, *outcomes))
+        # An optional outcome that the vehicle does not have is NaN, which SQLite stores as NULL.
+        self.optional = [f'"{each.name}" REAL' for each in scenario.outcomes if each.optional]
+        needed = [f'"{each.name}"' for each in scenario.outcomes if not each.optional]
+        needed = [f"{name} REAL NOT NULL" for name in (*inputs, *needed)]
+        numbers = ", ".join([*needed, *self.optional])
         condition = " AND ".join(f"{name} = ?" for name in inputs)
         marks = ", ".join("?" for _ in (*inputs, *outcomes))
         self.tables = f"""
@@ -61,6 +66,11 @@ class Store:
         self.path.parent.mkdir(parents=True, exist_ok=True)
         with self._connected() as connection:
             connection.executescript(self._sql.tables)
+            for table in ("outcomes", "repeats"):  # of a scenario that had no such outcome before
+                known = {row[1] for row in connection.execute(f"PRAGMA table_info({table})")}
+                for column in self._sql.optional:
+                    if column.split('"')[1] not in known:
+                        connection.execute(f"ALTER TABLE {table} ADD COLUMN {column}")
 
     def known(self, requests: Iterable[Request]) -> dict[Request, Outcome]:
         """Return the stored outcomes of pairs of an encounter and the number of its simulation, from 0."""
@@ -70,7 +80,11 @@ class Store:
                 look_up = self._sql.look_up_repeat if number else self._sql.look_up
                 asked = (*encounter, number) if number else encounter
                 found[encounter, number] = connection.execute(look_up, asked).fetchone()
-        return {request: outcome for request, outcome in found.items() if outcome is not None}
+        return {
+            request: tuple(math.nan if value is None else value for value in outcome)
+            for request, outcome in found.items()
+            if outcome is not None
+        }
 
     def add(self, requests: Sequence[Request], outcomes: Sequence[Outcome]) -> None:
         """Store the outcomes of requests, in the same order.

@@ -22,13 +22,13 @@ import numpy as np
 
 from accelerated_evaluation.base.arrays import Array
 from accelerated_evaluation.base.errors import InputError, StudyError
+from accelerated_evaluation.base.users_code import error_in_words
 from accelerated_evaluation.scenarios import SCENARIOS
 from accelerated_evaluation.scenarios.protocol import Event, Scenario
 from accelerated_evaluation.vehicles.external.checked import (
     CheckedVehicle,
     ForeignVehicle,
     difference_in,
-    error_in_words,
 )
 from accelerated_evaluation.vehicles.external.command import RUNNING, end_group
 from accelerated_evaluation.vehicles.loading import load_vehicle

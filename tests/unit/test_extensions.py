@@ -1,0 +1,205 @@
+"""Members of registries that live in a folder or a package of their user, and faulty ones."""
+
+import os
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+from accelerated_evaluation import InputError
+from accelerated_evaluation.base import extensions
+from accelerated_evaluation.laws import LAWS
+from accelerated_evaluation.laws.distributions.described import DISTRIBUTIONS
+from accelerated_evaluation.records.checks import CHECKS
+from accelerated_evaluation.study.configuration import load, load_modules
+from accelerated_evaluation.study.dependencies import code_up_to, digest_of
+
+TOYS = Path(__file__).parents[1] / "toys/mine"
+CHECK = """
+from accelerated_evaluation.records.checks import CHECKS
+
+@CHECKS.add({name!r})
+def found(records):
+    {body}
+"""
+# Modules that cannot be used, and what the message says of them.
+BROKEN = {
+    "a law that is no law": (
+        "from accelerated_evaluation.laws import LAWS\n@LAWS.add('bad')\nclass Bad:\n    pass\n",
+        "law 'bad': seen the class Bad; expected a class that derives from "
+        "accelerated_evaluation.laws.protocol.Law. Correct it;",
+    ),
+    "a law without methods": (
+        "from accelerated_evaluation.laws import LAWS, Law\n@LAWS.add('bad')\nclass Bad(Law):\n"
+        "    def log_density(self, x): ...\n    def content(self): ...\n",
+        "seen the class Bad without from_content, from_normal_scores; expected all attributes of",
+    ),
+    "a method without a style": (
+        "from accelerated_evaluation.methods import METHODS, Method\n@METHODS.add('bad')\n"
+        "class Bad(Method):\n    def estimate(self, problem, stopping, generator): ...\n",
+        "method 'bad': seen the class Bad without style; expected all attributes of",
+    ),
+    "a distribution without a tail": (
+        "from accelerated_evaluation.laws.distributions.described import Described, distribution\n"
+        "from dataclasses import dataclass\n@distribution('bad')\n@dataclass(frozen=True)\n"
+        "class Bad(Described):\n    lower: float\n    upper: float\n"
+        "    def logpdf(self, x): ...\n    cdf = sf = ppf = mean = rvs = logpdf\n",
+        "distribution 'bad': seen the class Bad without isf, logsf; expected all attributes of",
+    ),
+    "a tail shape that is a class": (
+        "from accelerated_evaluation.laws.smooth.shapes import SHAPES\n@SHAPES.add('bad')\nclass Bad:\n"
+        "    name = 'bad'\n",
+        "tail shape 'bad': seen the class Bad without cumulative, derivatives, inverse, log_density,",
+    ),
+    "a vehicle that does not simulate": (
+        "from accelerated_evaluation.vehicles.protocol import VEHICLES\n@VEHICLES.add('bad')\nclass Bad:\n"
+        "    def drive(self): ...\n",
+        "vehicle 'bad': seen the class Bad without simulate; expected all attributes of",
+    ),
+    "a scenario that is a text": (
+        "from accelerated_evaluation.scenarios import SCENARIOS\nSCENARIOS.add('bad')('a text')\n",
+        "scenario 'bad': seen the str a text; expected an instance of "
+        "accelerated_evaluation.scenarios.protocol.Scenario.",
+    ),
+    "a source that is not decorated": (
+        "from accelerated_evaluation.records.sources import SOURCES\n@SOURCES.add('bad')\n"
+        "def read(settings): ...\n",
+        "source 'bad': seen the function read; expected an instance of "
+        "accelerated_evaluation.records.sources.Source.",
+    ),
+    "a check that is a number": (
+        "from accelerated_evaluation.records.checks import CHECKS\nCHECKS.add('bad')(3)\n",
+        "check 'bad': seen the int 3; expected an instance of",
+    ),
+    "a name of the library": (
+        CHECK.format(name="drift", body="..."),
+        "check 'drift': seen two members of this name; expected a name of its own for each member.",
+    ),
+    "nothing": ("a = 1\n", "members: seen none; expected at least one decorator"),
+    "a fault": ("1 / 0\n", "seen ZeroDivisionError: division by zero; expected a file that Python can"),
+    "an end": ("import sys\nsys.exit(3)\n", "seen SystemExit: 3; expected a file that Python can import."),
+    "an end of the process": ("import os\nos._exit(0)\n", "seen SystemExit: os._exit(0); expected"),
+}
+
+
+@pytest.fixture(autouse=True)
+def own_registries(monkeypatch):
+    """Remove what a test has registered."""
+    monkeypatch.setenv(extensions.VARIABLE, "")
+    before = dict(extensions.EXTENSIONS)
+    yield
+    for name in extensions.EXTENSIONS.keys() - before:
+        for registry, member in extensions.EXTENSIONS.pop(name).members:
+            registry.remove(member)
+    digest_of.cache_clear()
+
+
+@pytest.mark.parametrize("fault", BROKEN)
+def test_a_module_that_cannot_be_used_is_refused_and_leaves_nothing(tmp_path, fault):
+    content, message = BROKEN[fault]
+    known = set(LAWS), set(CHECKS), set(DISTRIBUTIONS)
+    (tmp_path / "mine.py").write_text(content)
+    (tmp_path / "study.yaml").write_text("modules: [mine.py]\n")
+    with pytest.raises(InputError) as error:
+        load([tmp_path / "study.yaml"])
+    assert str(error.value).startswith(f"modules, {tmp_path}/mine.py")
+    assert message in str(error.value)
+    assert (set(LAWS), set(CHECKS), set(DISTRIBUTIONS)) == known
+    assert str(tmp_path / "mine.py") not in extensions.EXTENSIONS
+    (tmp_path / "mine.py").write_text(CHECK.format(name="corrected", body="return 1"))
+    load([tmp_path / "study.yaml"])
+    assert CHECKS["corrected"](None) == 1
+
+
+@pytest.mark.parametrize(
+    ("named", "message"),
+    [
+        ("mine.py", 'modules: seen "mine.py"; expected a list of Python files. Write, for example'),
+        ([3], "modules: seen [3]; expected a list of Python files."),
+        (["none.py"], "modules: seen no file none.py in here or .; expected a Python file, relative to the"),
+    ],
+)
+def test_a_key_that_names_no_files_is_refused(named, message):
+    with pytest.raises(InputError) as error:
+        load_modules({"modules": named}, ["here/study.yaml"])
+    assert str(error.value).startswith(message)
+
+
+def test_a_path_begins_in_the_folder_of_the_configuration(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    for folder in ("one", "other"):
+        (tmp_path / folder).mkdir()
+        (tmp_path / folder / "mine.py").write_text(CHECK.format(name=folder, body=f"return {folder!r}"))
+    load_modules({"modules": ["mine.py"]}, ["one/study.yaml"])
+    assert "one" in CHECKS
+    assert "other" not in CHECKS
+    load_modules({"modules": ["mine.py"]}, ["one/study.yaml", "other/more.yaml"])
+    assert CHECKS["other"](None) == "other"
+
+
+def test_a_module_counts_as_code_of_the_rooms_to_which_it_adds(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    Path("mine.py").write_text(CHECK.format(name="mine", body="return 1"))
+    before = code_up_to("base"), code_up_to("records"), code_up_to("laws")
+    load_modules({"modules": ["mine.py", str(TOYS / "toy_shape.py")]}, [])
+    shape = os.path.relpath(TOYS / "toy_shape.py")
+    assert code_up_to("base") == before[0]
+    assert code_up_to("records").keys() - before[1].keys() == {"mine.py"}
+    assert code_up_to("laws").keys() - before[2].keys() == {"mine.py", shape}
+    first = code_up_to("records")["mine.py"]
+    Path("mine.py").write_text(CHECK.format(name="mine", body="return 2"))
+    digest_of.cache_clear()
+    assert code_up_to("records")["mine.py"] != first
+
+
+def test_members_of_the_library_that_a_module_imports_first_are_not_its_own(tmp_path):
+    """The module imports a law of the library, whose decorator then runs while the module is imported."""
+    (tmp_path / "mine.py").write_text(
+        "from accelerated_evaluation.laws.joint import kernel, copula\n"
+        + CHECK.format(name="mine", body="return 1")
+    )
+    (tmp_path / "main.py").write_text(
+        "from pathlib import Path\n"
+        "from accelerated_evaluation.base.extensions import EXTENSIONS, load_files\n"
+        "load_files([Path('mine.py')])\n(found,) = EXTENSIONS.values()\n"
+        "print([name for _, name in found.members], sorted(found.rooms))\n"
+    )
+    run = subprocess.run([sys.executable, "main.py"], cwd=tmp_path, capture_output=True, text=True)
+    assert run.stdout == "['mine'] ['records']\n", run.stderr
+
+
+def test_an_installed_package_adds_members_by_its_entry_point(tmp_path):
+    """In a process of its own: the registry finds a package that nobody imports."""
+    package, metadata = tmp_path / "their_cars", tmp_path / "their_cars-1.0.dist-info"
+    package.mkdir()
+    metadata.mkdir()
+    (package / "__init__.py").write_text("from their_cars import checks\n")
+    (package / "checks.py").write_text(CHECK.format(name="theirs", body="return 7"))
+    (metadata / "METADATA").write_text("Metadata-Version: 2.1\nName: their-cars\nVersion: 1.0\n")
+    (metadata / "entry_points.txt").write_text("[accelerated_evaluation]\ncars = their_cars\n")
+    (tmp_path / "main.py").write_text(
+        "from accelerated_evaluation.records.checks import CHECKS\n"
+        "from accelerated_evaluation.study.dependencies import code_up_to\n"
+        "print(CHECKS['theirs'](None), 'theirs' in list(CHECKS))\n"
+        "print(sorted(code_up_to('records').keys() - code_up_to('base').keys()))\n"
+    )
+    here = os.environ | {"PYTHONPATH": str(tmp_path)}
+    run = subprocess.run([sys.executable, "main.py"], cwd=tmp_path, env=here, capture_output=True, text=True)
+    assert run.stdout == "7 True\n['package their-cars, entry point cars', 'records']\n", run.stderr
+    (package / "checks.py").write_text(CHECK.format(name="drift", body="return 7"))
+    run = subprocess.run([sys.executable, "main.py"], cwd=tmp_path, env=here, capture_output=True, text=True)
+    message = "package their-cars, entry point cars, check 'drift': seen two members of this name"
+    assert message in run.stderr
+
+
+def test_a_shape_and_a_joint_law_of_a_user_are_candidates(tmp_path):
+    (tmp_path / "main.py").write_text(
+        "from accelerated_evaluation.laws.smooth.family import members_at\n"
+        "from accelerated_evaluation.answer.joint_family import candidates\n"
+        "print([each.name for each in members_at([0.9]) if 'toy' in each.name])\n"
+        "print([each.name for each in candidates() if 'toy' in each.name])\n"
+    )
+    files = [str(TOYS / "toy_shape.py"), str(TOYS / "toy_copula.py")]
+    here = os.environ | {extensions.VARIABLE: os.pathsep.join(files)}
+    run = subprocess.run([sys.executable, "main.py"], cwd=tmp_path, env=here, capture_output=True, text=True)
+    assert run.stdout == "['toy shape 0.9']\n['toy copula']\n", run.stderr

@@ -1,0 +1,129 @@
+"""Extensions: modules outside of this library that add members to its registries.
+
+An extension is a file that the key ``modules`` of a configuration names, or a module of an installed package
+that has an entry point in the group ``accelerated_evaluation``. When the module is imported, its decorators,
+such as ``@LAWS.add("mine")``, register its members. The files of a configuration are also in an environment
+variable, so that the processes which a study starts, its scripts and workers, import them too.
+"""
+
+import os
+import sys
+from collections.abc import Callable, Iterable
+from dataclasses import dataclass, field
+from importlib.metadata import entry_points
+from pathlib import Path
+from types import ModuleType
+from typing import Protocol
+
+from accelerated_evaluation.base.errors import InputError, StudyError, located
+from accelerated_evaluation.base.users_code import error_in_words, import_file, kept_alive
+
+GROUP = "accelerated_evaluation"
+VARIABLE = "ACCELERATED_EVALUATION_MODULES"  # paths of the files, separated as in PATH
+LIBRARY = "accelerated_evaluation."
+
+
+class Members(Protocol):
+    """A registry, as far as extensions need it."""
+
+    package: str
+
+    def remove(self, name: str) -> None:
+        """Remove a member."""
+
+
+@dataclass
+class Extension:
+    """A module that was imported from outside of the library."""
+
+    name: str  # path of the file, or name of the package and of its entry point
+    files: list[Path] = field(default_factory=list)  # code of the module
+    members: list[tuple[Members, str]] = field(default_factory=list)  # registries, and names in them
+
+    @property
+    def rooms(self) -> set[str]:
+        """The rooms (packages) of the library to which the module adds members."""
+        packages = {registry.package for registry, _ in self.members}
+        return {each.removeprefix(LIBRARY).split(".")[0] for each in packages if each.startswith(LIBRARY)}
+
+
+EXTENSIONS: dict[str, Extension] = {}
+_being_imported: list[Extension] = []
+
+
+def current() -> Extension | None:
+    """Return the extension whose module is being executed; None if there is none.
+
+    While an extension is imported, it may import modules of the library for the first time. Their members are
+    not its own. The innermost frame of a module tells whose code registers a member.
+    """
+    frame = sys._getframe(1)
+    while _being_imported and frame.f_code.co_name != "<module>":
+        frame = frame.f_back
+    is_ours = frame.f_globals["__name__"].split(".")[0] == LIBRARY.rstrip(".")
+    return _being_imported[-1] if _being_imported and not is_ours else None
+
+
+def load_files(paths: Iterable[Path]) -> None:
+    """Import files of the key ``modules`` of a configuration, also in all processes that this one starts.
+
+    InputError is raised if a file cannot be imported, registers nothing, or registers a member that does not
+    fulfil the contract of its kind.
+    """
+    for path in map(Path.resolve, paths):
+        if str(path) not in EXTENSIONS:
+            with located("modules"):
+                _add(Extension(str(path), [path]), lambda path=path: import_file(path, "import"))
+        known = os.environ.get(VARIABLE, "").split(os.pathsep)
+        if str(path) not in known:
+            os.environ[VARIABLE] = os.pathsep.join([*filter(None, known), str(path)])
+
+
+def load_known() -> None:
+    """Import the extensions of installed packages, and those of the environment variable, once."""
+    for entry in entry_points(group=GROUP):
+        name = f"package {entry.dist.name}, entry point {entry.name}"
+        if name not in EXTENSIONS:
+            _add(Extension(name), entry.load)
+    load_files(map(Path, filter(None, os.environ.get(VARIABLE, "").split(os.pathsep))))
+
+
+def _add(extension: Extension, load: Callable[[], ModuleType]) -> None:
+    """Import an extension; if this fails, no member of it remains."""
+    EXTENSIONS[extension.name] = extension  # set first, because the module may look up a member
+    _being_imported.append(extension)
+    try:
+        with located(extension.name):
+            module = _imported(load)
+            extension.files = extension.files or _files_of(module)
+            if not extension.members:
+                raise InputError(
+                    "members",
+                    seen="none",
+                    expected='at least one decorator such as @LAWS.add("mine")',
+                    change="Register something in this module, or do not name it.",
+                )
+    except BaseException:
+        del EXTENSIONS[extension.name]
+        for registry, name in extension.members:
+            registry.remove(name)
+        raise
+    finally:
+        _being_imported.pop()
+
+
+def _imported(load: Callable[[], ModuleType]) -> ModuleType:
+    try:
+        with kept_alive():
+            return load()
+    except (StudyError, KeyboardInterrupt):
+        raise
+    except BaseException as error:  # a module that calls sys.exit must not end the study without a message
+        expected, change = "a module that Python can import", "Correct it, or remove the package."
+        raise InputError("import", seen=error_in_words(error), expected=expected, change=change) from error
+
+
+def _files_of(module: ModuleType) -> list[Path]:
+    """Return the Python files of a module, or of all modules of a package."""
+    folders = [Path(folder) for folder in getattr(module, "__path__", [])]
+    return sorted(file for folder in folders for file in folder.rglob("*.py")) or [Path(module.__file__)]

@@ -1,0 +1,82 @@
+"""Import and run code of users, such that a fault in it ends in a message and changes nothing else."""
+
+import importlib.util
+import os
+import sys
+import zlib
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from types import ModuleType
+
+from accelerated_evaluation.base.errors import InputError, StudyError
+
+FOLDER: dict[str, str] = {}
+"""The working folder of users' code, after some of it has changed the folder."""
+
+
+@contextmanager
+def kept_alive() -> Iterator[None]:
+    """Run a user's code in a ``with`` block such that it changes nothing of the process outside of the block.
+
+    If the block calls ``os._exit``, which would end the study without a message, SystemExit is raised
+    instead. Processes that the block forks may still call it. If the block changes the working folder, the
+    new folder is used in all later blocks, but not outside of them. The standard streams are restored.
+    """
+    own, leave, folder = os.getpid(), os._exit, os.getcwd()
+    streams = sys.stdin, sys.stdout, sys.stderr
+    os.chdir(FOLDER.get("user's code", folder))
+
+    def refuse(status: int) -> None:
+        if os.getpid() != own:
+            leave(status)
+        raise SystemExit(f"os._exit({status!r})")
+
+    os._exit = refuse
+    try:
+        yield
+    finally:
+        os._exit = leave
+        sys.stdin, sys.stdout, sys.stderr = streams
+        if (changed := os.getcwd()) != folder:
+            FOLDER["user's code"] = changed
+            os.chdir(folder)
+
+
+def error_in_words(error: BaseException) -> str:
+    """Return the type and the message of an exception on one line."""
+    return f"{type(error).__name__}: {' '.join(str(error).split())}"
+
+
+def import_file(path: Path, where: str) -> ModuleType:
+    """Import a user's file as a module with a unique name, by which dataclasses and pickle find it.
+
+    InputError, with the place ``where``, is raised if the file cannot be imported. A `StudyError` of the file
+    is raised unchanged.
+    """
+    if not path.is_file():
+        raise InputError(
+            where, seen=f"no file {path}", expected="a Python file", change="Correct the path of the file."
+        )
+    name = f"accelerated_evaluation_user_{path.stem}_{zlib.crc32(str(path.resolve()).encode()):x}"
+    spec = importlib.util.spec_from_file_location(name, path)
+    if spec is None or spec.loader is None:
+        raise InputError(
+            where, seen=f"file {path}", expected="a name that ends in .py", change="Rename the file."
+        )
+    module = importlib.util.module_from_spec(spec)
+    sys.modules[name] = module
+    try:
+        with kept_alive():
+            spec.loader.exec_module(module)
+    except BaseException as error:  # a file that calls sys.exit must not end the study without a message
+        del sys.modules[name]
+        if isinstance(error, KeyboardInterrupt | StudyError):
+            raise
+        raise InputError(
+            where,
+            seen=error_in_words(error),
+            expected="a file that Python can import",
+            change="Correct the file.",
+        ) from error
+    return module
