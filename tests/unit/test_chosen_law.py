@@ -103,6 +103,7 @@ def test_the_estimate_is_of_the_law_that_was_chosen(config, chosen, choice):
     contained, in_words = CONTAINED[choice]
     assert set(tables["answer"]["contains"]) == {contained, ""}  # no estimate of events that are no crash
     assert sum(line.startswith(f"  intervals with {in_words}: 50%") for line in found.lines()) == 1
+    assert ("far tail" in set(tables["budget"]["source"])) == (choice != "paper")
     others = [name for name in ("paper", "hazard", "exponential 0.9") if name != choice]
     wrong = [crash_probability(chosen(other)) for other in others]
     assert max(abs(row["probability"] - other) for other in wrong) > 4 * error

@@ -395,6 +395,46 @@ def test_the_posterior_holds_the_truth_and_its_budget_adds_up(crash_map, records
     assert parts.loc["sampling", "factor"] == pytest.approx(np.exp(np.sqrt(np.log(1.01))))
 
 
+def test_the_far_tail_has_its_own_share_of_a_budget():
+    """The logarithm is the sum of independent parts, of which one is 0 in the fixed draws."""
+    generator = np.random.default_rng(4)
+    own, far = 0.3 * generator.standard_normal(4000), 0.4 * generator.standard_normal(4000)
+    member = np.zeros(4000, dtype=int)
+    whole, fixed = (ae.Posterior(1e-6 * np.exp(logs), member) for logs in (own + far, own))
+    parts = budget(whole, np.sqrt(np.expm1(0.5**2)), {"far tail": fixed}).set_index("source")
+    assert parts.index.tolist() == ["data", "far tail", "choice of law", "sampling", "together"]
+    error = 4.5 * np.sqrt(2 / 4000)
+    variances = {"data": 0.09, "far tail": 0.16, "sampling": 0.25}
+    for source, variance in variances.items():
+        share = parts.loc[source, "variance_share"]
+        assert share == pytest.approx(variance / 0.5, abs=error)
+    without = budget(whole, np.sqrt(np.expm1(0.5**2))).set_index("source")["variance_share"]
+    assert without["data"] == pytest.approx(parts["variance_share"][["data", "far tail"]].sum())
+
+
+def test_draws_with_a_fixed_far_tail_differ_by_it_alone(crash_map, records, fitter, family, encounters):
+    study = equal_weights(fitter, family, encounters)
+    draws = study.draws(np.random.default_rng(8))
+    fixed = draws.fixed()["far tail"]
+    assert fixed.names == draws.names
+    assert not fixed.fixed()
+    places, slow = records.only(np.arange(20)).places, np.full(20, 1.0)
+    for one, other in zip(draws.draws.laws[:5], fixed.draws.laws[:5], strict=True):
+        # The closing speed of 1 m/s is far below the levels of the far tail, and that of 40 m/s far above.
+        np.testing.assert_allclose(*(law.given(places).cumulative(slow) for law in (one, other)), rtol=1e-12)
+        fast = [law.given(places).cumulative(40 * slow) for law in (one, other)]
+        assert not np.allclose(*fast, rtol=1e-3)
+    answer = ae.evaluate(
+        ae.Problem(ae.CUT_IN, draws.proposal, RateCar()),
+        draws,
+        ae.Map(crash_map, records),
+        generator=np.random.default_rng(9),
+    )
+    shares = answer.budget(0.1).set_index("source")["variance_share"]
+    assert 0 <= shares["far tail"] < 1
+    assert shares.drop("together").sum() == pytest.approx(1)
+
+
 def test_a_budget_without_data_error_blames_the_choice():
     draws = ae.Posterior(np.repeat([1e-6, 4e-6], 50), np.repeat([0, 1], 50))
     parts = budget(draws, 1e-9).set_index("source")["variance_share"]

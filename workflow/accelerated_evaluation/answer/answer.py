@@ -93,6 +93,9 @@ class Answer:
         Whether further simulations are expected to leave the answer as it is.
     tables
         Additional tables by name, such as ``runs``, the simulations of an answer from few runs.
+    fixed
+        The probability of the main event without sampling errors, if a part of the parameters of the draws is
+        fixed at posterior means, by the name of the part.
 
     See Also
     --------
@@ -107,6 +110,7 @@ class Answer:
     simulations: int | None = None
     converged: bool = True
     tables: Mapping[str, pd.DataFrame] = field(default_factory=dict)
+    fixed: Mapping[str, Posterior] = field(default_factory=dict)
     notes: Mapping[str, Any] = field(default_factory=dict)
 
     @property
@@ -145,11 +149,15 @@ class Answer:
             rows.append(row | {"per_km": rate, "contains": contains})
         return pd.DataFrame(rows)
 
-    def budget(self) -> pd.DataFrame:
-        """Return the variance of the logarithm of the main event by source: data, choice of law, sampling."""
+    def budget(self, sampling_deviation: float | None = None) -> pd.DataFrame:
+        """Return the variance of the logarithm of the main event by source (`posterior.budget`).
+
+        A relative deviation of the sampling can be stated for an answer that was not sampled.
+        """
         if self.posterior is None:
             return pd.DataFrame(columns=["source", "factor", "variance_share"])
-        return budget(self.posterior.alone, self.posterior.deviation)
+        deviation = self.posterior.deviation if sampling_deviation is None else sampling_deviation
+        return budget(self.posterior.alone, deviation, self.fixed)
 
 
 class Way(Protocol):

@@ -2,6 +2,7 @@
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, fields, replace
+from functools import partial
 from typing import Any, Self
 
 import numpy as np
@@ -169,6 +170,7 @@ class Runs:
             simulations=self.sampler.simulations,
             converged=estimate.converged,
             tables={"runs": with_encounters(estimate.tables["runs"], self.problem)},
+            fixed=self._fixed(controls),
             notes={"estimate": estimate, "not_ended": self.not_ended},
         )
 
@@ -176,6 +178,18 @@ class Runs:
         if found is None:
             return None
         return SampledPosterior.of(found, self.draws.member, self.sampler.unseen_lapses)
+
+    def _fixed(self, controls: list[Control] | None) -> dict[str, Posterior]:
+        """Return the posteriors if a part of the parameters of the draws is fixed (`Draws.fixed`)."""
+        posteriors = {}
+        for name, draws in self.draws.fixed().items():
+            laws = SeveralLaws(partial(self._log_ratios_of, draws), self.problem.law.from_normal_scores)
+            if (found := laws.estimate(self.sampler, controls=controls)) is not None:
+                posteriors[name] = SampledPosterior.of(found, self.draws.member).alone
+        return posteriors
+
+    def _log_ratios_of(self, draws: Draws, x: Array) -> Array:
+        return draws.log_densities(x) - self.problem.law.log_density(x)
 
     def _of(self, event: Event, controls: list[Control] | None) -> SampledPosterior | None:
         """Return the posterior of an event; None if the runs were not chosen for it."""

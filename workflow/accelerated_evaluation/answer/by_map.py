@@ -51,6 +51,10 @@ class Map:
         if not replayed.supports(masses_under(lines, draws).sum(axis=1).mean()):
             sampled = sample_crashes(vehicle, self.crash_map, generator, events=(problem.event,))
             lines, scan = self._lines(sampled, problem.event, vehicle, draws, generator), "random"
+        fixed = {
+            name: Posterior(masses_under(lines, own).sum(axis=1), draws.member)
+            for name, own in draws.fixed().items()
+        }
         posteriors, crashes = {}, None
         for event in (problem.event, *events):
             if event != problem.event:
@@ -65,7 +69,7 @@ class Map:
             else:
                 probabilities = masses_under(lines, draws).sum(axis=1)
             posteriors[event] = Posterior(probabilities, draws.member)
-        return Answer(problem, draws, posteriors, crashes, replayed, notes={"scan": scan})
+        return Answer(problem, draws, posteriors, crashes, replayed, fixed=fixed, notes={"scan": scan})
 
     def _lines(
         self,

@@ -113,5 +113,6 @@ def budget_in_words(budget: pd.DataFrame) -> list[str]:
     shares = budget.set_index("source")["variance_share"]
     if shares.empty or shares.isna().any():
         return []
-    parts = ", ".join(f"{source} {shares[source]:.0%}" for source in ("data", "choice of law", "sampling"))
+    sources = shares.drop("together").items()
+    parts = ", ".join(f"{source} {share:.0%}" for source, share in sources)
     return [f"variance of the logarithm: {parts}; only the last becomes smaller with more simulations"]

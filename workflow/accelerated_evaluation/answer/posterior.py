@@ -167,14 +167,22 @@ def answer_row(posterior: Posterior | None) -> dict[str, float]:
     return row | raised
 
 
-def budget(posterior: Posterior, sampling_deviation: float) -> pd.DataFrame:
+def budget(
+    posterior: Posterior, sampling_deviation: float, fixed: Mapping[str, Posterior] | None = None
+) -> pd.DataFrame:
     """Divide the variance of the logarithm of a probability among its sources.
 
     These are ``data`` (mean variance of the draws within a law), ``choice of law`` (variance between the
-    means of the laws), ``sampling`` (the relative deviation of an estimator), and ``together``.
+    means of the laws), ``sampling`` (the relative deviation of an estimator), and ``together``. The part of
+    ``data`` that vanishes if some parameters are ``fixed`` at posterior means has a row of its own.
     """
-    variances = log_variances(posterior) | {"sampling": float(np.log1p(sampling_deviation**2))}
-    return shares(variances)
+    variances = log_variances(posterior)
+    parts = {}
+    for name, own in (fixed or {}).items():
+        parts[name] = max(variances[DATA] - log_variances(own)[DATA], 0.0)
+    variances[DATA] -= sum(parts.values())
+    choice = variances.pop(CHOICE)
+    return shares(variances | parts | {CHOICE: choice, SAMPLING: float(np.log1p(sampling_deviation**2))})
 
 
 def log_variances(posterior: Posterior) -> dict[str, float]:

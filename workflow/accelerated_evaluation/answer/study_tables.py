@@ -41,7 +41,7 @@ from accelerated_evaluation.answer.map_tables import (
     fold_calibration,
     restricted,
 )
-from accelerated_evaluation.answer.posterior import Posterior, budget
+from accelerated_evaluation.answer.posterior import Posterior
 from accelerated_evaluation.answer.variants import Streams
 from accelerated_evaluation.base.arrays import Array
 from accelerated_evaluation.crash_map.maps import read_crash_map
@@ -110,7 +110,7 @@ def own_tables(own: Answer, records: FittedRecords, half_width: float) -> Tables
     posteriors = {scenario.event_in_words(event): each for event, each in own.posteriors.items()}
     tables = {
         "answer": own.table(records.per_km),
-        "answer_budget": own.budget() if own.sampled else budget(own.posterior, half_width / ndtri(0.9)),
+        "answer_budget": own.budget(None if own.sampled else half_width / ndtri(0.9)),
         "answer_draws": draws_table(own),
         "exposure": exposure_of(posteriors, records),
         "vehicle": pd.DataFrame([vehicle_row(UNDER_TEST, own)]),

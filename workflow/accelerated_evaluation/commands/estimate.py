@@ -38,7 +38,7 @@ The simulations end when the sampling increases the width of the 80 % interval b
 
 files written to results/STUDY/estimate/:
   answer.csv      probability (mean), median, intervals and rate per kilometre, for each replicate and event
-  budget.csv      sources of the uncertainty: data, choice of law, sampling
+  budget.csv      sources of the uncertainty: data, far tail, choice of law, sampling
   draws.csv       the crash probability under every draw of the law, with its relative sampling error
   exposure.csv    crashes per kilometre and hour, if the exposure of the records is known
   compared.csv    ratio to other vehicles, its 80 % interval, and the probability to be safer (--compare,

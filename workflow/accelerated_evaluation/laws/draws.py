@@ -76,6 +76,13 @@ class Draws(ABC):
     def draw_from_mean(self, n: int, generator: np.random.Generator) -> Array:
         """Draw n points or a few more from the mean of the draws."""
 
+    def fixed(self) -> Mapping[str, "Draws"]:
+        """Return the draws with a part of their parameters at posterior means, by the name of the part.
+
+        They show how much the part contributes to the uncertainty; there are none by default.
+        """
+        return {}
+
     @abstractmethod
     def subset(self, chosen: NDArray[np.intp]) -> Self:
         """Return the draws with the given indices, shape (k,), under a proposal that covers these."""
@@ -213,6 +220,12 @@ class MixedDraws(Draws, Law):
         return np.concatenate(
             [part.draw_from_mean(-(-n * part.size // self.size), generator) for part in self.parts]
         )
+
+    def fixed(self) -> Mapping[str, Draws]:
+        """Return the draws with a part of their parameters at posterior means, by the name of the part."""
+        pairs = [(part.fixed(), part) for part in self.parts]
+        names = dict.fromkeys(name for own, _ in pairs for name in own)
+        return {name: replace(self, parts=[own.get(name, part) for own, part in pairs]) for name in names}
 
     def subset(self, chosen: NDArray[np.intp]) -> Self:
         """Return the draws with the given indices, shape (k,), in the order of the parts."""

@@ -40,6 +40,9 @@ class LawDraws:
     shared: NDArray[np.intp] = field(repr=False)  # index of each draw into `ranges` and `bodies`, (K,)
     names: tuple[str, ...] = field(repr=False)  # name of the member of the family of each draw
     support: Support
+    family: LawFamily | None = field(
+        default=None, repr=False
+    )  # that was drawn from; None after reading a file
 
     @classmethod
     def of(
@@ -60,7 +63,16 @@ class LawDraws:
             for member, body in zip(members, shared, strict=True)
         ]
         names = tuple(member.name for member in members)
-        return cls(ranges, bodies, tuple(laws), shared, names, support)
+        return cls(ranges, bodies, tuple(laws), shared, names, support, family)
+
+    def with_mean_far_tails(self) -> Self | None:
+        """Return the draws with the posterior means of the factors of the far tails, given all else.
+
+        The result is None if the laws have no far tails, or if the family of the draws is not known.
+        """
+        if self.family is None or self.family.far_records is None:
+            return None
+        return replace(self, laws=tuple(map(self.family.with_mean_far_tail, self.laws)), family=None)
 
     @property
     def size(self) -> int:

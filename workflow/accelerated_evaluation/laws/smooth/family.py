@@ -164,6 +164,14 @@ class LawFamily:
             return law
         return replace(law, far=self.far_records.tail(law, self.prior).drawn(generator))
 
+    def with_mean_far_tail(self, law: SpeedLaw) -> SpeedLaw:
+        """Return a drawn law with the posterior means of the factors of the far tail, given the rest of it.
+
+        The family must have records from which the factors follow.
+        """
+        law = replace(law, far=None)
+        return replace(law, far=self.far_records.tail(law, self.prior))
+
 
 @dataclass(frozen=True)
 class Fitter:

@@ -40,6 +40,9 @@ from accelerated_evaluation.laws.smooth.shapes import FarTail
 from accelerated_evaluation.laws.smooth.smooth_hazard import SmoothHazard
 from accelerated_evaluation.laws.smooth.splines import Support
 
+FAR_TAIL = (
+    "far tail"  # name of the factors of the hazard where only a few records are, as a source of uncertainty
+)
 PLACES_AT_ONCE = 400  # limits the memory to about 100 MB with 500 draws
 LARGEST_LOGARITHM = 50.0  # of R_max / R; the range would otherwise underflow where few records are near
 
@@ -199,6 +202,11 @@ class MeanLaw(SmoothLaw, Draws):
     def draw_from_mean(self, n: int, generator: np.random.Generator) -> Array:
         """Draw n cut-ins from the mean law, shape (n, 3)."""
         return self.draw(n, generator)
+
+    def fixed(self) -> Mapping[str, Draws]:
+        """Return the draws with the factors of the far tails at their posterior means, if these are known."""
+        typical = self.draws.with_mean_far_tails()
+        return {} if typical is None else {FAR_TAIL: replace(self, draws=typical)}
 
     def subset(self, chosen: NDArray[np.intp]) -> Self:
         """Return the mean law of the k draws with the given indices, shape (k,)."""

@@ -76,7 +76,7 @@ def _answer(tables: Tables) -> dict[str, Any]:
         "levels": dict(zip(("narrow", "middle", "wide"), LEVELS, strict=True)),
         "factor80": crash["high80"] / crash["low80"],
         "events": answer[["event", "median", *INTERVAL]].to_dict("records"),
-        "data": budget["data"],
+        "data": budget["data"] + budget.get("far tail", 0.0),
         "choice": budget["choice of law"],
         "sampling": budget["sampling"],
         "thresholds": thresholds.max() / thresholds.min(),
