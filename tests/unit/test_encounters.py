@@ -8,7 +8,7 @@ import pytest
 from accelerated_evaluation import SOURCES, InputError, load
 from accelerated_evaluation.base.sections import default_of, number
 from accelerated_evaluation.base.tables import read_csv
-from accelerated_evaluation.records.ingest import Account, ingest, opening_cut_ins
+from accelerated_evaluation.records.ingest import Account, drop_invalid, ingest, opening_cut_ins
 from accelerated_evaluation.records.segments import (
     COLUMNS,
     CONFIDENCE,
@@ -24,6 +24,7 @@ from accelerated_evaluation.records.segments import (
     write_encounters,
 )
 from accelerated_evaluation.records.sources import describe, read_source, source, spmd, table
+from accelerated_evaluation.study.configuration import ConfigurationError
 from scipy.stats import binom, kendalltau
 
 REPOSITORY = Path(__file__).resolve().parents[2]
@@ -398,6 +399,39 @@ def test_table_refuses_a_mapping_that_does_not_fit(csv_config, changes, message)
     settings = csv_config(GOOD_ROWS)["data"]["table"]
     with pytest.raises(InputError, match=message):
         table.read({**settings, "columns": settings["columns"] | changes})
+
+
+CLOSING = {
+    "closing_speed": ("m/s", ["2.0", "-1.0", "5.0", "x"]),
+    "range_rate": ("m/s", ["-2.0", "1.0", "-5.0", "x"]),
+    "ttc": ("s", ["15.0", "-40.0", "4.0", "x"]),
+}
+
+
+@pytest.mark.parametrize("quantity", CLOSING)
+def test_the_lead_speed_is_the_host_speed_minus_the_closing_speed(config, tmp_path, quantity):
+    unit, closing = CLOSING[quantity]
+    rows = zip(["72", "36", "18", "72"], ["30", "40", "20", "50"], closing, strict=True)
+    path = tmp_path / "events.csv"
+    path.write_text("own,gap,closing\n" + "".join(",".join(row) + "\n" for row in rows) + "n/a,30,1\n")
+    columns = config["data"]["table"]["columns"] | {
+        "host_speed": {"name": "own", "unit": "km/h"},
+        "range": {"name": "gap", "unit": "m"},
+        "closing": {"name": "closing", "unit": unit, "quantity": quantity},
+    }
+    raw = table.read(config["data"]["table"] | {"path": path, "columns": columns})
+    assert "host_speed" not in raw
+    encounters = drop_invalid(raw, account := Account(len(raw)), policy="drop", where="")
+    np.testing.assert_allclose(encounters["lead_speed"], [18, 11, 0], atol=1e-12)
+    assert account.table().set_index("reason").loc["missing value", "rows_found"] == 2
+
+
+def test_only_one_of_the_two_speeds_is_a_column(tmp_path):
+    path = tmp_path / "x.yaml"
+    speeds = "{lead_speed: {name: v_lead}, host_speed: {name: own}}"
+    path.write_text(f"study: x\ndata: {{source: table, table: {{path: x.csv, columns: {speeds}}}}}\n")
+    with pytest.raises(ConfigurationError, match="the lead speed follows from the host speed"):
+        load([path])
 
 
 @pytest.mark.parametrize(

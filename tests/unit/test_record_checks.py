@@ -115,6 +115,7 @@ SPOILED = {
     "lead speed in mph": ("speed_unit", of_column("lead_speed", lambda v: v / 0.44704)),
     "closing speed in km/h": ("unavoidable_crashes", of_column("closing_speed", lambda v: 3.6 * v)),
     "speeds of m/s taken for km/h": ("time_gap", lambda rows: rows / [3.6, 1, 3.6]),
+    "host speed": ("known_records", lambda x: x.assign(lead_speed=x["lead_speed"] + x["closing_speed"])),
     "range in feet": ("time_gap", of_column("range", lambda v: v / 0.3048)),
     "sign of the range rate": ("sign_of_range_rate", of_column("closing_speed", lambda v: -v)),
     "sign in a mixture": ("sign_of_range_rate", turned_in_a_mixture),

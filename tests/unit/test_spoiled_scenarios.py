@@ -233,4 +233,4 @@ def test_a_law_without_a_verdict_is_used_with_a_warning(tmp_path, monkeypatch, c
 def test_all_checks_of_other_scenarios_are_tried():
     need = {name.replace("_", " "): getattr(check, "needs", frozenset()) for name, check in CHECKS.items()}
     other = {name for name, columns in need.items() if columns == {"cluster"}}
-    assert other == {"clusters", "known records"}
+    assert other == {"clusters"}

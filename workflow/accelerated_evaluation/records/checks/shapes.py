@@ -21,9 +21,15 @@ from accelerated_evaluation.records.checks import (
     by_share,
     needs,
 )
+from accelerated_evaluation.records.checks.known import Comparison
 
 SPEED_UNITS = {"m/s": 1.0, "km/h": 1 / 3.6, "mph": 0.44704}
-UNITS = {"m/s": SPEED_UNITS, "m": {"m": 1.0, "ft": 0.3048}}  # units in which a sensor may have rounded
+# Units in which a sensor may have rounded. Metres that were exported in feet, and are taken for metres, are
+# multiples of 1/0.3048.
+UNITS = {
+    "m/s": SPEED_UNITS | {"m/s in a column of km/h": 3.6, "m/s in a column of mph": 1 / 0.44704},
+    "m": {"m": 1.0, "ft": 0.3048, "m in a column of ft": 1 / 0.3048},
+}
 STEPS = (10.0, 5.0, 1.0, 0.5)
 OFFSETS = sorted({j / 10 for j in range(1, 10)} | {j / 16 for j in range(1, 16)})  # in steps
 NEIGHBOURS = 50  # number of distinct values next to a value that give the expected count or distance
@@ -52,17 +58,34 @@ def round_numbers(records: Records) -> Finding:
                 on, others = _on_lattices((values / (factor * step)).to_numpy())
                 p = float(binom.sf(on.sum() - 1, on.sum() + others, 0.5)) * tests
                 where = f"{name.replace('_', ' ')} on multiples of {step:g} {unit}"
-                heaps.append((p, -on.mean() if on.size else 0.0, where, values.index[on]))
-    p, minus_share, where, rows = min(heaps, key=lambda heap: heap[:2])
+                heaps.append((p, -on.mean() if on.size else 0.0, where, values.index[on], name, unit))
+    p, minus_share, where, rows, name, unit = min(heaps, key=lambda heap: heap[:2])
     heaped = p < LEVEL
+    meaning = _meaning(records, name, unit) if heaped and unit != records.units[name] else ""
     return Finding(
         FINE if not heaped else STOP if -minus_share > 0.5 else WARNING,
         "rows on multiples of 0.5, 1, 5 and 10 of m/s, km/h, mph, m and ft, compared with shifted lattices",
-        f"most conspicuous: {where}, {len(rows):,} rows ({-minus_share:.1%}; p = {min(p, 1):.2g})",
+        f"most conspicuous: {where}, {len(rows):,} rows ({-minus_share:.1%}; p = {min(p, 1):.2g}){meaning}",
         -minus_share,
         "Use the values as they were measured, because rounded values make steps in the tails. Many values "
         "on multiples of another unit show the unit of the sensor.",
         list(rows) if heaped else (),
+    )
+
+
+def _meaning(records: Records, name: str, unit: str) -> str:
+    """Return in words what values on multiples of another unit say about the unit of their column."""
+    unit = unit.rpartition(" ")[-1]
+    if (compared := Comparison.of(records)) is None:
+        return f"; {name} was measured or exported in {unit}"
+    of_unit = (left for left, fault in compared.without if (fault.unit, fault.columns) == (unit, {name}))
+    left = min(of_unit, default=np.inf)
+    now = compared.distance
+    if left < now:
+        nearer = f"the distance from the known records is then {left:.2f}, not {now:.2f}"
+        return f"; the column {name} is probably in {unit}: {nearer}"
+    return (
+        f"; {name} was measured in {unit} and then converted, because the known records are nearer as it is"
     )
 
 

@@ -17,6 +17,7 @@ from accelerated_evaluation.records.checks import (
     by_share,
     needs,
 )
+from accelerated_evaluation.records.checks.known import Comparison
 from accelerated_evaluation.records.limits import FARTHEST, FASTEST
 from accelerated_evaluation.records.segments import MINIMUM_ROWS
 
@@ -148,14 +149,25 @@ def sign_of_range_rate(records: Records) -> Finding:
 @CHECKS.add("far_ranges")
 @needs(*CUT_INS)
 def far_ranges(records: Records) -> Finding:
-    """Check for ranges above `FARTHEST` (300 m), which are beyond the reach of automotive sensors."""
+    """Check for ranges above `FARTHEST` (300 m), which are beyond the reach of automotive sensors.
+
+    If the known records show that the ranges have another unit, the advice does not mention the filter, which
+    would only hide a part of the fault.
+    """
     range_ = records.valid["range"]
+    rows = range_[range_ > FARTHEST].sort_values(ascending=False)
+    advice = "Check the unit of the range. Only if it is right, leave these rows out with filters.range_max."
+    compared = Comparison.of(records) if len(rows) else None
+    for _, fault in () if compared is None else compared.explanations():
+        if "range" in fault.columns:
+            advice = f"These are probably records with {fault.text}: {fault.remedy}."
+            break
     return _outside(
-        range_[range_ > FARTHEST].sort_values(ascending=False),
+        rows,
         len(range_),
         f"ranges above {FARTHEST:g} m, which no radar or camera of a car reaches",
         f"largest {range_.max():.1f} m",
-        "Check the unit of the range, or leave these rows out with filters.range_max.",
+        advice,
     )
 
 
