@@ -1,5 +1,6 @@
 """Replays of records: how often the event happened there, and what that says about an estimate."""
 
+import random
 from dataclasses import fields, replace
 from itertools import pairwise
 from types import SimpleNamespace
@@ -16,7 +17,7 @@ from accelerated_evaluation.answer.evidence import (
     known_runs,
     replays_of,
 )
-from accelerated_evaluation.answer.replays import FOLLOWED, LEVEL, SIZES, replay
+from accelerated_evaluation.answer.replays import CONFIDENCE, FOLLOWED, LEVEL, SIZES, replay
 from accelerated_evaluation.methods.problem import normal_scores
 from accelerated_evaluation.scenarios.left_turn import LEFT_TURN
 from accelerated_evaluation.vehicles import Outcomes
@@ -85,6 +86,75 @@ def test_the_p_value_is_that_of_the_most_surprising_stratum_or_of_all_events():
     expected = 5 * min(*strata, poisson.sf(found.happened - 1, most))
     assert found.p_value(upper) == pytest.approx(min(expected, 1))
     assert found.p_value(0.5) == 1
+
+
+@pytest.mark.parametrize("where", ["everywhere", "far", "near"])
+def test_the_share_that_replays_can_have_missed_covers_the_true_one(where):
+    """The events are anywhere, or only among the records that are farthest from or nearest to the event."""
+    fault = {
+        "everywhere": lambda x: x[1] < 0.01,
+        "far": lambda x: (x[0] > 0.1) & (x[1] < 0.02),
+        "near": lambda x: x[0] < 0.005,
+    }[where]
+    covered, shares = [], []
+    for seed in range(200):
+        found = replayed(fault, seed)
+        truth = fault(records(np.random.default_rng(seed))).mean()
+        covered.append(found.share_at_most >= truth)
+        shares.append(found.share_at_most)
+    assert np.mean(covered) >= CONFIDENCE - 3 * np.sqrt(CONFIDENCE * (1 - CONFIDENCE) / 200)
+    assert np.median(shares) < 0.2  # it is not covered by being useless
+
+
+def test_the_share_that_replays_can_have_missed_is_exact():
+    none = replayed(lambda x: np.zeros(x.shape[1], bool))
+    level = (1 - CONFIDENCE) / 4
+    limits = [1 - level ** (1 / size) for size in SIZES]  # the probability of no event in so many replays
+    assert none.share_at_most == pytest.approx(np.average(limits, weights=none.records))
+    fault = lambda x: x[1] < 0.01  # noqa: E731
+    everything = replayed(fault, is_slow=False)
+    assert everything.share_at_most == everything.happened / SIZE
+    everywhere = replayed(lambda x: np.ones(x.shape[1], bool))
+    assert everywhere.share_at_most == 1
+
+
+class Lapses:
+    """A car that crashes by a lapse in a small share of all encounters, and says that it is deterministic."""
+
+    deterministic = True
+    share = 7e-4
+
+    def __init__(self, kind):
+        self.kind, self.generator = kind, np.random.default_rng(9)
+
+    def simulate(self, *columns):
+        sizes = len(columns[0])
+        if self.kind == "by chance":
+            lapse = self.generator.random(sizes)
+        elif self.kind == "seeded in each run":
+            lapse = np.random.default_rng(sizes).random(sizes)
+        else:  # by a hash of the inputs
+            rows = np.column_stack(columns).tolist()
+            lapse = np.array([random.Random(str(row)).random() for row in rows])
+        found = never(CUT_IN, columns)
+        return replace(found, crash=lapse < self.share, impact_speed=np.where(lapse < self.share, 1.0, 0.0))
+
+
+@pytest.mark.parametrize("kind", ["by chance", "seeded in each run", "by a hash of the inputs"])
+def test_an_answer_for_a_vehicle_with_rare_lapses_says_what_the_replays_can_have_missed(monkeypatch, kind):
+    x = cut_ins()
+    monkeypatch.setattr(evidence_module, "SlowVehicle", Lapses)
+    vehicle = WatchedVehicle(Lapses(kind), CUT_IN)
+    found = evidence_on(vehicle, replays_of(vehicle, x, CRASH, np.random.default_rng(1)), CRASH, upper=1e-5)
+    share = found.replays.share_at_most
+    assert share > Lapses.share
+    text = found.unseen(6e-6)
+    assert f"could have missed crash in a share of up to {share:.2g} of the records" in text
+    assert f"{share / 6e-6:,.2g} times the answer" in text
+    assert "times the answer" not in found.unseen(np.nan)
+    monkeypatch.setattr(evidence_module, "SlowVehicle", Blind)  # a fast vehicle replays all records
+    replays = replays_of(vehicle, x, CRASH, np.random.default_rng(1))
+    assert evidence_on(vehicle, replays, CRASH, upper=1e-5).unseen(6e-6) is None
 
 
 @pytest.mark.parametrize("probability", [1e-4, 1e-2])

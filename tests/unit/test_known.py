@@ -148,7 +148,7 @@ def test_a_fault_in_known_traffic_is_a_stop_with_its_remedy(fault, rows):
 NOTICED = [
     ("lorries", "range in feet"),
     ("rapid motorway", "range in feet"),
-    *((kind, "1/TTC") for kind in TRAFFIC),
+    *((kind, "1/TTC") for kind in TRAFFIC[:-1]),  # a jam is too unlike the known traffic
 ]
 
 

@@ -134,6 +134,7 @@ class Estimated:
         return [
             *self.verdict.stop_lines(),
             *(f"warning: {doubt}" for doubt in self.evidence.doubts),
+            *self._unseen(),
             *(
                 line
                 for number, each in enumerate(self.answers)
@@ -146,13 +147,25 @@ class Estimated:
             *self.verdict.warning_lines(),
         ]
 
+    def _unseen(self) -> list[str]:
+        """Return how much the replays can have missed, in at most one line."""
+        answer = self.answers[0]
+        middle = answer.notes["estimate"].probability
+        if answer.posterior is not None:
+            middle = float(answer.table(self.records.per_km)["median"].iloc[0])
+        text = self.evidence.unseen(middle)
+        return [] if text is None else [f"note: {text}"]
+
     def content(self, compared: pd.DataFrame) -> dict[str, Any]:
         """Return the answer as a value for JSON: tables as lists of rows, and warnings as texts."""
         names = ["answer", "budget", "estimate", "extrapolation"]
         names += ["criteria", "deciding"] if self.criteria else []
         tables = {name: self.tables[name] for name in names} | {"compared": compared}
         rows = {name: json.loads(table.to_json(orient="records")) for name, table in tables.items()}
-        return rows | {"warnings": [*self.evidence.doubts, *self.verdict.lines()]}
+        return rows | {
+            "warnings": [*self.evidence.doubts, *self.verdict.lines()],
+            "notes": self._unseen(),
+        }
 
     def _lines_of(self, number: int, answer: Answer, *, verbose: bool) -> Iterator[str]:
         scenario, estimate = answer.problem.scenario, answer.notes["estimate"]

@@ -52,6 +52,23 @@ class Evidence:
             f"with {self.event}{share}; the estimate expects at most {self.upper * total:.2g} in all records"
         )
 
+    def unseen(self, probability: float) -> str | None:
+        """Return in words how much the replays can have missed, compared with the estimated probability.
+
+        The result is None if all records were replayed, so that nothing in them was missed.
+        """
+        count, total = self._counts()
+        if count == total:
+            return None
+        share = self.replays.share_at_most
+        known = np.isfinite(probability) and 0 < probability < share
+        ratio = f", which is {share / probability:,.2g} times the answer" if known else ""
+        return (
+            f"the replays could have missed {self.event} in a share of up to {share:.2g} of the records"
+            f"{ratio}. Only {count:,} of {total:,} records were replayed; the answer assumes that the "
+            "vehicle has no lapses that are too rare for them, by chance or at single values of its inputs"
+        )
+
     def added_to(self, tables: Mapping[str, pd.DataFrame]) -> dict[str, pd.DataFrame]:
         """Return tables with those of the replays; doubts are added, and nothing has then converged."""
         found = {**tables, "replays": self.replays.table(self.upper), "replayed_events": self.crashed}

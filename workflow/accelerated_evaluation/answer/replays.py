@@ -12,7 +12,7 @@ from dataclasses import dataclass
 import numpy as np
 import pandas as pd
 from numpy.typing import NDArray
-from scipy.stats import binom, poisson
+from scipy.stats import beta, binom, poisson
 from tqdm import tqdm
 
 from accelerated_evaluation.base.arrays import Array
@@ -23,8 +23,11 @@ from accelerated_evaluation.vehicles.protocol import RandomVehicle, Vehicle
 
 LEVEL = 0.01  # significance level of the comparison with the estimate
 # The records are sorted by how near another vehicle came to the event. The strata end at these shares, and a
-# slow vehicle replays so many records of each. What a small stratum cannot use, the last one receives.
-SHARES, SIZES = (0.001, 0.01, 0.1, 1.0), (20, 30, 40, 10)
+# slow vehicle replays so many records of each. What a small stratum cannot use, the last one receives. Most
+# replays are of records that a careful vehicle survives easily: a lapse, such as a target that is recognised
+# late, may happen in each of them, and shows there by an event that nothing else explains.
+SHARES, SIZES = (0.001, 0.01, 0.1, 1.0), (10, 20, 40, 30)
+CONFIDENCE = 0.95  # of the bound on the share of the records with an event that no replay has shown
 SIMILAR = 10  # number of similar records that are replayed after each event,
 FOLLOWED = 40  # and their largest number in total
 FAST = 1e-3  # [s]; a vehicle that takes less for a run replays all records
@@ -51,6 +54,20 @@ class Replays:
     def happened(self) -> int:
         """Number of events in all replayed records."""
         return self.with_event.shape[1]
+
+    @property
+    def share_at_most(self) -> float:
+        """Upper confidence limit of the share of the records that end with the event if all are replayed.
+
+        The limits of Clopper and Pearson in the strata are added, each at the level of Bonferroni. Nothing is
+        assumed about which records end with the event, or whether it happens by chance. A stratum of which
+        all records were replayed has no uncertainty.
+        """
+        level = 1 - (1 - CONFIDENCE) / len(self.records)
+        missed = beta.ppf(level, self.events + 1, np.maximum(self.sampled - self.events, 1))
+        missed = np.where(self.sampled > self.events, missed, 1.0)
+        shares = np.where(self.sampled == self.records, self.events / self.records, missed)
+        return float(np.average(shares, weights=self.records))
 
     def p_value(self, upper: float) -> float:
         """Return the probability of so many events if the event has at most the probability ``upper``.
