@@ -200,3 +200,16 @@ def test_too_few_closing_rows_are_not_compared():
     rows = recorded().assign(closing_speed=-1.0)
     assert found(rows).seen.startswith("not checked")
     assert found(rows).verdict == FINE
+
+
+def test_records_in_other_units_are_compared_without_speeds_and_lengths():
+    known = pd.DataFrame(np.random.default_rng(3).lognormal(size=(500, 2)), columns=["mass", "force"])
+    units, limits = {"mass": "kg", "force": "N"}, dict.fromkeys(known, (0.0, 1e3))
+
+    def verdict(rows):
+        rows = rows.set_axis(range(1, len(rows) + 1))
+        return CHECKS["known_records"](Records(units, limits, rows, rows, rows.index[:0], known=known))
+
+    assert verdict(known.iloc[::2]).verdict == FINE
+    exchanged = known.assign(force=known["force"] * 9).set_axis(["force", "mass"], axis=1)[["mass", "force"]]
+    assert verdict(exchanged).verdict == WARNING

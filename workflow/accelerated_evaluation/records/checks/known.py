@@ -186,7 +186,7 @@ class Comparison:
     limits: Mapping[str, tuple[float, float]]
     x: Array  # the records, shape (n, d); of cut-ins those that close in
     known: Mapping[str, Array]  # kinds of known records by name
-    cut_ins: bool
+    are_cut_ins: bool
 
     @classmethod
     def of(cls, records: Records) -> "Comparison | None":
@@ -235,8 +235,9 @@ class Comparison:
                 found.append((self.nearest(fault.corrected[possible])[0], fault))
         return sorted(found, key=lambda pair: pair[0])
 
+    @property
     def explanations(self) -> list[tuple[float, Fault]]:
-        """Return the faults that explain the distance, the best first, with the distance without each."""
+        """The faults that explain the distance, the best first, with the distance without each."""
         ratios = (fault.needed if self.distance > FAR else RARE for _, fault in self.without)
         return [
             (left, fault)
@@ -245,10 +246,13 @@ class Comparison:
         ]
 
     def _possible(self, x: Array) -> NDArray[np.bool_]:
+        """Return which points are encounters; only magnitudes count where the limits exclude one sign."""
         low, high = np.array([self.limits.get(name, (-np.inf, np.inf)) for name in self.units]).T
-        signed = np.where(low < 0, x, np.abs(x)) if not self.cut_ins else x
+        signed = np.where(low < 0, x, np.abs(x)) if not self.are_cut_ins else x
         possible = np.isfinite(x).all(axis=1) & ((signed >= low) & (signed <= high)).all(axis=1)
-        return possible & (x[:, list(self.units).index("closing_speed")] > 0) if self.cut_ins else possible
+        return (
+            possible & (x[:, list(self.units).index("closing_speed")] > 0) if self.are_cut_ins else possible
+        )
 
     def differences(self) -> str:
         """Return in words what differs most from the known records of the nearest kind."""
@@ -261,6 +265,8 @@ class Comparison:
 
     def effect(self, fault: Fault) -> str:
         """Return in words how the hardest encounters would change if the records had this fault."""
+        if not {"m", "m/s"} <= set(self.units.values()):
+            return "The answer changes with it"
         corrected = fault.corrected[self._possible(fault.corrected)]
         before, after = (self._hardest(x) for x in (self.x, corrected))
         change = "larger" if after > before else "smaller"
@@ -272,7 +278,7 @@ class Comparison:
     def _hardest(self, x: Array) -> float:
         """Return the quantile 0.99 of speed² / (2 length), with the closing speed, or the first speed."""
         names, kinds = list(self.units), list(self.units.values())
-        speed = names.index("closing_speed") if self.cut_ins else kinds.index("m/s")
+        speed = names.index("closing_speed") if self.are_cut_ins else kinds.index("m/s")
         length = kinds.index("m")
         way = np.maximum(np.abs(x[:, length]), self.smallest[length])
         return float(np.quantile(x[:, speed] ** 2 / (2 * way), 0.99))
@@ -312,8 +318,8 @@ def known_records(records: Records) -> Finding:
     if compared is None:
         return Finding(FINE, looked_at, "not checked: no known records, or too few rows", 0.0)
     seen, advice = f"distance {compared.distance:.2f}; {compared.differences()}", ""
-    verdict = WARNING if compared.distance > (OTHER_CUT_INS if compared.cut_ins else OTHER) else FINE
-    if explanations := compared.explanations():
+    verdict = WARNING if compared.distance > (OTHER_CUT_INS if compared.are_cut_ins else OTHER) else FINE
+    if explanations := compared.explanations:
         left, best = explanations[0]
         is_certain = left < SIMILAR and compared.distance > CERTAIN * left
         verdict = STOP if is_certain else WARNING

@@ -158,7 +158,7 @@ def far_ranges(records: Records) -> Finding:
     rows = range_[range_ > FARTHEST].sort_values(ascending=False)
     advice = "Check the unit of the range. Only if it is right, leave these rows out with filters.range_max."
     compared = Comparison.of(records) if len(rows) else None
-    for _, fault in () if compared is None else compared.explanations():
+    for _, fault in () if compared is None else compared.explanations:
         if "range" in fault.columns:
             advice = f"These are probably records with {fault.text}: {fault.remedy}."
             break
