@@ -382,6 +382,23 @@ def answers_table(answers: pd.DataFrame) -> str:
     )
 
 
+def sampling_table(sampling: pd.DataFrame) -> str:
+    """Return, for each set of records, the stated and the actual sampling error of answers from few runs."""
+    return formatted(
+        sampling,
+        {
+            "records": "`{records}`",
+            "replicates": "{replicates:.0f}",
+            "runs": "{runs:.0f}",
+            "median, error": "{log_median_rms:.2f}",
+            "mean over draws, error": "{log_ratio_rms:.2f}",
+            "stated error": "{stated_rms:.2f}",
+            "80 % covers": "{covers80:.0f} of {replicates:.0f}",
+            "95 % covers": "{covers95:.0f} of {replicates:.0f}",
+        },
+    )
+
+
 def scenario_answers(answer: pd.DataFrame) -> str:
     """Return the probability of each event of a scenario with its intervals."""
     return formatted(
@@ -641,6 +658,7 @@ BLOCKS = {
     "experiments": result(JOINT_LAWS, "stored_experiments", experiments_table),
     "scenarios": result(JOINT_LAWS, "scenarios", scenarios_table),
     "answers": result(ANSWERS, "answers", answers_table),
+    "sampling": result(ANSWERS, "answers_sampling", sampling_table),
     "samplers": result(SAMPLERS, "samplers", samplers_table),
     "learners": result(SAMPLERS, "samplers", learners_table),
     "public": result(SAMPLERS, "public", public_table),
