@@ -44,6 +44,25 @@ def test_sound_records_have_no_stop():
     assert not verdict_of(sound()).stops
 
 
+def test_a_likely_fault_is_stated_in_full_next_to_the_number_and_in_files_of_laws():
+    """The closing speed is divided by 3.6, which only the comparison with known records shows."""
+    found = verdict_of(sound() * np.array([1, 1, 1 / KMH]))
+    assert "known records" in {*found.stops, *found.warnings}
+    report = pd.DataFrame(
+        {
+            "check": ["known records", "gaps"],
+            "verdict": "warning",
+            "seen": ["probably range in ft", "a hole"],
+            "advice": "",
+            "explained": False,
+        }
+    )
+    verdict = Verdict.of(report)
+    (line,) = verdict.warning_lines()
+    assert line.startswith("warning: known records (probably range in ft), gaps; ")
+    assert Verdict.from_content(json.loads(json.dumps(verdict.content()))).warning_lines() == [line]
+
+
 @pytest.mark.parametrize("factors", WRONG_UNITS.values(), ids=WRONG_UNITS)
 def test_every_wrong_unit_is_a_stop(factors):
     assert verdict_of(sound() * np.array(factors)).stops

@@ -8,7 +8,7 @@ check is ``stop``, the command raises an error, unless the user accepts this che
 import os
 import textwrap
 from collections.abc import Iterable, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Any, Self
 
 import pandas as pd
@@ -70,6 +70,7 @@ def summary(report: pd.DataFrame) -> str:
 
 FLAG = "--accept"
 KEY = "data.accepted_warnings"
+IN_FULL = ("known records",)  # warnings that say which fault is likely, and what would change without it
 
 
 @dataclass(frozen=True)
@@ -86,12 +87,16 @@ class Verdict:
         Names of the checks that the user accepts even if their verdict is ``stop``.
     advice
         Mapping from the name of each check with the verdict ``stop`` to what the user should do.
+    reasons
+        Mapping from the names of those warnings that are stated in full next to each number to what the check
+        found.
     """
 
     stops: Mapping[str, str]
     warnings: tuple[str, ...]
     accepted: frozenset[str]
     advice: Mapping[str, str]
+    reasons: Mapping[str, str] = field(default_factory=dict)
 
     @classmethod
     def of(cls, report: pd.DataFrame, accepted: Iterable[str] = ()) -> Self:
@@ -112,8 +117,10 @@ class Verdict:
         accepted = frozenset(accepted)
         require_checks(accepted)
         stops = report[report["verdict"] == STOP].set_index("check")
-        warnings = report.loc[(report["verdict"] == WARNING) & ~report["explained"].astype(bool), "check"]
-        return cls(stops["seen"].to_dict(), tuple(warnings), accepted, stops["advice"].to_dict())
+        warned = report[(report["verdict"] == WARNING) & ~report["explained"].astype(bool)].set_index("check")
+        reasons = warned.loc[warned.index.isin(IN_FULL), "seen"].to_dict()
+        found, advice = stops["seen"].to_dict(), stops["advice"].to_dict()
+        return cls(found, tuple(warned.index), accepted, advice, reasons)
 
     @property
     def refused(self) -> list[str]:
@@ -152,9 +159,12 @@ class Verdict:
         ]
 
     def warning_lines(self) -> list[str]:
-        """Return one line of text for all warnings, if there are any."""
+        """Return one line of text for all warnings, if there are any, with those that are stated in full."""
         advice = "`accelerated-evaluation inspect` names the rows of the records"
-        return [f"warning: {', '.join(self.warnings)}; {advice}"] if self.warnings else []
+        named = ", ".join(
+            f"{name} ({self.reasons[name]})" if name in self.reasons else name for name in self.warnings
+        )
+        return [f"warning: {named}; {advice}"] if self.warnings else []
 
     @property
     def in_short(self) -> str:
@@ -178,7 +188,9 @@ class Verdict:
 
     def content(self) -> dict[str, Any]:
         """Return the findings for a file of a law; `from_content` reads them."""
-        return {"stops": dict(self.stops), "warnings": list(self.warnings), "advice": dict(self.advice)}
+        return {"stops": dict(self.stops), "warnings": list(self.warnings), "advice": dict(self.advice)} | (
+            {"reasons": dict(self.reasons)} if self.reasons else {}
+        )
 
     @classmethod
     def from_content(cls, content: Mapping[str, Any], accepted: Iterable[str] = ()) -> Self:
@@ -187,7 +199,8 @@ class Verdict:
         require_checks(accepted)
         stops = {name: str(seen) for name, seen in dict(content["stops"]).items()}
         advice = {name: str(content["advice"][name]) for name in stops}
-        return cls(stops, tuple(map(str, content["warnings"])), accepted, advice)
+        reasons = {name: str(seen) for name, seen in dict(content.get("reasons", {})).items()}
+        return cls(stops, tuple(map(str, content["warnings"])), accepted, advice, reasons)
 
 
 def verdict_on(records: Records, where: str, accepted: Iterable[str] = ()) -> Verdict:
