@@ -93,6 +93,16 @@ def test_estimates_in_two_folders_are_compared(tmp_path):
         ({"draws": DRAWS.assign(error=np.inf)}, "draws.csv: seen a cell that is missing or no number"),
         ({"draws": DRAWS.assign(probability="x")}, "draws.csv: seen a cell that is missing or no number"),
         ({"draws": DRAWS.drop(columns="law")}, "draws.csv, column 'law'"),
+        (
+            {"draws": DRAWS.assign(probability=[1e-6, -2e-6, 1e-6])},
+            "seen -2e-06 in row 3, column probability",
+        ),
+        ({"draws": DRAWS.assign(probability=1.5)}, "seen 1.5 in row 2, column probability; expected 0 to 1"),
+        ({"draws": DRAWS.assign(batches=0)}, "seen 0 in row 2, column batches; expected 1 to 1e+06"),
+        ({"draws": DRAWS.assign(error=1e300)}, "seen 1e+300 in row 2, column error; expected 0 to 1000"),
+        ({"draws": DRAWS.assign(own_error=-0.1)}, "seen -0.1 in row 2, column own_error"),
+        ({"draws": DRAWS.assign(shared_error=1e4)}, "seen 10000 in row 2, column shared_error"),
+        ({"draws": DRAWS.assign(unseen_lapses=2)}, "seen 2 in row 2, column unseen_lapses"),
     ],
 )
 def test_other_estimates_that_cannot_be_compared_are_one_message(tmp_path, changes, message):

@@ -6,6 +6,7 @@ import math
 import numpy as np
 import pytest
 from accelerated_evaluation import cli
+from accelerated_evaluation.laws.files import signed
 from accelerated_evaluation.records.segments import NUMBERS, read_encounters, write_encounters
 from law_folder import write_law_folder
 
@@ -68,7 +69,7 @@ def test_no_number_of_a_law_may_be_missing(wrong, door, tmp_path):
         for key in place[:-1]:
             inner = inner[key]
         inner[place[-1]] = wrong
-        (tmp_path / "law.json").write_text(json.dumps(content))
+        (tmp_path / "law.json").write_text(json.dumps(signed(content)))
         status, reported = door()
         assert status != 0, place
         assert "law.json: seen" in reported, (place, reported)

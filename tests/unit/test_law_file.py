@@ -18,6 +18,7 @@ from accelerated_evaluation.laws.distributions import (
     PiecewiseMixture,
 )
 from accelerated_evaluation.laws.draws import MixedDraws
+from accelerated_evaluation.laws.files import signed
 from accelerated_evaluation.laws.lead_speeds import WithLeadSpeeds
 from accelerated_evaluation.laws.paper.models import IndependentLaw
 from accelerated_evaluation.records.segments import complete
@@ -117,7 +118,7 @@ def test_a_law_of_cut_ins_comes_back_equal(tmp_path, cap):
     assert law.shares == {"5-15": 75783 / 75786, "15-25": 3 / 75786}
     assert law.n_parameters == 1 + 5 + 1
     assert law.closing_speed_max == cap
-    assert content["version"] == 1
+    assert content["version"] == 2
     assert content["variables"][2] == {
         "name": "closing_speed",
         "lower": 0,
@@ -201,7 +202,7 @@ def changed(value, *path):
             del place[last]
         else:
             place[last] = value
-        return json.dumps(content)
+        return json.dumps(signed(content))
 
     return change
 
@@ -210,7 +211,7 @@ PIECES = ("inverse_ttc", "distributions", "5-15")
 PIECE = (*PIECES, "components", 1)
 CAP = ("variables", 2, "upper")
 DAMAGES = [
-    *(changed(value, "version") for value in (0, 2, ...)),
+    *(changed(value, "version") for value in (0, 1, 3, ...)),
     changed("something else", "format"),
     *(
         changed(value, "kind")
@@ -246,6 +247,33 @@ def test_what_is_not_a_whole_law_is_refused(tmp_path, change):
     path.write_text(change(strict(path)))
     with pytest.raises(InputError, match=r"law\.json.*: seen .*; expected "):
         read_law(path, ENCOUNTERS)
+
+
+def numbers_in(part):
+    """Yield each list or mapping of a content with the key of a number in it."""
+    for key, value in part.items() if isinstance(part, dict) else enumerate(part):
+        if isinstance(value, dict | list):
+            yield from numbers_in(value)
+        elif isinstance(value, int | float):
+            yield part, key
+
+
+def test_a_file_in_which_any_number_was_changed_is_refused(tmp_path):
+    path = tmp_path / "law.json"
+    write_law(path, LAW, ENCOUNTERS)
+    content, tried = strict(path), 0
+    for part, key in numbers_in(content):
+        whole = part[key]
+        for wrong in (-1, 1e308, 1e-300, whole + 0.5, 2 * whole + 1):
+            part[key] = wrong
+            path.write_text(json.dumps(content))
+            with pytest.raises(InputError, match=r"law\.json: seen .*(checksum|law', )"):
+                read_law(path, ENCOUNTERS)
+            tried += 1
+        part[key] = whole
+    assert tried > 100
+    path.write_text(json.dumps(content, indent=7, sort_keys=True))  # another layout is the same file
+    assert read_law(path, ENCOUNTERS) == LAW
 
 
 def test_a_joint_law_without_a_density_is_refused(tmp_path):

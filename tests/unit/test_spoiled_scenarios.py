@@ -9,6 +9,7 @@ import pandas as pd
 import pytest
 from accelerated_evaluation import SCENARIOS, InputError, Verdict, cli, load, load_vehicle, write_law
 from accelerated_evaluation.answer import estimation
+from accelerated_evaluation.laws.files import signed
 from accelerated_evaluation.records.checks import CHECKS, Records, inspect_records
 from accelerated_evaluation.records.segments import complete
 from accelerated_evaluation.records.verdict import verdict_on, verdict_on_encounters
@@ -218,7 +219,7 @@ def test_a_damaged_verdict_in_a_law_is_one_message(tmp_path, monkeypatch, capsys
     monkeypatch.chdir(tmp_path)
     write_law("law.json", LAW)
     changed = json.loads(Path("law.json").read_text()) | {"verdict": content}
-    Path("law.json").write_text(json.dumps(changed))
+    Path("law.json").write_text(json.dumps(signed(changed)))
     assert cli.main(["campaign", "new", "c.json", "--scenario", "left_turn", "--law", "law.json"]) == 2
     assert "law.json, verdict: seen" in capsys.readouterr().err
 

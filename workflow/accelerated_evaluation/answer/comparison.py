@@ -23,6 +23,13 @@ SAFER = "safer"
 # Columns of draws.csv that are read, and those columns of tables that are texts.
 DRAWS = ("law", "probability", "error", "shared_error", "own_error", "batches", "unseen_lapses")
 TEXTS = ("law", "event", "converged")
+# Smallest and largest value of each column of numbers; the errors are relative ones.
+LIMITS = {
+    "probability": (0.0, 1.0),
+    **dict.fromkeys(("error", "shared_error", "own_error"), (0.0, 1e3)),
+    "batches": (1, 1e6),
+    "unseen_lapses": (0.0, 1.0),
+}
 CHANGE = "Name the folder results/STUDY/estimate of an estimate with the same records, seed and --law."
 
 
@@ -154,7 +161,7 @@ def require_estimate(folder: Path) -> None:
 
 
 def _first(path: Path, names: Sequence[str]) -> pd.DataFrame:
-    """Return the first replicate of a table that ``estimate`` wrote; InputError if a cell is missing."""
+    """Return the first replicate of a table that ``estimate`` wrote; InputError if a cell is impossible."""
     table = read_csv(path, {name: name for name in ("replicate", *names)})
     first = table[table["replicate"] == "0"].copy()
     for name in names:
@@ -164,6 +171,12 @@ def _first(path: Path, names: Sequence[str]) -> pd.DataFrame:
         raise _error(
             path, "no rows" if first.empty else "a cell that is missing or no number", "a whole table"
         )
+    for name in LIMITS.keys() & set(names):
+        low, high = LIMITS[name]
+        wrong = (first[name] < low) | (first[name] > high)
+        if wrong.any():
+            where = f"row {wrong.idxmax() + 2}, column {name}"
+            raise _error(path, f"{first.loc[wrong.idxmax(), name]:g} in {where}", f"{low:g} to {high:g}")
     return first
 
 

@@ -11,14 +11,15 @@ import numpy as np
 import pandas as pd
 
 from accelerated_evaluation.base.errors import InputError
-from accelerated_evaluation.base.files import read_json, require_format, write_json
+from accelerated_evaluation.base.files import read_json, require_format, value_digest, write_json
 from accelerated_evaluation.base.tables import require_file
 from accelerated_evaluation.laws import LAWS, Box, Law
 from accelerated_evaluation.records.segments import NUMBERS
 from accelerated_evaluation.records.verdict import Verdict
 
 FORMAT = "accelerated-evaluation law"
-VERSION = 1
+CHECKSUM = "checksum"
+VERSION = 2  # files of version 1 have no checksum
 PLACES = (-4.0, 0.0, 4.0)  # normal scores at which a law is checked after reading
 NOT_CHECKED = {"stops": {}, "warnings": ["no verdict on the records in the file of the law"], "advice": {}}
 CHANGE = "Fit the law again, or name a law file that this version wrote."
@@ -47,7 +48,23 @@ def write_law(
     if getattr(law, "proposal", law).needs_records:  # draws need the table if their proposal does
         header |= {"records": _described(records)}
     header |= {} if verdict is None else {"verdict": verdict.content()}
-    write_json(path, header | law.content())
+    write_json(path, signed(header | law.content()))
+
+
+def signed(content: Mapping[str, Any]) -> dict[str, Any]:
+    """Return the content of a law file with its checksum, which an edited or damaged file does not have."""
+    plain = json.loads(json.dumps({key: value for key, value in content.items() if key != CHECKSUM}))
+    return plain | {CHECKSUM: value_digest(plain)}
+
+
+def _read(path: str | os.PathLike) -> dict[str, Any]:
+    """Return the content of a law file; InputError is raised if it is not as this version wrote it."""
+    content = read_json(path)
+    require_format(path, content, FORMAT, VERSION, CHANGE)
+    if content.get(CHECKSUM) != signed(content)[CHECKSUM]:
+        seen = "a checksum that does not agree with the content, so the file was edited or damaged"
+        raise InputError(str(path), seen=seen, expected="the file as it was written", change=CHANGE)
+    return content
 
 
 def _described(records: pd.DataFrame) -> dict[str, int | str]:
@@ -71,13 +88,12 @@ def read_law(path: str | os.PathLike, records: pd.DataFrame | None = None) -> La
     Raises
     ------
     InputError
-        If the file is missing, is not a law file of this version, or belongs to another encounter table, and
-        if it needs a table and none is given.
+        If the file is missing, is not a law file of this version, has been edited or damaged, or belongs to
+        another encounter table, and if it needs a table and none is given.
     """
     require_file(path, CHANGE)
     try:
-        content = read_json(path)
-        require_format(path, content, FORMAT, VERSION, CHANGE)
+        content = _read(path)
         if content["kind"] not in LAWS:
             seen = f"a law of kind {content['kind']!r}"
             raise InputError(str(path), seen=seen, expected=f"one of {', '.join(LAWS)}", change=CHANGE)
@@ -102,8 +118,7 @@ def read_verdict(path: str | os.PathLike, accepted: Iterable[str] = ()) -> Verdi
     """
     require_file(path, CHANGE)
     try:
-        content = read_json(path)
-        require_format(path, content, FORMAT, VERSION, CHANGE)
+        content = _read(path)
         verdict = Verdict.from_content(content.get("verdict", NOT_CHECKED), accepted)
     except (AttributeError, LookupError, TypeError, ValueError) as error:
         seen = f"{type(error).__name__}: {error}"
