@@ -77,7 +77,7 @@ def estimates(
     for seed in range(seeds):
         generator = child_generator(ROOT, "certificate", name, seed)
         found = estimate_problem(event, generator, TARGET, certificate=certificate)
-        met = hidden_part(found.tables["runs"].filter(like="z_").to_numpy(), certificate).any()
+        met = hidden_part(pd.DataFrame(found.tables["runs"]).filter(like="z_").to_numpy(), certificate).any()
         yield {
             "probability": found.probability,
             "calls": found.simulations,

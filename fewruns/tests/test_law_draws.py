@@ -58,7 +58,7 @@ def test_a_system_without_stripes_costs_the_draws_alone():
     assert found.simulations == plain.simulations + ENOUGH_DRAWS == len(found.tables["runs"])
     assert found.probability == plain.probability
     phases = found.tables["runs"]["phase"]
-    assert phases.eq("law").sum() == found.diagnostics["law_draws"] == ENOUGH_DRAWS
+    assert (phases == "law").sum() == found.diagnostics["law_draws"] == ENOUGH_DRAWS
     assert found.tables["runs"]["run"].tolist() == list(range(1, found.simulations + 1))
 
 

@@ -40,6 +40,7 @@ def like():
     return successors(runs_of(half_plane(4.2)))
 
 
+@pytest.mark.seeds
 def test_the_runs_of_a_like_vehicle_save_half_and_do_not_mislead(like):
     alone = successors(None)
     assert all(result.converged for result in like)
@@ -51,6 +52,7 @@ def test_the_runs_of_a_like_vehicle_save_half_and_do_not_mislead(like):
     assert spent[0] < 0.7 * spent[1]
 
 
+@pytest.mark.seeds
 def test_a_predecessor_that_is_not_alike_costs_runs_and_not_the_truth(like):
     other = standard_normal_event(lambda z: 4 - z @ [0.0, 1.0])
     results = successors(runs_of(other), seeds=3)

@@ -44,7 +44,7 @@ def test_a_system_that_repeats_itself_costs_the_repeats_alone():
     assert found.diagnostics["repeats"] == 40
     assert found.diagnostics["differed"] == 0
     assert found.simulations == sampler.simulations == len(found.tables["runs"])
-    assert found.tables["runs"]["phase"].eq("repeat").sum() == 40
+    assert (found.tables["runs"]["phase"] == "repeat").sum() == 40
 
 
 def test_lapses_that_repeats_notice_end_all_claims():

@@ -4,6 +4,7 @@ import math
 from dataclasses import replace
 
 import numpy as np
+import pandas as pd
 import pytest
 from fewruns import Cover
 from fewruns.constants import REACH
@@ -43,6 +44,7 @@ def half_planes():
 # ---- estimates
 
 
+@pytest.mark.seeds
 def test_half_plane_is_estimated_without_bias(half_planes):
     estimates = probabilities(half_planes)
     assert is_unbiased(estimates, HALF_PLANE)
@@ -52,6 +54,7 @@ def test_half_plane_is_estimated_without_bias(half_planes):
     assert not is_unbiased([course.twice_controlled for course in half_planes], HALF_PLANE)
 
 
+@pytest.mark.seeds
 def test_half_plane_takes_few_simulations_and_is_covered(half_planes):
     results = [course.result for course in half_planes]
     assert all(result.converged and result.events > 0 for result in results)
@@ -66,6 +69,7 @@ def test_half_plane_takes_few_simulations_and_is_covered(half_planes):
     assert sum(result.low <= 1.5 * HALF_PLANE <= result.high for result in results) < 6
 
 
+@pytest.mark.seeds
 def test_the_smaller_of_two_regions_is_not_lost():
     of = courses(two_half_planes(), 12)
     estimates = probabilities(of)
@@ -78,12 +82,14 @@ def test_the_smaller_of_two_regions_is_not_lost():
         assert (z[:, 1] < -4.3).any()
 
 
+@pytest.mark.seeds
 def test_flags_alone_are_enough():
     of = courses(half_plane(graded=False), 2)
     assert (abs(np.log(probabilities(of) / HALF_PLANE)) < math.log(2)).all()
     assert all((course.sampler.progress.score == 0).all() for course in of)
 
 
+@pytest.mark.seeds
 def test_half_of_everything():
     of = courses(half_plane(0.0), 4)
     assert (abs(probabilities(of) / 0.5 - 1) < 0.5).all()
@@ -160,10 +166,11 @@ def test_the_bound_holds_and_shrinks():
     assert bounds[-1] == pytest.approx(1 - math.exp(-REACH * (1 - 0.1 ** (1 / 300))))
 
 
+@pytest.mark.seeds
 def test_the_estimate_tells_of_all_runs(half_planes):
     for course in half_planes[:5]:
         result, progress = course.result, course.sampler.progress
-        runs = result.tables["runs"]
+        runs = pd.DataFrame(result.tables["runs"])
         assert list(runs) == ["run", "batch", "phase", "z_1", "z_2", "event"]
         assert runs["run"].tolist() == list(range(1, result.simulations + 1))
         assert (runs.groupby("batch").size() == 10).all()

@@ -43,10 +43,12 @@ def standardised(estimates):
     return np.abs(estimates.mean(axis=0) - EXACT) / (estimates.std(axis=0) / np.sqrt(len(estimates)))
 
 
+@pytest.mark.seeds
 def test_every_draw_gets_its_own_probability(posteriors):
     assert standardised([posterior.probabilities for posterior in posteriors]).max() < 4.5
 
 
+@pytest.mark.seeds
 def test_a_control_variate_that_is_not_reweighted_is_wrong(samplers):
     wrong = []
     for sampler in samplers:
@@ -68,6 +70,7 @@ def counted(progress):
     return zip(progress.batches[-number:], flags, strict=True)
 
 
+@pytest.mark.seeds
 def test_the_errors_are_those_of_the_estimates(posteriors):
     errors = np.array([np.log(posterior.probabilities / EXACT) for posterior in posteriors]).std(axis=0)
     claimed = np.array([posterior.errors for posterior in posteriors]).mean(axis=0)
@@ -75,6 +78,7 @@ def test_the_errors_are_those_of_the_estimates(posteriors):
     assert np.all(claimed < 2.5 * errors)
 
 
+@pytest.mark.seeds
 def test_without_another_law_the_estimate_is_the_samplers(samplers, posteriors):
     for sampler, posterior in zip(samplers, posteriors, strict=True):
         own = combining.combine(combining.counted_batches(sampler.progress.estimates)).probability
@@ -86,6 +90,7 @@ def share(z):
     return norm.cdf((z @ DIRECTION - 4.25) / 0.1) if len(z) else np.empty(0)
 
 
+@pytest.mark.seeds
 def test_a_part_of_the_event_is_found_from_the_same_runs(samplers):
     part, estimates = norm.sf(4.3 - SHIFTS), []
     for sampler in samplers:
@@ -109,12 +114,14 @@ def cross(samplers):
     return posteriors
 
 
+@pytest.mark.seeds
 def test_cross_fitted_control_variates_keep_the_mean_and_reduce_the_error(posteriors, cross):
     assert standardised([posterior.probabilities for posterior in cross]).max() < 4.5
     errors = [np.std([p.probabilities / EXACT for p in ps], axis=0) for ps in (posteriors, cross)]
     assert np.mean(errors[1]) < np.mean(errors[0])
 
 
+@pytest.mark.seeds
 def test_a_surrogate_that_has_seen_the_batch_itself_hides_the_error(samplers, cross, monkeypatch):
     """The wrong control variate: learnt from the runs that it is subtracted from."""
     whole = Progress.without
@@ -134,6 +141,7 @@ def test_a_surrogate_that_has_seen_the_batch_itself_hides_the_error(samplers, cr
     assert np.mean(wrong) < 0.8 * np.mean(honest)
 
 
+@pytest.mark.seeds
 def test_ratios_are_computed_once(samplers):
     asked = []
     found = SeveralLaws(lambda z: (asked.append(len(z)), log_ratios(z))[1])
@@ -147,6 +155,7 @@ def test_there_is_no_posterior_without_an_estimate():
     assert laws().estimate(new_sampler()) is None
 
 
+@pytest.mark.seeds
 def test_the_shared_error_is_that_of_the_mean_of_the_draws(samplers):
     found = [
         laws().estimate(sampler, controls=[Control.own(batch) for batch, _ in counted(sampler.progress)])
@@ -162,6 +171,7 @@ def test_the_shared_error_is_that_of_the_mean_of_the_draws(samplers):
     assert np.all(np.hypot(shared, own) < 1.6 * np.mean([posterior.errors for posterior in found], axis=0))
 
 
+@pytest.mark.seeds
 def test_the_shared_error_is_at_least_that_predicted_before_the_runs(samplers):
     """Runs that agree with their control variate, because they missed the rest, must not look exact.
 
@@ -181,6 +191,7 @@ def test_the_shared_error_is_at_least_that_predicted_before_the_runs(samplers):
         assert found.own.max() < predicted  # from the runs alone, the errors would be 0
 
 
+@pytest.mark.seeds
 def test_any_emphasis_leaves_the_estimate_right_and_attracts_runs(samplers):
     def aside(z):
         return np.where(z @ [0.8, -0.6] > 0, 5.0, 0.2)

@@ -187,6 +187,7 @@ def test_a_predecessor_of_many_inputs_is_refused():
         Sampler(DIMENSION, np.random.default_rng(14), fingerprint="new", predecessor=known)
 
 
+@pytest.mark.seeds
 def test_batches_are_unbiased_whatever_the_directions():
     errors = []
     for seed in range(2):

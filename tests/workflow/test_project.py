@@ -83,9 +83,8 @@ IMPORTED = re.compile(r"^ *(?:from|import) (?:accelerated_evaluation\.)?(\w+)", 
 
 
 def rooms_in(code: str) -> set[str]:
-    """Return the rooms, and the package of the sampler, that code imports, apart from what compiles."""
-    named = IMPORTED.findall(code.replace("fewruns.compiling", ""))
-    return {SAMPLER if name == "fewruns" else name for name in named} & set(ROOMS)
+    """Return the rooms, and the package of the sampler, that code imports."""
+    return set(IMPORTED.findall(code)) & set(ROOMS)
 
 
 def test_rooms_import_only_rooms_to_their_left():

@@ -3,8 +3,8 @@
 from importlib import import_module
 from typing import Any
 
-# The module of each public name. It is imported when the name is first used, because the compiler (numba) and
-# the optimiser take half a second.
+# The module of each public name. It is imported when the name is first used, because NumPy and
+# SciPy take half a second.
 _HOME = {
     "Certificate": "certificate",
     "Cover": "cover",

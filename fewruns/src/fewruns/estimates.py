@@ -1,17 +1,13 @@
 """The estimate of a probability, its stopping rule, and diagnostics of its importance ratios."""
 
+import math
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from numbers import Real
-from typing import TYPE_CHECKING, Any
-
-from scipy.special import ndtri
-
-if TYPE_CHECKING:  # importing pandas takes half a second
-    import pandas as pd
-import math
+from typing import Any
 
 import numpy as np
+from scipy.special import ndtri
 
 from fewruns.arrays import Array
 from fewruns.errors import InputError
@@ -81,8 +77,11 @@ class Estimate:
         Number of events among the simulations.
     converged
         Whether the stopping rule is satisfied.
-    diagnostics, tables
-        Additional numbers and tables by name.
+    diagnostics
+        Additional numbers by name.
+    tables
+        Tables by name, each with columns by name. The table ``runs`` of a sampler is a structured array, a
+        row for each simulation; ``pandas.DataFrame(found.tables["runs"])`` makes a data frame of it.
 
     Examples
     --------
@@ -100,7 +99,7 @@ class Estimate:
     events: int
     converged: bool
     diagnostics: Mapping[str, float] = field(default_factory=dict)
-    tables: "Mapping[str, pd.DataFrame]" = field(default_factory=dict)
+    tables: Mapping[str, Any] = field(default_factory=dict)
 
     @property
     def simulations(self) -> int:

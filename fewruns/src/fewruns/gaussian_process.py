@@ -14,8 +14,7 @@ from scipy.optimize import minimize
 from scipy.spatial import cKDTree
 from scipy.special import log_ndtr, ndtr
 
-from fewruns.arrays import Array
-from fewruns.compiling import cached_njit
+from fewruns.arrays import BLOCK, Array
 from fewruns.constants import (
     AMPLITUDE,
     AMPLITUDE_SPREAD,
@@ -36,9 +35,6 @@ from fewruns.constants import (
     SYSTEM_LENGTH,
 )
 from fewruns.problems import Predecessor
-
-# Number of covariances that are computed at once, so that they fit into the cache of a processor.
-BLOCK = 32_768
 
 
 def covariance_between(
@@ -107,13 +103,13 @@ def thinned(order: NDArray[np.intp], most: int) -> NDArray[np.intp]:
 LOG_ROOT_2PI = 0.5 * math.log(2 * math.pi)
 
 
-@cached_njit()
-def _scale_both_sides(covariance: Array, root: Array, scaled: Array) -> None:
-    """Write the lower triangle of I + S^1/2 K S^1/2 to ``scaled``, for a diagonal S^1/2 in ``root``."""
-    for i in range(len(root)):
-        for j in range(i):
-            scaled[i, j] = root[i] * covariance[i, j] * root[j]
-        scaled[i, i] = 1 + root[i] * covariance[i, i] * root[i]
+def _scaled_on_both_sides(covariance: Array, root: Array) -> Array:
+    """Return I + S^1/2 K S^1/2 for a diagonal S^1/2 in ``root``."""
+    scaled = np.empty(covariance.shape, order="F")  # the column order of LAPACK avoids a copy
+    np.multiply(covariance, root[:, None], out=scaled)
+    scaled *= root
+    scaled[np.diag_indices(len(root))] += 1
+    return scaled
 
 
 def _log_evidence(
@@ -224,9 +220,7 @@ class EventSurrogate:
         (precision, shift), previous = self.sites[:, self._kept], math.inf
         for _ in range(SWEEPS):
             root = np.sqrt(precision)
-            factor = np.empty(covariance.shape, order="F")  # the column order of LAPACK avoids a copy
-            _scale_both_sides(covariance, root, factor)
-            factor, _ = dpotrf(factor, lower=1, clean=1, overwrite_a=1)
+            factor, _ = dpotrf(_scaled_on_both_sides(covariance, root), lower=1, clean=1, overwrite_a=1)
             inverse = dtrtri(factor, lower=1)[0]
             diagonal = np.einsum("ij,ij->j", inverse, inverse)  # of the inverse of I + S^1/2 K S^1/2
             variance = np.maximum(1 - diagonal, LEAST_VARIANCE) / precision

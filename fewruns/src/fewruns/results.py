@@ -3,12 +3,11 @@
 import math
 from collections.abc import Sequence
 from dataclasses import replace
-from typing import TYPE_CHECKING
 
 import numpy as np
-from numpy.typing import ArrayLike
+from numpy.typing import NDArray
 
-from fewruns.arrays import Array, Flags
+from fewruns.arrays import Array
 from fewruns.certificate import Certificate, Unseen, look_beyond
 from fewruns.combining import BatchEstimate, Combined, anytime_interval, combine, counted_batches
 from fewruns.constants import AGREEMENT, COVERED, FEW, NOISY_USABLE, SURROUNDED, UNSEEN_ALPHA, USABLE
@@ -18,9 +17,6 @@ from fewruns.parts import draw_in_balls_together, open_balls, open_basins, open_
 from fewruns.progress import Progress
 from fewruns.two_phase import reach_of
 from fewruns.wide_laws import bound_without_event
-
-if TYPE_CHECKING:
-    import pandas as pd
 
 ROUNDING = 1e-12  # relative tolerance
 
@@ -245,10 +241,8 @@ def event_ratios(progress: Progress) -> Array:
     return joined[progress.happened[len(progress.z) - len(joined) :] & (joined > 0)]
 
 
-def tabulate_runs(progress: Progress, batch_size: int) -> "pd.DataFrame":
-    """Tabulate all simulations: ``run`` and ``batch`` from 1, ``phase``, ``z_1`` and so on, ``event``."""
-    import pandas as pd  # imported here, because it takes half a second
-
+def tabulate_runs(progress: Progress, batch_size: int) -> NDArray[np.void]:
+    """Return all simulations, with fields ``run`` and ``batch`` from 1, ``phase``, ``z_1`` ..., ``event``."""
     run = np.arange(len(progress.z)) + 1
     batch = (run - 1) // batch_size + 1
     batches = len(run) // batch_size
@@ -259,22 +253,19 @@ def tabulate_runs(progress: Progress, batch_size: int) -> "pd.DataFrame":
     is_of = [batch <= searched, is_of_cover, batch <= learnt]
     phase = np.select(is_of, ["search", "cover", "learn"], "estimate")
     repeats, draws = progress.repeats, progress.law_draws
-    tables = [
-        _runs_table(batch, phase, progress.z, progress.happened),
-        _runs_table(0, "repeat", progress.z[repeats.repeated], repeats.happened),
-        _runs_table(0, "law", draws.z, draws.happened),
-    ]
-    table = pd.concat([part for part in tables if len(part)] or tables[:1], ignore_index=True)
-    table.insert(0, "run", np.arange(len(table)) + 1)
+    z = np.vstack([progress.z, progress.z[repeats.repeated], draws.z])
+    others = np.repeat(["repeat", "law"], [len(repeats), len(draws)])
+    columns = {
+        "run": np.arange(len(z)) + 1,
+        "batch": np.append(batch, np.zeros(len(others), int)),
+        "phase": np.append(phase, others),
+        **{f"z_{k + 1}": values for k, values in enumerate(z.T)},
+        "event": np.concatenate([progress.happened, repeats.happened, draws.happened]),
+    }
+    table = np.empty(len(z), [(name, values.dtype) for name, values in columns.items()])
+    for name, values in columns.items():
+        table[name] = values
     return table
-
-
-def _runs_table(batch: ArrayLike, phase: ArrayLike, z: Array, happened: Flags) -> "pd.DataFrame":
-    """Return the columns of `tabulate_runs` except for the number of the run."""
-    import pandas as pd
-
-    scores = {f"z_{k + 1}": values for k, values in enumerate(z.T)}
-    return pd.DataFrame({"batch": batch, "phase": phase, **scores, "event": happened})
 
 
 def _diagnostics(

@@ -5,10 +5,10 @@ from dataclasses import dataclass
 from typing import Self
 
 import numpy as np
+from scipy.spatial.distance import cdist
 from scipy.special import chdtr, chdtrc, chdtri, gammaincinv, gammaln
 
-from fewruns.arrays import Array
-from fewruns.compiling import cached_njit
+from fewruns.arrays import BLOCK, Array
 from fewruns.constants import REACH, SMALLEST_SPREAD
 
 
@@ -115,17 +115,11 @@ class KernelMixture:
         return normal - np.logaddexp(wide, kernels)
 
 
-@cached_njit()
 def _mean_kernel(a: Array, b: Array) -> Array:
     """Return the mean over the rows of b of (1 + |a - b|^2)^-d, for each row of a, shape (len(a),)."""
-    n, d = a.shape
-    mean = np.empty(n)
-    for i in range(n):
-        total = 0.0
-        for j in range(b.shape[0]):
-            square = 1.0
-            for k in range(d):
-                square += (a[i, k] - b[j, k]) ** 2
-            total += square**-d
-        mean[i] = total / b.shape[0]
+    mean, rows = np.empty(len(a)), max(BLOCK // len(b), 1)
+    for first in range(0, len(a), rows):
+        block = slice(first, first + rows)
+        square = 1 + cdist(a[block], b, "sqeuclidean")
+        mean[block] = (square ** -float(a.shape[1])).mean(axis=1)
     return mean

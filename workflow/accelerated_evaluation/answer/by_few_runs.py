@@ -169,7 +169,7 @@ class Runs:
             self._crashes() if counted or controls else None,
             simulations=self.sampler.simulations,
             converged=estimate.converged,
-            tables={"runs": with_encounters(estimate.tables["runs"], self.problem)},
+            tables={"runs": with_encounters(pd.DataFrame(estimate.tables["runs"]), self.problem)},
             fixed=self._fixed(controls),
             notes={"estimate": estimate, "not_ended": self.not_ended},
         )

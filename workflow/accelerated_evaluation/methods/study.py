@@ -38,9 +38,8 @@ def study_method(
         numbered = {**labels, "replicate": replicate}
         rows.append(numbered | estimate.row())
         for name, parts in tables.items():
-            part = (
-                estimate.tables[name] if name != "runs" else with_encounters(estimate.tables[name], problem)
-            )
+            part = estimate.tables[name]
+            part = with_encounters(pd.DataFrame(part), problem) if name == "runs" else part
             parts.append(part.assign(**numbered)[[*numbered, *part.columns]])
     joined = {name: pd.concat(parts, ignore_index=True) for name, parts in tables.items()}
     return {"estimates": pd.DataFrame(rows)} | joined

@@ -10,9 +10,9 @@ from typing import Any, ClassVar
 
 import numba
 import numpy as np
-from fewruns.compiling import cached_njit
 
 from accelerated_evaluation.base.arrays import Array
+from accelerated_evaluation.base.compiling import cached_njit
 from accelerated_evaluation.base.errors import InputError
 from accelerated_evaluation.scenarios.protocol import Scenario
 

@@ -16,8 +16,7 @@ from accelerated_evaluation.base.extensions import EXTENSIONS, Extension, load_k
 from accelerated_evaluation.base.files import content_digest
 
 # The rooms (packages) of the library, and the distribution of the sampler. Each imports only what stands
-# before it in this order, which a test checks. All may use the module of `fewruns` that compiles: it changes
-# no result.
+# before it in this order, which a test checks.
 SAMPLER = "fewruns"
 ROOMS = (
     "base",

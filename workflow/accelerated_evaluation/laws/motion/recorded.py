@@ -9,12 +9,12 @@ from typing import ClassVar, Self
 
 import numpy as np
 import pandas as pd
-from fewruns.compiling import cached_njit
 from numpy.typing import NDArray
 from scipy.interpolate import PchipInterpolator
 from scipy.spatial import cKDTree
 
 from accelerated_evaluation.base.arrays import Array
+from accelerated_evaluation.base.compiling import cached_njit
 from accelerated_evaluation.base.errors import InputError
 from accelerated_evaluation.base.tables import read_parquet, require_file
 from accelerated_evaluation.laws.motion import COURSE_COLUMN, LONGEST, MOTIONS, STATES, STEP, course_columns

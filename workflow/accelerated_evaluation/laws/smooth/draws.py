@@ -15,10 +15,10 @@ from functools import cached_property
 from typing import Self
 
 import numpy as np
-from fewruns.compiling import cached_njit
 from numpy.typing import NDArray
 
 from accelerated_evaluation.base.arrays import Array
+from accelerated_evaluation.base.compiling import cached_njit
 from accelerated_evaluation.laws.smooth.conditional import Places, SpeedLaw
 from accelerated_evaluation.laws.smooth.family import LawFamily, Member
 from accelerated_evaluation.laws.smooth.shapes import FarTail, Shape
