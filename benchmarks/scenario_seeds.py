@@ -32,7 +32,7 @@ TWICE = math.log(2)
 def problem_of(scenario: Scenario, law: Path, event: str) -> Problem:
     """Return the problem of an event of the built-in car under a law."""
     car = load_vehicle(scenario.default_vehicle, scenario)
-    return Problem(scenario, read_law_of(scenario, law), car, event_named(event, scenario))
+    return Problem(scenario, car, event_named(event, scenario), law=read_law_of(scenario, law))
 
 
 def crude_probability(problem: Problem, draws: int) -> float:

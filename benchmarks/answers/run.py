@@ -50,7 +50,7 @@ def by_map(name: str, config: dict, records: FittedRecords, draws: Draws) -> Arr
     grid = Grid(**{key: config["filters"][key] for key in LIMITS}, **config["answer"]["grid"])
     vehicle, generator = vehicle_named(name, config), partial(child_generator, ROOT, "answers")
     crashes = map_crashes(vehicle, grid, [], generator("map", name))
-    problem = Problem(CUT_IN, draws.proposal, vehicle)
+    problem = Problem(CUT_IN, vehicle, law=draws.proposal)
     answer = Map(crashes, records.data).answer(problem, draws, (), generator("lines", name))
     return answer.posterior.probabilities
 
@@ -62,7 +62,7 @@ def run(name: str, seeds: int, output: Path) -> None:
     draws = choose_draws(ANSWER, records, config)
     known = by_map(name, config, records, draws)
     reference = known if name == REFERENCE else by_map(REFERENCE, config, records, draws)
-    problem = Problem(CUT_IN, draws.proposal, vehicle_named(name, config))
+    problem = Problem(CUT_IN, vehicle_named(name, config), law=draws.proposal)
     way = FewRuns(Surrogate.stopping(config), config["surrogate"]["batch_size"])
     rows = pd.read_csv(output).to_dict("records") if output.exists() else []
     for seed in tqdm(range(len(rows), seeds), desc=name, unit=" seeds"):

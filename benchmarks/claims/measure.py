@@ -59,7 +59,7 @@ def estimate(seeds: Iterable[int]) -> pd.DataFrame:
     """Return the simulations of the whole answer for the car under test, and its median."""
     config = load()
     draws = choose_draws(ANSWER, read_records(config), config)
-    problem = Problem(CUT_IN, draws.proposal, load_vehicle(VEHICLE))
+    problem = Problem(CUT_IN, load_vehicle(VEHICLE), law=draws.proposal)
     way = FewRuns(Surrogate.stopping(config), config["surrogate"]["batch_size"])
     rows = []
     for seed in tqdm(seeds, desc="whole answers", unit=" seeds"):

@@ -71,7 +71,7 @@ class Fitted:
     def by_few_runs(self, generator: np.random.Generator) -> Intervals:
         """Simulate the car under the mean of draws, some 150 times, and reweight the runs for each draw."""
         draws = self.study.draws(generator)
-        problem = Problem(CUT_IN, draws.proposal, AccAeb())
+        problem = Problem(CUT_IN, AccAeb(), law=draws.proposal)
         found = evaluate(problem, draws, FewRuns(STOPPING), generator=generator)
         own = {"simulations": found.simulations, "converged": found.converged}
         return own if found.posterior is None else intervals(found.posterior.whole) | own

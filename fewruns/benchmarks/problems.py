@@ -155,7 +155,7 @@ def segment_problem(segment: str, vehicle: Vehicle, factors: Factors | None = No
     only = law().only(segment)
     if factors is not None:
         only = replace(only, inverse_range=factors.first, inverse_ttc={segment: factors.second})
-    return library.Problem(CUT_IN, only, vehicle)
+    return library.Problem(CUT_IN, vehicle, law=only)
 
 
 def range_left(outcomes: Outcomes, x: Array) -> Array:
@@ -241,7 +241,7 @@ def limit_state(
 
 def whole() -> Problem:
     """Return a crash in any segment."""
-    event = tabulated(library.Problem(CUT_IN, law(), AccAeb()))
+    event = tabulated(library.Problem(CUT_IN, AccAeb(), law=law()))
     return Problem("all_segments", "all segments", event, ours_only=True)
 
 

@@ -117,7 +117,7 @@ def estimated(key: str, law: Law, maps: Mapping[str, CrashMap], seeds: int) -> p
         known = {"law": key, "vehicle": name, "exact": exact.probability, "exact_se": exact.standard_error}
         runs = pd.DataFrame({"seed": [None]})
         if exact.probability >= LEAST:
-            crash = CutInProblem(CUT_IN, law, load_vehicle(name, **vehicles()[name]))
+            crash = CutInProblem(CUT_IN, load_vehicle(name, **vehicles()[name]), law=law)
             runs = repeated(Problem(f"{key} {name}", name, crash, ours_only=True), METHOD, range(seeds))
         parts.append(runs.assign(**known))
     return pd.concat(parts, ignore_index=True)

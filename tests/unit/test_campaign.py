@@ -50,7 +50,7 @@ def test_a_campaign_is_the_sampler_told_run_by_run(begun):
             assert begun("tell", "part.csv") == 0
     surrogate = METHODS["surrogate"](batch_size=10)
     wanted = surrogate.estimate(
-        Problem(CUT_IN, LAW, load_vehicle("acc_aeb")), GOAL, child_generator(4, "campaign")
+        Problem(CUT_IN, load_vehicle("acc_aeb"), law=LAW), GOAL, child_generator(4, "campaign")
     )
     assert status_of(read_campaign("c.json")).estimate.row() == wanted.row()
 
@@ -301,4 +301,4 @@ def test_the_tutorial_runs_as_it_is_written(tmp_path, monkeypatch):
 def _crude(size):
     """Return the crash probability by drawing from the law; its standard error is about a twentieth."""
     x = LAW.draw(size, np.random.default_rng(5))
-    return Problem(CUT_IN, LAW, load_vehicle("acc_aeb")).simulate(x).crash.mean()
+    return Problem(CUT_IN, load_vehicle("acc_aeb"), law=LAW).simulate(x).crash.mean()

@@ -81,7 +81,7 @@ def test_a_campaign_within_limits_drives_nothing_beyond_and_finds_the_event_with
     assert status.spared == len(read_campaign("c.json").runs) - len(runs) > 0
     # Told of what lies beyond, the sampler itself comes to the same.
     wanted = METHODS["surrogate"](batch_size=20).estimate(
-        Problem(CUT_IN, LAW, Within()), GOAL, child_generator(4, "campaign")
+        Problem(CUT_IN, Within(), law=LAW), GOAL, child_generator(4, "campaign")
     )
     assert status.estimate.row() == wanted.row()
     error = (status.estimate.high - status.estimate.low) / 2 / 1.28

@@ -54,7 +54,7 @@ def noisy_half_space(spread, generator, *, deterministic=False, distance=3.5):
 
 @pytest.mark.parametrize("name", DRAWN_BY_LAW)
 def test_importance_sampling_estimates_the_mean_over_chance(name):
-    found = estimates(name, ae.Problem(ae.CUT_IN, LAW, lapsing(0.6)))
+    found = estimates(name, ae.Problem(ae.CUT_IN, lapsing(0.6), law=LAW))
     assert fits(found, 0.4 * exact())
     assert not fits(found, exact())  # of the vehicle that never lapses
 
@@ -86,7 +86,7 @@ def test_a_vehicle_that_crashes_in_thin_stripes_gets_no_number_that_claims_to_be
     """From a distance the stripes look like chance, although the vehicle repeats itself."""
     vehicle = ae.load_vehicle("reg157")
     assert vehicle.deterministic
-    problem = ae.Problem(ae.CUT_IN, CUT_INS, vehicle)
+    problem = ae.Problem(ae.CUT_IN, vehicle, law=CUT_INS)
     assert problem.deterministic is False
     limited = ae.Stopping(minimum_events=1, maximum_simulations=150)
     found = Surrogate().estimate(problem, limited, np.random.default_rng(1))
@@ -96,7 +96,7 @@ def test_a_vehicle_that_crashes_in_thin_stripes_gets_no_number_that_claims_to_be
 
 
 def test_a_replicate_without_an_estimate_is_described_next_to_one_with_an_estimate():
-    problem = ae.Problem(ae.CUT_IN, LAW, Corner())
+    problem = ae.Problem(ae.CUT_IN, Corner(), law=LAW)
     few = ae.Stopping(minimum_events=1, maximum_simulations=10)
     notes = {"estimate": Surrogate().estimate(problem, few, np.random.default_rng(1)), "not_ended": 0}
     own = ae.SampledPosterior(np.geomspace(1e-7, 1e-6, 20), np.arange(20) % 2, np.full(20, 0.1), 10)

@@ -284,7 +284,7 @@ def test_each_stratum_is_searched_and_sampled_with_its_own_law():
             seen.setdefault("speeds", set()).update(lead_speed.tolist())
             return super().simulate(lead_speed, range_, closing_speed)
 
-    problem = Problem(CUT_IN, law, Recorder(inverse_ttc=0.3))
+    problem = Problem(CUT_IN, Recorder(inverse_ttc=0.3), law=law)
     single = METHODS["single"].configured(SETTINGS)
     for stratum, (f, speeds) in {"slow": (F.second, {6.0, 7.0}), "fast": (other, {30.0})}.items():
         seen.clear()
@@ -306,7 +306,7 @@ def test_twenty_seeds_end_well_before_the_car_of_the_study(method):
         {"5-15": Empirical(np.linspace(5, 15, 201)[:-1])},
         closing_speed_max=23.49,
     )
-    problem = Problem(CUT_IN, law, AccAeb())
+    problem = Problem(CUT_IN, AccAeb(), law=law)
     for seed in range(20):
         result = found(method, problem, seed)
         sample = Sample.of(problem, "5-15", result.proposal, np.random.default_rng(seed), 2000)

@@ -47,7 +47,7 @@ class Toy:
 
 def run(folder, vehicle, work="one", **settings):
     checkpoint = Checkpoint(folder / "checkpoint.json", work)
-    return simulate_batches(Problem(CUT_IN, LAW, vehicle), checkpoint, **(SETTINGS | settings))
+    return simulate_batches(Problem(CUT_IN, vehicle, law=LAW), checkpoint, **(SETTINGS | settings))
 
 
 def written(folder, batches):

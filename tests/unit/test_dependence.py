@@ -41,7 +41,7 @@ def crash_map():
 
 def test_crude_monte_carlo_finds_the_probability():
     size = 400_000
-    happened, _ = Problem(CUT_IN, LAW, CAR).evaluate(np.random.default_rng(1).standard_normal((size, 3)))
+    happened, _ = Problem(CUT_IN, CAR, law=LAW).evaluate(np.random.default_rng(1).standard_normal((size, 3)))
     truth = truths()[ALL]
     error = math.sqrt(truth / size)
     assert 1e-4 < truth < 1e-2
@@ -52,7 +52,7 @@ def test_crude_monte_carlo_finds_the_probability():
 @pytest.mark.parametrize("method", PAPERS)
 @pytest.mark.parametrize("stratum", LAW.strata)
 def test_the_search_finds_the_probability_of_each_stratum(method, stratum):
-    problem, truth, size = Problem(CUT_IN, LAW, CAR), truths()[stratum], 20_000
+    problem, truth, size = Problem(CUT_IN, CAR, law=LAW), truths()[stratum], 20_000
     found = configured(method).search(problem, stratum, np.random.default_rng(1))
     sample = Sample.of(problem, stratum, found.proposal, np.random.default_rng(2), size)
     error = sample.weight.std() / math.sqrt(size)
@@ -76,7 +76,7 @@ def test_likelihood_ratios_average_to_one(f_star, stratum):
     """The Jacobian of the map from scores to cut-ins cancels, in whatever variables the ratio is taken."""
     size = 20_000
     log_ratio = Sample.of(
-        Problem(CUT_IN, LAW, CAR), stratum, f_star, np.random.default_rng(3), size
+        Problem(CUT_IN, CAR, law=LAW), stratum, f_star, np.random.default_rng(3), size
     ).log_ratio
     ratio = np.exp(log_ratio)
     assert ratio.mean() == pytest.approx(1, abs=4 * ratio.std() / math.sqrt(size) + 1e-14)
@@ -89,7 +89,7 @@ def test_likelihood_ratios_average_to_one(f_star, stratum):
 @pytest.mark.parametrize("method", PAPERS)
 def test_estimates_of_all_strata_cover(method):
     stopping = Stopping(alpha=0.01, beta=0.1, minimum_events=200, maximum_simulations=200_000)
-    estimate = configured(method).estimate(Problem(CUT_IN, LAW, CAR), stopping, np.random.default_rng(4))
+    estimate = configured(method).estimate(Problem(CUT_IN, CAR, law=LAW), stopping, np.random.default_rng(4))
     assert estimate.converged
     assert estimate.covers(truths()[ALL])
     assert not estimate.covers(1.5 * truths()[ALL])
@@ -112,7 +112,7 @@ def test_a_cap_gathers_all_beyond_it(crash_map):
     truth = truths((12.0, 99.0, 99.0))
     for name, value in exact_probabilities(crash_map, dependent_law(cap=12.1)).items():
         assert abs(value.probability / truth[name] - 1) < 4 * value.standard_error / truth[name] + 3e-3
-    capped = Problem(CUT_IN, dependent_law(cap=12.1), CAR)
+    capped = Problem(CUT_IN, CAR, law=dependent_law(cap=12.1))
     happened, _ = capped.evaluate(np.random.default_rng(6).standard_normal((400_000, 3)))
     assert abs(happened.mean() - truth[ALL]) < 4 * math.sqrt(truth[ALL] / 400_000)
 
@@ -127,7 +127,9 @@ def test_exact_variation_is_that_of_the_weights(crash_map):
     f_star = Factors(BoundedExponential(1.4), BoundedExponential(0.15))
     exact = exact_variation(crash_map, LAW, dict.fromkeys(LAW.strata, f_star))
     for k, name in enumerate(LAW.strata):
-        weight = Sample.of(Problem(CUT_IN, LAW, CAR), name, f_star, np.random.default_rng(k), 400_000).weight
+        weight = Sample.of(
+            Problem(CUT_IN, CAR, law=LAW), name, f_star, np.random.default_rng(k), 400_000
+        ).weight
         kurtosis = np.mean((weight - weight.mean()) ** 4) / weight.var() ** 2
         ratio = exact[name][0] ** 2 / (weight.var() / weight.mean() ** 2)
         # The relative error of a sample's variance is about sqrt((kurtosis - 1) / n).

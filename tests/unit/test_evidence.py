@@ -282,7 +282,7 @@ def test_no_answer_that_the_records_contradict_has_converged(name, monkeypatch):
     monkeypatch.setattr(evidence_module, "evaluate", claimed)
 
     def checked(car):
-        problem = Problem(scenario, law, car, scenario.events[0])
+        problem = Problem(scenario, car, scenario.events[0], law=law)
         streams = lambda name: np.random.default_rng(6)  # noqa: E731
         (answer,), found = checked_answers(
             problem, as_draws(law), SimpleNamespace(x=x), FewRuns(), (), streams
@@ -324,7 +324,7 @@ def test_replays_guide_the_sampler_in_addition_to_a_predecessor():
 @pytest.mark.parametrize(("ends", "upper"), [((0.1, None, 0.2), 0.2), ((None,), 1.0)])
 def test_the_replays_are_compared_with_the_largest_known_end_of_the_replicates(monkeypatch, ends, upper):
     """A replicate that has met no event says nothing, and must not hide what contradicts the others."""
-    problem, known = Problem(CUT_IN, LAW, Blind(4.0)), iter(ends)
+    problem, known = Problem(CUT_IN, Blind(4.0), law=LAW), iter(ends)
 
     def answered(problem, draws, *_, **__):
         end = next(known)

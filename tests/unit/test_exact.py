@@ -175,7 +175,7 @@ def test_agrees_with_importance_sampling():
     )
     found = exact_probabilities(crash_map, capped)[ALL]
     assert exact_probabilities(crash_map, law)[ALL] == found  # the map ends at the cap
-    problem = Problem(CUT_IN, capped, AccAeb())
+    problem = Problem(CUT_IN, AccAeb(), law=capped)
     proposal = Factors(laws[0], BoundedExponential(8.0, 0.5))
     weights = Sample.of(problem, "5-15", proposal, np.random.default_rng(2), 400_000).weight
     error = np.hypot(weights.std() / np.sqrt(weights.size), found.standard_error)

@@ -116,7 +116,7 @@ def test_a_contradicted_map_is_resolved_and_the_others_stay(records, smooth):
     found = {}
     for name, vehicle in {"rate": RateCar(), "striped": StripedCar()}.items():
         crash_map = map_crashes(vehicle, GRID, [], generator)
-        problem = Problem(CUT_IN, draws, vehicle)
+        problem = Problem(CUT_IN, vehicle, law=draws)
         found[name] = evaluate(problem, draws, Map(crash_map, records), generator=np.random.default_rng(7))
         scanned = masses_under(lines_of(crash_map, records), draws).sum(axis=1).mean()
         assert found[name].replayed.supports(scanned) == (name == "rate")

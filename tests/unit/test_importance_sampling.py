@@ -56,7 +56,7 @@ def accelerated(probabilities, slower=1.0, events=None):
         name: Factors(INVERSE_RANGE, BoundedExponential(rate / slower))
         for name, rate in zip(names, rates, strict=True)
     }
-    return Problem(CUT_IN, law, Toy()), proposals
+    return Problem(CUT_IN, Toy(), law=law), proposals
 
 
 def crash_weights(size, seed=1, events=0.2):

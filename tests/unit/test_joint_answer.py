@@ -66,7 +66,7 @@ def exact(law):
 
 def answered(drawn, way, generator, respond=respond, deterministic=True):
     """Return the answer for a car that responds by a function of points."""
-    problem = ae.Problem(TOY, drawn.proposal, Car(respond, deterministic))
+    problem = ae.Problem(TOY, Car(respond, deterministic), law=drawn.proposal)
     return ae.evaluate(problem, drawn, way, generator=generator)
 
 

@@ -223,7 +223,7 @@ def test_the_map_of_a_reference_gives_the_mean_of_the_draws_and_each_of_them(law
     grid, generator = ae.Grid(5, 25, 60, 8, 30, 4, 120, 40), np.random.default_rng(4)
     crash_map = ae.map_crashes(QuickCloser(), grid, [], generator)
     records = DistinctRecords.of(encounters, SUPPORT)
-    problem = ae.Problem(ae.CUT_IN, law, QuickCloser())
+    problem = ae.Problem(ae.CUT_IN, QuickCloser(), law=law)
     answered = ae.evaluate(problem, law, ae.Map(crash_map, records), generator=generator)
     found = answered.posterior
     x = law.draw(20_000, np.random.default_rng(6))
@@ -257,7 +257,7 @@ def test_the_emphasis_is_large_where_draws_of_small_probability_have_their_event
 def test_runs_that_are_chosen_for_a_near_miss_find_its_probability(law):
     # The quick closer has this near miss where the gap closes within six seconds.
     near = ae.CUT_IN.event("min_ttc", 6.0)
-    problem = ae.Problem(ae.CUT_IN, law, QuickCloser(), near)
+    problem = ae.Problem(ae.CUT_IN, QuickCloser(), near, law=law)
     stopping = ae.Stopping(minimum_events=1, maximum_simulations=400)
     events = CRASH, ae.CUT_IN.event("min_range", 1.0)
     found = ae.evaluate(problem, law, ae.FewRuns(stopping), events, generator=np.random.default_rng(10))

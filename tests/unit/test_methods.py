@@ -49,7 +49,7 @@ LAW = IndependentLaw(
     },
     {"slow": Empirical(np.linspace(5, 15, 50)), "fast": Empirical(np.linspace(15, 25, 50))},
 )
-PROBLEM = Problem(CUT_IN, LAW, Corner())
+PROBLEM = Problem(CUT_IN, Corner(), law=LAW)
 
 
 def exact(law=LAW):

@@ -14,7 +14,7 @@ from accelerated_evaluation.track.campaign_file import read_campaign
 from accelerated_evaluation.track.results import status_of
 from law_folder import LAW, begin_campaign
 
-PROBLEM = Problem(CUT_IN, LAW, load_vehicle("acc_aeb"))
+PROBLEM = Problem(CUT_IN, load_vehicle("acc_aeb"), law=LAW)
 
 
 def driven(step, name, batches):

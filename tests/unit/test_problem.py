@@ -44,7 +44,7 @@ LAW = IndependentLaw(
     {name: BoundedExponential(rate) for name, rate in RATES.items()},
     {name: Empirical(speeds) for name, speeds in SPEEDS.items()},
 )
-PROBLEM = Problem(CUT_IN, LAW, Echo())
+PROBLEM = Problem(CUT_IN, Echo(), law=LAW)
 
 
 def normal_scores(dimension, seed=1):
@@ -153,7 +153,7 @@ def test_samples_of_a_stratum_have_its_lead_speeds_and_the_densities_of_f_and_f_
             seen.append((lead_speed, range_, closing_speed))
             return super().simulate(lead_speed, range_, closing_speed)
 
-    sample = Sample.of(Problem(CUT_IN, LAW, Recorder()), name, f_star, np.random.default_rng(9), SIZE)
+    sample = Sample.of(Problem(CUT_IN, Recorder(), law=LAW), name, f_star, np.random.default_rng(9), SIZE)
     ((lead_speed, range_, closing_speed),) = seen
     assert set(lead_speed) == set(SPEEDS[name])
     np.testing.assert_allclose(1 / range_, sample.first, rtol=1e-12)
@@ -188,16 +188,16 @@ FINGERPRINTED = {
     "another event": replace(PROBLEM, event=CUT_IN.event("min_ttc", 2.0)),
     "not graded": replace(PROBLEM, graded=False),
     "another threshold": replace(PROBLEM, event=CUT_IN.event("min_ttc", 3.0)),
-    "another scenario": Problem(LEFT_TURN, left_turn_law(), Echo()),
-    "another limit": Problem(LEFT_TURN, left_turn_law(upper=(30, 60, 150)), Echo()),
-    "another joint law": Problem(LEFT_TURN, left_turn_law((14, 7, 61)), Echo()),
+    "another scenario": Problem(LEFT_TURN, Echo(), law=left_turn_law()),
+    "another limit": Problem(LEFT_TURN, Echo(), law=left_turn_law(upper=(30, 60, 150))),
+    "another joint law": Problem(LEFT_TURN, Echo(), law=left_turn_law((14, 7, 61))),
 }
 
 
 def test_the_fingerprint_tells_problems_apart():
     found = {problem.fingerprint: name for name, problem in FINGERPRINTED.items()}
     assert sorted(found.values()) == sorted(FINGERPRINTED)
-    assert Problem(CUT_IN, replace(LAW), Echo()).fingerprint == PROBLEM.fingerprint
+    assert Problem(CUT_IN, Echo(), law=replace(LAW)).fingerprint == PROBLEM.fingerprint
     described = replace(LAW, description="the same distribution in other words")
     assert replace(PROBLEM, law=described).fingerprint == PROBLEM.fingerprint
 

@@ -32,7 +32,7 @@ def test_the_change_is_that_of_the_piece_with_the_largest_weight_at_the_crash():
 def test_longer_searches_continue_the_shorter_ones(monkeypatch):
     monkeypatch.setattr(repeated, "SEEDS", range(2))
     monkeypatch.setattr(repeated, "CRASH_UPDATES", (2, 3))
-    problem = Problem(CUT_IN, law_of(RANGE_LAWS["pieces"], TTC_LAWS["pieces"]), WallCar(hole=(99, 99)))
+    problem = Problem(CUT_IN, WallCar(hole=(99, 99)), law=law_of(RANGE_LAWS["pieces"], TTC_LAWS["pieces"]))
     crash_map = map_crashes(problem.vehicle, GRID, [], np.random.default_rng(1))
     arguments = SETTINGS, problem, "5-15", crash_map, lambda _, seed: np.random.default_rng(seed)
     table = repeated_searches(["single", "piecewise"], *arguments)

@@ -28,7 +28,7 @@ class Fast:
         return LEFT_TURN.outcome_type(**columns | flags)
 
 
-PROBLEM = Problem(LEFT_TURN, left_turn_law(), Fast())
+PROBLEM = Problem(LEFT_TURN, Fast(), law=left_turn_law())
 EXACT = truncnorm((0 - 7) / 3, (60 - 7) / 3, 7, 3).sf(LIMIT)  # turning speeds of the law
 METHODS_OF_SCORES = ("crude", "normal_mixture", "surrogate")
 
@@ -111,7 +111,7 @@ OTHER = normal_law((14, 7, 60), np.eye(3), Box(("a", "b", "c"), (0, 0, 0), (30, 
 )
 def test_a_law_beyond_the_limits_or_of_another_scenario_is_refused(scenario, law, message, tmp_path):
     with pytest.raises(InputError, match=message):
-        Problem(scenario, law, Fast())
+        Problem(scenario, Fast(), law=law)
     if law is not CUT_INS:
         write_law(tmp_path / "law.json", law)
         with pytest.raises(InputError, match=message):

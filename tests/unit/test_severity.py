@@ -31,7 +31,7 @@ def test_variation_is_that_of_the_weights():
     )
     exact = exact_variation(crash_map, law, {"5-15": proposal})
     weights = Sample.of(
-        Problem(CUT_IN, law, car), "5-15", proposal, np.random.default_rng(2), 1_000_000
+        Problem(CUT_IN, car, law=law), "5-15", proposal, np.random.default_rng(2), 1_000_000
     ).weight
     assert exact["5-15"] == exact[ALL]
     # The relative error of a sample's variance is about sqrt((kurtosis - 1) / n).

@@ -37,9 +37,9 @@ def test_the_method_is_registered_and_gives_the_numbers_of_the_sampler():
 
 def test_an_event_that_may_have_several_parts_has_a_strict_certificate():
     crash = LEFT_TURN.events[0]
-    problem = Problem(LEFT_TURN, left_turn_law(), load_vehicle("acc_aeb", LEFT_TURN), crash)
+    problem = Problem(LEFT_TURN, load_vehicle("acc_aeb", LEFT_TURN), crash, law=left_turn_law())
     strict, usual = (
-        sampler_of(each, np.random.default_rng(0)) for each in (problem, Problem(CUT_IN, LAW, Corner()))
+        sampler_of(each, np.random.default_rng(0)) for each in (problem, Problem(CUT_IN, Corner(), law=LAW))
     )
     assert strict.certificate == rules_for(LEFT_TURN, crash)["certificate"]
     assert (strict.certificate.share, strict.certificate.filled) == (3.0, crash.filled)
@@ -66,7 +66,7 @@ def test_a_vehicle_that_says_nothing_is_drawn_from_the_law_and_one_that_says_so_
     silent, said = Corner(), Corner()
     silent.deterministic, said.deterministic = None, True
     for vehicle, draws in ((silent, ENOUGH_DRAWS), (said, 0)):
-        found = Surrogate().estimate(Problem(CUT_IN, LAW, vehicle), GOAL, np.random.default_rng(1))
+        found = Surrogate().estimate(Problem(CUT_IN, vehicle, law=LAW), GOAL, np.random.default_rng(1))
         assert found.converged
         assert found.diagnostics["law_draws"] == draws
 

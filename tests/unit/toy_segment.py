@@ -63,7 +63,7 @@ def toy(inverse_range, inverse_ttc):
 def before(vehicle, cap=math.inf):
     """Return the problem of a vehicle before cut-ins of one segment, all at 20 m/s."""
     law = IndependentLaw("toy", {"all": 1}, F.first, {"all": F.second}, {"all": Empirical([20.0])}, cap)
-    return Problem(CUT_IN, law, vehicle)
+    return Problem(CUT_IN, vehicle, law=law)
 
 
 def families(method):

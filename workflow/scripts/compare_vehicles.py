@@ -30,7 +30,7 @@ if __name__ == "__main__":
         with all_loaded(params.vehicles, simulations, scenario) as vehicles:
             for name, vehicle in vehicles.items():
                 way = fast_way(records, params.scenario["simulations"], maps.get(name))
-                problem = Problem(scenario, draws.proposal, vehicle, scenario.events[0])
+                problem = Problem(scenario, vehicle, scenario.events[0], law=draws.proposal)
                 answers[name] = evaluate(problem, draws, way, generator=stream("references", name))
         own = {name: pd.read_csv(path) for name, path in files.items() if name in params.own}
         criteria = criteria_of(params.criteria, scenario)

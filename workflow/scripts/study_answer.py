@@ -29,7 +29,7 @@ if __name__ == "__main__":
         events, half_width = events_of(scenario, params.events), settings["importance_sampling"]["beta"]
         simulations = params.simulations | {"workers": snakemake.threads}
         with loaded_for(settings["vehicle"], simulations, scenario) as vehicle:
-            problem = Problem(scenario, draws.proposal, vehicle, scenario.events[0])
+            problem = Problem(scenario, vehicle, scenario.events[0], law=draws.proposal)
             tables = answer_tables(problem, study, draws, records, way, events, half_width, stream)
         verdict = Verdict.of(read_report(files.report))
         write_law(outputs.pop("law"), study.law(), records.table, verdict)

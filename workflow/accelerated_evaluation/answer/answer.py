@@ -1,8 +1,8 @@
 """The answer: the probability of an event over all laws that the records support, however it was computed."""
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
-from typing import Any, Protocol, Self
+from dataclasses import dataclass, field, replace
+from typing import Any, Protocol, Self, runtime_checkable
 
 import numpy as np
 import pandas as pd
@@ -10,10 +10,14 @@ from numpy.typing import NDArray
 
 from accelerated_evaluation.answer.calibration import mid_p
 from accelerated_evaluation.answer.posterior import Posterior, SampledPosterior, answer_row, budget
+from accelerated_evaluation.base.arguments import A_GENERATOR, Argument, checked, one_of
 from accelerated_evaluation.base.arrays import Array
-from accelerated_evaluation.laws.draws import Draws
+from accelerated_evaluation.laws import Law
+from accelerated_evaluation.laws.draws import Draws, as_draws
 from accelerated_evaluation.methods.problem import Problem
 from accelerated_evaluation.scenarios.protocol import Event
+from accelerated_evaluation.vehicles.loading import checked_vehicle
+from accelerated_evaluation.vehicles.protocol import event_named
 
 # An answer is rejected unless the mid-p value of the number of events among replayed records exceeds this
 # value.
@@ -160,6 +164,7 @@ class Answer:
         return budget(self.posterior.alone, deviation, self.fixed)
 
 
+@runtime_checkable
 class Way(Protocol):
     """A way to compute an answer: `Map`, `Simulations` or `FewRuns`."""
 
@@ -169,33 +174,73 @@ class Way(Protocol):
         """Compute the answer for the event of a problem, and for further events."""
 
 
+def _draws(value: object) -> Draws:
+    if not isinstance(value, Draws | Law):
+        raise TypeError
+    return as_draws(value)
+
+
+def _way(value: object) -> Way:
+    if isinstance(value, type) or not isinstance(value, Way):
+        raise TypeError
+    return value
+
+
+@checked(
+    problem=one_of(Problem, words="a problem", change="Make one with Problem(scenario, vehicle, event)."),
+    draws=Argument(
+        "draws of the law of the encounters, or a law", _draws, "LawStudy and as_draws make draws."
+    ),
+    by=Argument(
+        "a way: Map, Simulations or FewRuns, with its settings", _way, "Write, for example, FewRuns()."
+    ),
+    generator=A_GENERATOR,
+)
 def evaluate(
     problem: Problem,
     draws: Draws,
     by: Way,
-    events: Sequence[Event] = (),
+    events: Sequence[Event | str] = (),
     *,
-    generator: np.random.Generator,
+    generator: np.random.Generator | int,
 ) -> Answer:
     """Return the probability of an event under all draws of the law.
 
     Parameters
     ----------
     problem
-        Scenario, vehicle and event. Its law is not used; the encounters come from the draws.
+        Scenario, vehicle and event. A law of the problem is not used; the encounters come from the draws. The
+        outcomes of a vehicle that is a user's object or function are checked.
     draws
-        Draws of the law of the encounters.
+        Draws of the law of the encounters, or one law.
     by
         The way: `Map` for a fast vehicle in cut-ins, `Simulations` for any other fast vehicle, `FewRuns` for
         a slow vehicle.
     events
-        Further events whose probability is given, if the way allows it.
+        Further events, or texts such as ``impact_speed=5``, whose probability is given, if the way allows it.
     generator
-        Source of all randomness.
+        Source of all randomness, or a seed.
 
     Returns
     -------
     Answer
         Posterior of the probability of each event, with tables and a text.
+
+    Raises
+    ------
+    InputError
+        If an argument is none of these, if the draws are of another scenario, or if the vehicle fails.
+
+    Examples
+    --------
+    >>> import accelerated_evaluation as ae
+    >>> records = ae.read_records("left_turn")
+    >>> draws = ae.choose_draws("independent_variables", records)
+    >>> found = ae.evaluate(ae.Problem("left_turn", "acc_aeb"), draws, ae.Simulations(20_000), generator=1)
+    >>> 0 < found.posterior.probability < 0.01
+    True
     """
-    return by.answer(problem, draws, events, generator)
+    scenario = problem.scenario
+    others = [event_named(each, scenario, "events") if isinstance(each, str) else each for each in events]
+    vehicle = checked_vehicle(problem.vehicle, scenario)
+    return by.answer(replace(problem, vehicle=vehicle, law=draws.proposal), draws, others, generator)

@@ -97,7 +97,6 @@ class FewRuns:
         self, problem: Problem, draws: Draws, events: Sequence[Event], generator: np.random.Generator
     ) -> Answer:
         """Return the probability of the event under each draw, and of further events that are parts of it."""
-        problem = replace(problem, law=draws.proposal)
         own = {"batch_size": self.batch_size, "predecessor": self.predecessor}
         runs = Runs.of(problem, draws, sampler_of(problem, generator, **own))
         for _ in run_batches(runs.sampler, runs, self.stopping, lambda: self._is_enough(runs)):

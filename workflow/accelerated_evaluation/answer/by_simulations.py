@@ -105,7 +105,7 @@ def compare_methods(
     event = event_named(config["scenario"]["event"], scenario)
     parts: dict[str, list[pd.DataFrame]] = {"estimates": [], "runs": []}
     for law_name, law in laws.items():
-        problem = Problem(scenario, law, vehicle, event)
+        problem = Problem(scenario, vehicle, event, law=law)
         for name in METHODS_OF_SCORES:
             method = METHODS[name].configured(config)
             count = method.replicates(config) or 1

@@ -5,7 +5,7 @@ import math
 import os
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from functools import cached_property, partial
 from pathlib import Path
 from typing import Any
@@ -51,7 +51,7 @@ from accelerated_evaluation.methods.surrogate import (
 )
 from accelerated_evaluation.records.checks import Records
 from accelerated_evaluation.records.verdict import Verdict, verdict_on
-from accelerated_evaluation.scenarios import SCENARIOS, Scenario
+from accelerated_evaluation.scenarios import SCENARIOS, Event, Scenario
 from accelerated_evaluation.vehicles.external.slow import SlowVehicle, is_slow, loaded_for
 from accelerated_evaluation.vehicles.loading import load_vehicle, vehicles_of
 from accelerated_evaluation.vehicles.protocol import event_named, events_of
@@ -258,7 +258,7 @@ def estimate(config: Mapping[str, Any], request: Request) -> Estimated:
     with loaded_for(config["vehicle"], config["simulations"], scenario) as vehicle, _progress() as show:
         records = read_records(config, lambda checked: verdicts.append(_verdict(checked, request, config)))
         draws = choose_draws(request.law, records, config)
-        problem = Problem(scenario, draws.proposal, vehicle, event)
+        problem = Problem(scenario, vehicle, event, law=draws.proposal)
         known = None if request.predecessor is None else read_predecessor(request.predecessor, problem)
         way = FewRuns.configured(config, share=request.sampling_share, predecessor=known, on_batch=show)
         further = events_of(scenario, config["answer"]["events"])
@@ -267,7 +267,7 @@ def estimate(config: Mapping[str, Any], request: Request) -> Estimated:
             problem, draws, records, way, further, streams, request.replicates
         )
     compared = {
-        name: reference_answer(name, section, replace(problem, vehicle=None), draws, records, config)
+        name: reference_answer(name, section, event, draws, records, config)
         for name, section in references.items()
     }
     slow = vehicle if isinstance(vehicle, SlowVehicle) else None
@@ -309,19 +309,20 @@ def reference_section(name: str, scenario: Scenario, config: Mapping[str, Any]) 
 def reference_answer(
     name: str,
     section: Mapping[str, Any],
-    problem: Problem,
+    event: Event,
     draws: Draws,
     records: FittedRecords,
     config: Mapping[str, Any],
 ) -> Answer:
     """Return the answer of a fast vehicle, by its section, under the same draws of the law."""
     generator = child_generator(config["seed"], "laws", "references", name)
-    with loaded_for(section, config["simulations"], problem.scenario) as vehicle:
+    scenario = records.scenario
+    with loaded_for(section, config["simulations"], scenario) as vehicle:
         way: Way = Simulations(config["scenario"]["simulations"])
         if isinstance(records.data, DistinctRecords):
             grid = Grid(**{key: config["filters"][key] for key in LIMITS}, **config["answer"]["grid"])
-            way = Map(map_crashes(vehicle, grid, [problem.event], generator), records.data)
-        return evaluate(replace(problem, vehicle=vehicle), draws, way, generator=generator)
+            way = Map(map_crashes(vehicle, grid, [event], generator), records.data)
+        return evaluate(Problem(scenario, vehicle, event), draws, way, generator=generator)
 
 
 @contextmanager

@@ -11,6 +11,7 @@ import pandas as pd
 from fewruns.problems import Response
 from numpy.typing import NDArray
 
+from accelerated_evaluation.base.arguments import checked, one_of
 from accelerated_evaluation.base.arrays import Array
 from accelerated_evaluation.base.errors import InputError
 from accelerated_evaluation.base.files import without_addresses
@@ -18,16 +19,21 @@ from accelerated_evaluation.laws import Law
 from accelerated_evaluation.laws.files import read_law
 from accelerated_evaluation.laws.joint.truncated_normals import TruncatedNormalMixture, folded
 from accelerated_evaluation.records.segments import read_encounters
-from accelerated_evaluation.scenarios import SCENARIOS
+from accelerated_evaluation.scenarios import A_SCENARIO
 from accelerated_evaluation.scenarios.protocol import Event, Scenario
 from accelerated_evaluation.vehicles.external.slow import loaded_for
-from accelerated_evaluation.vehicles.protocol import Vehicle, repeats_itself
+from accelerated_evaluation.vehicles.loading import as_vehicle
+from accelerated_evaluation.vehicles.protocol import Vehicle, event_named, repeats_itself
 
 REACH = 8.0  # largest absolute value of a normal score
 HALVINGS = 50  # after which the interval of a score is shorter than the resolution of floats
 SAME = 1e-6  # relative tolerance for an encounter that its normal scores reproduce
 
+AN_EVENT = one_of(Event, words="an event, or text such as 'crash' or 'impact_speed=5'")
+A_LAW = one_of(Law, words="a law of the encounters", change="Fit one, or read a law file with read_law.")
 
+
+@checked(scenario=A_SCENARIO)
 @dataclass(frozen=True)
 class Problem:
     """A vehicle in the encounters of a scenario that follow a law, and an event whose probability is sought.
@@ -35,46 +41,49 @@ class Problem:
     Parameters
     ----------
     scenario
-        The scenario, which names the d variables of an encounter.
-    law
-        Law of the variables.
+        The scenario, which names the d variables of an encounter; or its name.
     vehicle
-        Object whose ``simulate`` takes one array of shape (n,) for each variable.
+        Object whose ``simulate`` takes one array of shape (n,) for each variable, a function like this
+        method, or the name of a vehicle as in `load_vehicle`.
     event
-        An event of the outcomes; by default the first of the scenario, the crash.
+        An event of the outcomes, or text such as ``impact_speed=5``; by default the first event of the
+        scenario, the crash.
+    law
+        Law of the variables. `evaluate` needs none, because it takes the encounters from draws of the law.
     graded
         Whether samplers may use the score of the event, in addition to whether it happened.
 
     Raises
     ------
     InputError
-        If the law has other variables than the scenario, or exceeds its limits.
+        If an argument is none of these, or if the law has other variables than the scenario or exceeds its
+        limits.
 
     Examples
     --------
-    >>> from accelerated_evaluation.laws import LAWS, Box
-    >>> from accelerated_evaluation.scenarios import SCENARIOS
-    >>> from accelerated_evaluation.vehicles import load_vehicle
-    >>> left_turn, generator = SCENARIOS["left_turn"], np.random.default_rng(1)
-    >>> box = Box(left_turn.names, (5.0, 2.0, 5.0), (20.0, 12.0, 60.0))
-    >>> records = generator.uniform(box.lower, box.upper, (100, 3))
-    >>> law = LAWS["independent_variables"].fit(records, box, generator)
-    >>> problem = Problem(left_turn, law, load_vehicle("acc_aeb", left_turn))
+    >>> import accelerated_evaluation as ae
+    >>> problem = ae.Problem("left_turn", "acc_aeb")
     >>> outcomes = problem.simulate(np.array([[14.0, 4.0, 5.0], [14.0, 4.0, 60.0]]))
     >>> problem.event.happens(outcomes)
     array([ True, False])
     """
 
     scenario: Scenario
-    law: Law
     vehicle: Vehicle
     event: Event = None  # type: ignore[assignment]
+    law: Law = None  # type: ignore[assignment]
     graded: bool = True
 
     def __post_init__(self) -> None:
-        if self.event is None:
-            object.__setattr__(self, "event", self.scenario.events[0])
-        require_law(self.scenario, self.law)
+        where, event = "Problem, argument", self.event
+        if event is None:
+            event = self.scenario.events[0]
+        elif isinstance(event, str):
+            event = event_named(event, self.scenario, f"{where} event")
+        object.__setattr__(self, "event", AN_EVENT.of(event, f"{where} event"))
+        object.__setattr__(self, "vehicle", as_vehicle(self.vehicle, self.scenario, f"{where} vehicle"))
+        if self.law is not None:
+            require_law(self.scenario, A_LAW.of(self.law, f"{where} law"))
 
     @property
     def dimension(self) -> int:
@@ -175,7 +184,7 @@ def loaded_problem(
     ``encounters`` is the table to which the law was fitted.
     """
     with loaded_for(vehicle, simulations) as car:
-        yield Problem(SCENARIOS["cut_in"], read_law(law, read_encounters(encounters)), car)
+        yield Problem("cut_in", car, law=read_law(law, read_encounters(encounters)))
 
 
 def normal_scores(from_normal_scores: Callable[[Array], Array], x: Array) -> tuple[Array, NDArray[np.bool_]]:

@@ -1,8 +1,10 @@
 """Scenarios: kinds of encounters, each with its variables, limits, outcomes, events, records and vehicles."""
 
+from accelerated_evaluation.base.arguments import by_name
 from accelerated_evaluation.base.registry import Registry
 from accelerated_evaluation.scenarios.protocol import Event, Outcome, Scenario, Variable, outcome
 
 SCENARIOS: Registry[Scenario] = Registry("scenario", __name__, __path__, contract=[Scenario])
+A_SCENARIO = by_name(SCENARIOS, Scenario, "a scenario")  # as an argument of public functions
 
-__all__ = ["SCENARIOS", "Event", "Outcome", "Scenario", "Variable", "outcome"]
+__all__ = ["A_SCENARIO", "SCENARIOS", "Event", "Outcome", "Scenario", "Variable", "outcome"]

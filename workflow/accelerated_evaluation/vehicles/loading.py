@@ -2,14 +2,16 @@
 
 import difflib
 import inspect
-from collections.abc import Iterable, Mapping
+from collections.abc import Callable, Iterable, Mapping
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+from accelerated_evaluation.base.arguments import checked, described
 from accelerated_evaluation.base.errors import InputError, StudyError
 from accelerated_evaluation.base.tables import require_file
 from accelerated_evaluation.base.users_code import error_in_words, import_file, kept_alive
-from accelerated_evaluation.scenarios import SCENARIOS
+from accelerated_evaluation.scenarios import A_SCENARIO, SCENARIOS
 from accelerated_evaluation.scenarios.cut_in import CUT_IN
 from accelerated_evaluation.scenarios.parameters import parameter_names, required_names
 from accelerated_evaluation.scenarios.protocol import Scenario
@@ -17,16 +19,19 @@ from accelerated_evaluation.vehicles.external.checked import (
     CheckedVehicle,
     ForeignVehicle,
 )
-from accelerated_evaluation.vehicles.protocol import VEHICLES, Vehicle
+from accelerated_evaluation.vehicles.protocol import VEHICLES, RandomVehicle, Vehicle
 
+PACKAGE = __name__.partition(".")[0]
 ANY_SCENARIO = ("command",)  # vehicles that simulate the encounters of every scenario
 
 
+@checked(scenario=A_SCENARIO)
 def vehicles_of(scenario: Scenario) -> Mapping[str, type[Vehicle]]:
     """Return the classes of the vehicles of a scenario by name; ``command`` is any program of the user."""
     return dict(sorted({**scenario.vehicles, **{name: VEHICLES[name] for name in ANY_SCENARIO}}.items()))
 
 
+@checked(scenario=A_SCENARIO)
 def load_vehicle(name: str, scenario: Scenario = CUT_IN, /, **parameters: Any) -> Vehicle:  # noqa: ANN401
     """Return the vehicle with a given name and given parameters.
 
@@ -36,7 +41,7 @@ def load_vehicle(name: str, scenario: Scenario = CUT_IN, /, **parameters: Any) -
         A name in `vehicles_of`: a built-in vehicle, or ``command`` or ``fmu`` for a program of the user. Or
         ``path/to/file.py:ClassName`` for a class of the user with a method ``simulate`` as in `Vehicle`.
     scenario
-        The scenario whose encounters the vehicle simulates.
+        The scenario whose encounters the vehicle simulates, or its name.
     **parameters
         Parameters that are passed to the class of the vehicle, whose documentation lists them.
 
@@ -49,6 +54,13 @@ def load_vehicle(name: str, scenario: Scenario = CUT_IN, /, **parameters: Any) -
     ------
     InputError
         If there is no such vehicle, file, class or parameter, or if the class cannot be used.
+
+    Examples
+    --------
+    >>> import accelerated_evaluation as ae
+    >>> car = ae.load_vehicle("acc_aeb", aeb=False)
+    >>> car.simulate([20.0, 20.0], [9.0, 50.0], [8.0, 8.0]).crash
+    array([ True, False])
     """
     if ":" in name or name.endswith(".py"):
         return _load_user_vehicle(name, scenario, parameters)
@@ -83,6 +95,43 @@ def load_vehicle(name: str, scenario: Scenario = CUT_IN, /, **parameters: Any) -
         return vehicle
     vehicle.scenario = scenario
     return CheckedVehicle(vehicle, vehicle.name, scenario)
+
+
+@dataclass(frozen=True)
+class FunctionVehicle:
+    """A function of the variables of a scenario as a vehicle."""
+
+    simulate: Callable[..., Any]
+
+
+def as_vehicle(vehicle: object, scenario: Scenario, where: str) -> Vehicle:
+    """Return a vehicle that is given by its name, by an object with a method simulate, or by such a function.
+
+    ``where`` names the argument in an error.
+    """
+    if isinstance(vehicle, str):
+        return load_vehicle(vehicle, scenario)
+    if callable(getattr(vehicle, "simulate", None)) and not inspect.isclass(vehicle):
+        return vehicle
+    if callable(vehicle) and not inspect.isclass(vehicle):
+        return FunctionVehicle(vehicle)
+    raise InputError(
+        where,
+        seen=described(vehicle),
+        expected=f"an object with a method simulate({', '.join(scenario.names)}), such a function, or a name",
+        change=f"Write {vehicle.__name__}()." if inspect.isclass(vehicle) else "Pass the vehicle.",
+    )
+
+
+def checked_vehicle(vehicle: Vehicle, scenario: Scenario) -> Vehicle:
+    """Return a vehicle whose outcomes are checked, which those of a user's own class or function need.
+
+    Vehicles that have a crash map although their outcomes are random are left as they are.
+    """
+    own = vehicle.simulate if isinstance(vehicle, FunctionVehicle) else type(vehicle)
+    if own.__module__.partition(".")[0] == PACKAGE or isinstance(vehicle, RandomVehicle):
+        return vehicle
+    return CheckedVehicle(vehicle, own.__qualname__, scenario)
 
 
 def vehicle_files(name: str, parameters: Mapping[str, Any], scenario: Scenario = CUT_IN) -> list[str]:

@@ -7,9 +7,11 @@ from typing import Any, Protocol, runtime_checkable
 import numpy as np
 from numpy.typing import NDArray
 
+from accelerated_evaluation.base.arguments import checked
 from accelerated_evaluation.base.arrays import Array
 from accelerated_evaluation.base.errors import InputError
 from accelerated_evaluation.base.registry import Registry
+from accelerated_evaluation.scenarios import A_SCENARIO
 from accelerated_evaluation.scenarios.cut_in import CUT_IN, Outcomes
 from accelerated_evaluation.scenarios.protocol import Event, Outcome, Scenario
 
@@ -103,6 +105,7 @@ VEHICLES: Registry[type[Vehicle]] = CUT_IN.vehicles
 CRASH = CUT_IN.event("crash")
 
 
+@checked(scenario=A_SCENARIO)
 def event_named(text: str, scenario: Scenario = CUT_IN, where: str = "--event") -> Event:
     """Return the event that a text such as ``crash`` or ``impact_speed=5`` names.
 
@@ -112,7 +115,7 @@ def event_named(text: str, scenario: Scenario = CUT_IN, where: str = "--event") 
         ``crash`` or another event without a threshold; or a quantity and a threshold in its unit, separated
         by an equals sign.
     scenario
-        The scenario, whose events determine the possible quantities.
+        The scenario, whose events determine the possible quantities; or its name.
     where
         Name of the option or key of the configuration, for the error.
 
@@ -120,6 +123,13 @@ def event_named(text: str, scenario: Scenario = CUT_IN, where: str = "--event") 
     ------
     InputError
         If the scenario has no such event, or the threshold is missing, negative or not a number.
+
+    Examples
+    --------
+    >>> import accelerated_evaluation as ae
+    >>> event = ae.event_named("impact_speed=5", "left_turn")
+    >>> ae.SCENARIOS["left_turn"].event_in_words(event)
+    'crash above 5 m/s'
     """
     quantity, _, threshold = text.partition("=")
     try:
