@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 import typst
-from accelerated_evaluation import InputError, StudyError, load, resolved
+from accelerated_evaluation import InputError, StudyError, load
 from accelerated_evaluation.base.files import write_json
 from accelerated_evaluation.publishing.article.pdf import Sources, compile_text, numbers_of, write_article
 from accelerated_evaluation.publishing.article.tables import TEXT, Tables, plain, shown_figures
@@ -68,7 +68,7 @@ def test_a_typed_number_is_found(text, typed):
 def study(tmp_path_factory):
     """The published tables and figures of the default study, and its configuration."""
     results = tmp_path_factory.mktemp("results") / "spmd"
-    write_json(results / "config.json", resolved(load()))
+    write_json(results / "config.json", load())
     return Study(results, ROOT / "figures" / "spmd")
 
 

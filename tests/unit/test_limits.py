@@ -6,7 +6,7 @@ from pathlib import Path
 import numpy as np
 import pandas as pd
 import pytest
-from accelerated_evaluation import SOURCES, InputError, cli, load, resolved
+from accelerated_evaluation import SOURCES, InputError, cli
 from accelerated_evaluation.answer import estimation as alone
 from accelerated_evaluation.laws.smooth.family import DistinctRecords, Fitter, members_at
 from accelerated_evaluation.laws.smooth.splines import Support
@@ -20,7 +20,7 @@ from accelerated_evaluation.records.limits import (
     with_limits,
     with_values,
 )
-from accelerated_evaluation.study.configuration import ConfigurationError, completed, validate
+from accelerated_evaluation.study.configuration import ConfigurationError, completed, load, resolved, validate
 from motorway import motorway_, motorway_table  # noqa: F401
 
 ROOT = Path(__file__).resolve().parents[2]

@@ -13,8 +13,7 @@ _HOME = {
     "InputError": "base.errors",
     "StudyError": "base.errors",
     "child_generator": "base.randomness",
-    "load": "study.configuration",
-    "resolved": "study.configuration",
+    "load": "study.door",
     # Scenarios and records.
     "CUT_IN": "scenarios.cut_in",
     "Event": "scenarios.protocol",
@@ -27,7 +26,7 @@ _HOME = {
     "Verdict": "records.verdict",
     "event_named": "vehicles.protocol",
     "outcome": "scenarios.protocol",
-    "read_records": "answer.fitted_records",
+    "read_records": "study.door",
     # Laws of the encounters.
     "Box": "laws.protocol",
     "Draws": "laws.draws",
@@ -39,11 +38,12 @@ _HOME = {
     "OneLaw": "laws.draws",
     "StratifiedLaw": "laws.strata",
     "as_draws": "laws.draws",
-    "choose_draws": "answer.choice",
-    "fit_paper_law": "answer.choice",
+    "choose_draws": "study.door",
+    "fit_paper_law": "study.door",
     "read_law": "laws.files",
     "write_law": "laws.files",
     # Vehicles, and what is asked about them.
+    "Outcomes": "scenarios.cut_in",
     "Problem": "methods.problem",
     "VEHICLES": "vehicles",
     "Vehicle": "vehicles.protocol",
@@ -67,7 +67,7 @@ _HOME = {
     # The command `estimate` as a function.
     "Estimated": "answer.estimation",
     "Request": "answer.estimation",
-    "estimate": "answer.estimation",
+    "estimate": "study.door",
 }
 __all__ = sorted(_HOME)
 

@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 
 from accelerated_evaluation.answer.calibration import mid_p
 from accelerated_evaluation.answer.posterior import Posterior, SampledPosterior, answer_row, budget
+from accelerated_evaluation.answer.words import answer_in_words, budget_in_words
 from accelerated_evaluation.base.arguments import A_GENERATOR, Argument, checked, one_of
 from accelerated_evaluation.base.arrays import Array
 from accelerated_evaluation.laws import Law
@@ -74,7 +75,7 @@ class Replayed:
         return bool(mid_p(self.events, self.records * probability) > MISSED)
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, repr=False)
 class Answer:
     """The probability of the events of a problem under K draws of the law, and what it was computed from.
 
@@ -152,6 +153,21 @@ class Answer:
             contains = "" if posterior is None else ", ".join(posterior.sources)
             rows.append(row | {"per_km": rate, "contains": contains})
         return pd.DataFrame(rows)
+
+    def in_words(self) -> str:
+        """Return the answer in words: probability, intervals, what they rest on, and simulations."""
+        scenario = self.problem.scenario
+        lines = answer_in_words(self.table().iloc[0].to_dict(), self.sources, scenario.noun)
+        lines += budget_in_words(self.budget())
+        counted = "" if self.simulations is None else f"{self.simulations:,} simulations, "
+        ended = "converged" if self.converged else "NOT CONVERGED: more simulations may change it"
+        drawn = f"{self.draws.size:,} draw{'s' * (self.draws.size > 1)}"
+        lines.append(f"{counted}{ended}; {drawn} of the law of {scenario.noun}s")
+        return "\n".join(lines)
+
+    def __repr__(self) -> str:
+        """Return the answer in words."""
+        return self.in_words()
 
     def budget(self, sampling_deviation: float | None = None) -> pd.DataFrame:
         """Return the variance of the logarithm of the main event by source (`posterior.budget`).

@@ -22,17 +22,13 @@ from accelerated_evaluation.answer.choice import ANSWER, FILE, choose_draws
 from accelerated_evaluation.answer.comparison import compare_estimates, compared_table, require_estimate
 from accelerated_evaluation.answer.criterion import Criterion, criteria_of
 from accelerated_evaluation.answer.deciding import criteria_in_words, criteria_tables
-from accelerated_evaluation.answer.estimate_tables import (
-    answer_in_words,
-    budget_in_words,
-    estimate_tables,
-    ratio_in_words,
-)
+from accelerated_evaluation.answer.estimate_tables import estimate_tables
 from accelerated_evaluation.answer.evidence import Evidence, checked_answers
 from accelerated_evaluation.answer.extrapolation import in_words
 from accelerated_evaluation.answer.fitted_records import FittedRecords, read_records, records_named
 from accelerated_evaluation.answer.posterior import LEVEL
 from accelerated_evaluation.answer.study_tables import injured_by_level, risks_table
+from accelerated_evaluation.answer.words import answer_in_words, budget_in_words, ratio_in_words
 from accelerated_evaluation.base.errors import InputError
 from accelerated_evaluation.base.files import write_csv
 from accelerated_evaluation.base.randomness import child_generator

@@ -3,7 +3,7 @@
 import inspect
 import math
 import operator
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import wraps
 from typing import Any, TypeVar
@@ -103,6 +103,17 @@ def a_number(low: float = -math.inf, high: float = math.inf, *, whole: bool = Fa
 
     ends = [f" of {low:g} or more" if high == math.inf else f" from {low:g} to {high:g}"]
     return Argument(f"a {'whole ' * whole}number{'' if low == -math.inf else ends[0]}", take)
+
+
+def a_choice(names: Sequence[str]) -> Argument:
+    """Return an argument that is one of a few names."""
+
+    def take(value: object) -> str:
+        if value not in names:
+            raise ValueError
+        return value
+
+    return Argument(f"one of {', '.join(names)}", take)
 
 
 def by_name(registry: Mapping[str, Any], kind: type, words: str) -> Argument:

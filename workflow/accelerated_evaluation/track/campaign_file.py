@@ -15,8 +15,8 @@ from fewruns.estimates import Stopping
 from fewruns.state import MISFIT, checksum, content_of, decode, encode, sampler_of
 
 from accelerated_evaluation.answer.by_few_runs import laws_of
-from accelerated_evaluation.answer.estimate_tables import answer_in_words, budget_in_words
 from accelerated_evaluation.answer.posterior import LEVEL, SampledPosterior, answer_row, budget
+from accelerated_evaluation.answer.words import answer_in_words, budget_in_words
 from accelerated_evaluation.base.arrays import Array
 from accelerated_evaluation.base.errors import InputError, located
 from accelerated_evaluation.base.files import read_json, write_text

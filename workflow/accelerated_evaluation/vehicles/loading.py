@@ -58,8 +58,8 @@ def load_vehicle(name: str, scenario: Scenario = CUT_IN, /, **parameters: Any) -
     Examples
     --------
     >>> import accelerated_evaluation as ae
-    >>> car = ae.load_vehicle("acc_aeb", aeb=False)
-    >>> car.simulate([20.0, 20.0], [9.0, 50.0], [8.0, 8.0]).crash
+    >>> car = ae.load_vehicle("acc_aeb")
+    >>> car.simulate([20.0, 20.0], [5.0, 50.0], [18.0, 8.0]).crash
     array([ True, False])
     """
     if ":" in name or name.endswith(".py"):

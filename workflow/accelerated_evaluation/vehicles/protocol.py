@@ -129,7 +129,7 @@ def event_named(text: str, scenario: Scenario = CUT_IN, where: str = "--event") 
     >>> import accelerated_evaluation as ae
     >>> event = ae.event_named("impact_speed=5", "left_turn")
     >>> ae.SCENARIOS["left_turn"].event_in_words(event)
-    'crash above 5 m/s'
+    'impact speed above 5 m/s'
     """
     quantity, _, threshold = text.partition("=")
     try:

@@ -1,0 +1,69 @@
+"""Rows of the tables of an answer in words."""
+
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+import numpy as np
+import pandas as pd
+
+from accelerated_evaluation.answer.posterior import CHOICE, DATA, LEVELS
+
+
+def answer_in_words(row: Mapping[str, Any], sources: Sequence[str], noun: str = "encounter") -> list[str]:
+    """Return a row of the table ``answer`` as lines of text.
+
+    ``sources`` are the sources of uncertainty that the intervals contain (`Posterior.sources`), and ``noun``
+    is the name of one encounter.
+    """
+    if np.isnan(row["median"]):
+        return [f"{row['event']}: not known from these runs"]
+    intervals = (f"{100 * level:.0f}%: {_ends(row, level)}" for level in LEVELS)
+    per_km = "" if np.isnan(row["per_km"]) else f"; mean per kilometre {row['per_km']:.2g}"
+    article = "an" if noun[0] in "aeiou" else "a"
+    return [
+        f"{row['event']}: probability in {article} {noun} {row['median']:.3g} (median, {_one_in(row)}), "
+        f"{row['probability']:.3g} (mean){per_km}",
+        f"  {intervals_in_words(sources)}: {'; '.join(intervals)}",
+    ]
+
+
+def intervals_in_words(sources: Sequence[str]) -> str:
+    """Return which uncertainties the intervals of an answer contain, and which of the law they leave out."""
+    missing = [source for source in (DATA, CHOICE) if source not in sources]
+    without = f", without {_joined(missing)}" if missing else ""
+    return f"intervals with {_joined(sources)}{without}"
+
+
+def _joined(names: Sequence[str]) -> str:
+    """Return names as a list in words, such as "data, choice of law and sampling"."""
+    return " and ".join(part for part in (", ".join(names[:-1]), names[-1]) if part)
+
+
+def _one_in(row: Mapping[str, Any]) -> str:
+    """Return the median as one of so many encounters, with two significant digits."""
+    number = 1 / row["median"] if row["median"] > 0 else np.inf
+    return f"one in {float(f'{number:.2g}'):,.0f}" if np.isfinite(number) else "never"
+
+
+def ratio_in_words(row: Mapping[str, Any]) -> str:
+    """Return a row of the table ``compared`` as a line of text."""
+    if np.isnan(row["ratio"]):
+        return f"ratio to {row['other']}: not known from these runs"
+    return (
+        f"ratio to {row['other']}: {row['ratio']:.3g}, 80% interval {row['ratio_low80']:.3g} to "
+        f"{row['ratio_high80']:.3g}; safer with probability {row['safer']:.3g}"
+    )
+
+
+def _ends(row: Mapping[str, Any], level: float) -> str:
+    return f"{row[f'low{100 * level:.0f}']:.3g} to {row[f'high{100 * level:.0f}']:.3g}"
+
+
+def budget_in_words(budget: pd.DataFrame) -> list[str]:
+    """Return the shares of the variance in the table ``budget`` as text; nothing if they are unknown."""
+    shares = budget.set_index("source")["variance_share"]
+    if shares.empty or shares.isna().any():
+        return []
+    sources = shares.drop("together").items()
+    parts = ", ".join(f"{source} {share:.0%}" for source, share in sources)
+    return [f"variance of the logarithm: {parts}; only the last becomes smaller with more simulations"]
