@@ -72,7 +72,16 @@ def main() -> None:
     draws = study.draws(child_generator(seed, "laws", "draws"))
     drawn = DrawnLaws.of(study, draws, child_generator(0, "none"))
     limits = config["filters"]
-    grid = Grid(limits["lead_speed_min"], limits["lead_speed_max"], limits["range_max"], 30, 50, 8, 45.0, 240)
+    grid = Grid(
+        lead_speed_min=limits["lead_speed_min"],
+        lead_speed_max=limits["lead_speed_max"],
+        range_max=limits["range_max"],
+        lead_speed_cells=30,
+        range_cells=50,
+        refinement=8,
+        closing_speed_max=45.0,
+        closing_speed_points=240,
+    )
     rows = []
     page = arguments.page or arguments.results / "book/explorer.html"
     with sync_playwright() as driver:

@@ -19,7 +19,16 @@ sys.path.append(str(ROOT / "fewruns" / "benchmarks"))
 import vehicles  # noqa: E402
 from problems import law  # noqa: E402
 
-GRID = Grid(5, 35, 75, 12, 24, 4, 45, 80)
+GRID = Grid(
+    lead_speed_min=5,
+    lead_speed_max=35,
+    range_max=75,
+    lead_speed_cells=12,
+    range_cells=24,
+    refinement=4,
+    closing_speed_max=45,
+    closing_speed_points=80,
+)
 
 
 def test_the_vehicles_are_those_that_the_study_compares():

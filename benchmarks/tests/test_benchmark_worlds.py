@@ -44,7 +44,21 @@ def family(events):
 
 @pytest.fixture(scope="module")
 def lines(events):
-    crash_map = map_crashes(RateCar(), Grid(5, 35, 75, 8, 60, 4, 45.0, 240), [], np.random.default_rng(2))
+    crash_map = map_crashes(
+        RateCar(),
+        Grid(
+            lead_speed_min=5,
+            lead_speed_max=35,
+            range_max=75,
+            lead_speed_cells=8,
+            range_cells=60,
+            refinement=4,
+            closing_speed_max=45.0,
+            closing_speed_points=240,
+        ),
+        [],
+        np.random.default_rng(2),
+    )
     return CrashLines.of(crash_map, events.lead_speed)
 
 

@@ -68,7 +68,16 @@ def prepare(config: dict, *, beyond: bool) -> WorldSettings:
     law = fit_paper_laws(segmented, config["models"], config["filters"]["range_max"], "records", np.inf)[
         "two_pieces"
     ]
-    grid = Grid(5, 35, 75, 30, 50, 12, TOP, 240)
+    grid = Grid(
+        lead_speed_min=5,
+        lead_speed_max=35,
+        range_max=75,
+        lead_speed_cells=30,
+        range_cells=50,
+        refinement=12,
+        closing_speed_max=TOP,
+        closing_speed_points=240,
+    )
     lines = CrashLines.of(map_crashes(AccAeb(), grid, [], child_generator(ROOT, "worlds", "map")), speed)
     made = worlds(family, law)
     if beyond:

@@ -154,7 +154,16 @@ def test_crude_monte_carlo_of_any_probability(probability):
 
 @pytest.fixture(scope="module", params=[0.0, math.inf, 0.05], ids=["always", "never", "below the knot"])
 def mapped(request):
-    grid = Grid(19, 21, 75, 4, 8, 2, 30, 60)
+    grid = Grid(
+        lead_speed_min=19,
+        lead_speed_max=21,
+        range_max=75,
+        lead_speed_cells=4,
+        range_cells=8,
+        refinement=2,
+        closing_speed_max=30,
+        closing_speed_points=60,
+    )
     events = events_from({"impact_speed": [0], "min_range": [1], "min_ttc": [1]})
     return map_crashes(From(request.param), grid, events, np.random.default_rng(1))
 

@@ -37,7 +37,16 @@ from accelerated_evaluation.vehicles import AccAeb, Outcomes
 from rate_car import RATE, RateCar, exponential_records
 
 SIZE, MEAN = 6000, 2.0
-GRID = Grid(5, 35, 75, 6, 20, 2, 45.0, 120)
+GRID = Grid(
+    lead_speed_min=5,
+    lead_speed_max=35,
+    range_max=75,
+    lead_speed_cells=6,
+    range_cells=20,
+    refinement=2,
+    closing_speed_max=45.0,
+    closing_speed_points=120,
+)
 SLOWEST, WIDTH, SHARE = 2.0, 0.013, 0.25
 
 

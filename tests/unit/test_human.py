@@ -24,7 +24,16 @@ from accelerated_evaluation.vehicles.builtin.human_kernel import (
 from accelerated_evaluation.vehicles.builtin.human_population import G, Population
 from accelerated_evaluation.vehicles.protocol import RandomVehicle, repeats_itself
 
-GRID = Grid(5, 35, 75, 10, 30, 4, 45.0, 60)
+GRID = Grid(
+    lead_speed_min=5,
+    lead_speed_max=35,
+    range_max=75,
+    lead_speed_cells=10,
+    range_cells=30,
+    refinement=4,
+    closing_speed_max=45.0,
+    closing_speed_points=60,
+)
 LAW = IndependentLaw(
     description="an example",
     counts={"all": 1},

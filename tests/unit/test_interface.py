@@ -1,5 +1,6 @@
 """The public interface: every name has an example on its page, and the page runs."""
 
+import doctest
 import re
 from pathlib import Path
 
@@ -18,6 +19,17 @@ def test_every_public_name_can_be_imported_and_has_an_example():
     assert used == set(ae.__all__)
     for name in ae.__all__:
         assert getattr(ae, name).__doc__ or name.isupper(), name
+
+
+CALLABLE = [name for name in ae.__all__ if not name.isupper()]
+
+
+@pytest.mark.parametrize("name", CALLABLE)
+def test_every_public_function_and_class_has_an_example_that_runs(name, tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    (found,) = doctest.DocTestFinder(recurse=False).find(getattr(ae, name), name)
+    assert found.examples, f"{name} has no example"
+    assert doctest.DocTestRunner().run(found).failed == 0
 
 
 def test_a_name_that_is_not_public_is_refused():

@@ -92,7 +92,21 @@ def family(fitter):
 
 @pytest.fixture(scope="module")
 def crash_map():
-    return ae.map_crashes(RateCar(), ae.Grid(5, 35, 75, 6, 20, 2, 45.0, 120), [], np.random.default_rng(2))
+    return ae.map_crashes(
+        RateCar(),
+        ae.Grid(
+            lead_speed_min=5,
+            lead_speed_max=35,
+            range_max=75,
+            lead_speed_cells=6,
+            range_cells=20,
+            refinement=2,
+            closing_speed_max=45.0,
+            closing_speed_points=120,
+        ),
+        [],
+        np.random.default_rng(2),
+    )
 
 
 def crash_probability(mean=MEAN):
@@ -495,7 +509,16 @@ def test_an_independent_tail_is_one_distribution(records):
 
 
 def test_the_study_car_has_crashes_at_short_range_first(records, family):
-    grid = ae.Grid(5, 35, 75, 6, 12, 2, 45.0, 80)
+    grid = ae.Grid(
+        lead_speed_min=5,
+        lead_speed_max=35,
+        range_max=75,
+        lead_speed_cells=6,
+        range_cells=12,
+        refinement=2,
+        closing_speed_max=45.0,
+        closing_speed_points=80,
+    )
     crash_map = ae.map_crashes(AccAeb(), grid, [], np.random.default_rng(11))
     lines = CrashLines.of(crash_map, records.lead_speed)
     nearest = lines.start[np.argsort(lines.places.range_[lines.row])]

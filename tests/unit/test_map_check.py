@@ -12,7 +12,16 @@ from accelerated_evaluation.vehicles import Outcomes
 from accelerated_evaluation.vehicles.protocol import CRASH
 from law_folder import LAW
 
-GRID = Grid(5, 15.1, 75, 8, 12, 2, 23.49, 60)
+GRID = Grid(
+    lead_speed_min=5,
+    lead_speed_max=15.1,
+    range_max=75,
+    lead_speed_cells=8,
+    range_cells=12,
+    refinement=2,
+    closing_speed_max=23.49,
+    closing_speed_points=60,
+)
 
 
 class Striped:

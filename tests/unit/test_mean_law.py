@@ -220,7 +220,19 @@ class QuickCloser:
 
 
 def test_the_map_of_a_reference_gives_the_mean_of_the_draws_and_each_of_them(law, encounters):
-    grid, generator = ae.Grid(5, 25, 60, 8, 30, 4, 120, 40), np.random.default_rng(4)
+    grid, generator = (
+        ae.Grid(
+            lead_speed_min=5,
+            lead_speed_max=25,
+            range_max=60,
+            lead_speed_cells=8,
+            range_cells=30,
+            refinement=4,
+            closing_speed_max=120,
+            closing_speed_points=40,
+        ),
+        np.random.default_rng(4),
+    )
     crash_map = ae.map_crashes(QuickCloser(), grid, [], generator)
     records = DistinctRecords.of(encounters, SUPPORT)
     problem = ae.Problem(ae.CUT_IN, QuickCloser(), law=law)

@@ -93,7 +93,16 @@ def opening():
 
 def problem(records, vehicle, motion=None, seed=1):
     """A problem with P(C > c) = exp(-c / MEAN) and P(R < r) = (r / 75)^SHAPE."""
-    grid = Grid(20.0, 34.91, 75.0, 5, 40, 2, 45.0, 200)
+    grid = Grid(
+        lead_speed_min=20.0,
+        lead_speed_max=34.91,
+        range_max=75.0,
+        lead_speed_cells=5,
+        range_cells=40,
+        refinement=2,
+        closing_speed_max=45.0,
+        closing_speed_points=200,
+    )
     crash_map = map_crashes(vehicle, grid, [], np.random.default_rng(seed))
     law = SpeedLaw(constant_hazard(speed_grid(), 1 / MEAN))
     return MovingProblem(

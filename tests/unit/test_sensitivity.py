@@ -22,7 +22,16 @@ from accelerated_evaluation.records.segments import assign_segments
 from accelerated_evaluation.vehicles import AccAeb
 
 CAP = 23.49
-GRID = Grid(5, 15, 75, 8, 40, 6, CAP, 120)
+GRID = Grid(
+    lead_speed_min=5,
+    lead_speed_max=15,
+    range_max=75,
+    lead_speed_cells=8,
+    range_cells=40,
+    refinement=6,
+    closing_speed_max=CAP,
+    closing_speed_points=120,
+)
 MODELS = {
     "inverse_range": {
         "pieces": "bounded exponential",

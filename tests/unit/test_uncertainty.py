@@ -22,7 +22,21 @@ LEVELS = Levels((0.8,), 0.95, *PIECES)
 
 @pytest.fixture(scope="module")
 def crash_map():
-    return map_crashes(AccAeb(), Grid(5, 15, 75, 8, 40, 6, CAP, 120), [], np.random.default_rng(1))
+    return map_crashes(
+        AccAeb(),
+        Grid(
+            lead_speed_min=5,
+            lead_speed_max=15,
+            range_max=75,
+            lead_speed_cells=8,
+            range_cells=40,
+            refinement=6,
+            closing_speed_max=CAP,
+            closing_speed_points=120,
+        ),
+        [],
+        np.random.default_rng(1),
+    )
 
 
 def table(rows, repeats=1):

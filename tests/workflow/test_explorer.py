@@ -63,7 +63,10 @@ SETTINGS = [
 @pytest.mark.parametrize(("name", "values", "parameters", "event"), SETTINGS)
 def test_probabilities_are_those_of_a_crash_map(watch, made, laws, name, values, parameters, event):  # noqa: F811
     drawn, lead_speeds, support = laws
-    grid = ae.Grid(*support.lead_speeds, support.range_max, 30, 50, 8, 45.0, 240)
+    low, high = support.lead_speeds
+    limits = {"lead_speed_min": low, "lead_speed_max": high, "range_max": support.range_max}
+    cells = {"lead_speed_cells": 30, "range_cells": 50, "refinement": 8}
+    grid = ae.Grid(**limits, **cells, closing_speed_max=45.0, closing_speed_points=240)
     mapped = ae.map_crashes(ae.load_vehicle(name, **parameters), grid, [event], np.random.default_rng(1))
     lines = CrashLines.of(mapped, lead_speeds, event, support)
     expected = np.array([lines.probability(*law) for law in drawn.laws[: drawn.answered]])

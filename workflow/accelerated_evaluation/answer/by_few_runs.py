@@ -15,6 +15,7 @@ from scipy.special import ndtr
 
 from accelerated_evaluation.answer.answer import Answer, Crashes
 from accelerated_evaluation.answer.posterior import Posterior, SampledPosterior
+from accelerated_evaluation.base.arguments import a_number, checked, one_of
 from accelerated_evaluation.base.arrays import Array
 from accelerated_evaluation.laws.draws import Draws
 from accelerated_evaluation.methods.problem import Problem
@@ -64,6 +65,11 @@ GOAL = Stopping(minimum_events=1, maximum_simulations=1000)
 Shown = Callable[[Estimate, Posterior | None], None]
 
 
+@checked(
+    stopping=one_of(Stopping, words="a stopping rule", change="Write, for example, Stopping(beta=0.2)."),
+    batch_size=a_number(1, whole=True),
+    share=a_number(0),
+)
 @dataclass(frozen=True)
 class FewRuns:
     """The way to an answer by a few hundred chosen runs, for slow vehicles in any scenario.
@@ -80,6 +86,14 @@ class FewRuns:
         Runs of a similar vehicle under the same proposal, which save about two fifths of the runs.
     on_batch
         Function that receives the estimate of the sampling and the posterior after each batch.
+
+    Examples
+    --------
+    >>> import accelerated_evaluation as ae
+    >>> draws = ae.choose_draws("independent_variables", ae.read_records("left_turn"))
+    >>> problem = ae.Problem("left_turn", "acc_aeb")
+    >>> ae.evaluate(problem, draws, ae.FewRuns(), generator=1).converged
+    True
     """
 
     stopping: Stopping = GOAL

@@ -7,7 +7,9 @@ import numpy as np
 
 from accelerated_evaluation.answer.answer import Answer, Crashes, Replayed
 from accelerated_evaluation.answer.extrapolation import speed_limits
+from accelerated_evaluation.answer.fitted_records import FittedRecords
 from accelerated_evaluation.answer.posterior import Posterior
+from accelerated_evaluation.base.arguments import Argument, checked, one_of
 from accelerated_evaluation.base.arrays import Array
 from accelerated_evaluation.crash_map.checked import sample_crashes
 from accelerated_evaluation.crash_map.lines import CrashLines, crash_places, divided, with_impacts
@@ -25,6 +27,17 @@ LINES = 2500  # number of lines of a map that are kept for the integrals
 GUIDES = 10  # number of draws of the law that determine which lines are kept
 
 
+def _distinct(records: object) -> DistinctRecords:
+    data = records.data if isinstance(records, FittedRecords) else records
+    if not isinstance(data, DistinctRecords):
+        raise TypeError
+    return data
+
+
+@checked(
+    crash_map=one_of(CrashMap, words="a crash map", change="map_crashes makes one."),
+    records=Argument("records of cut-ins", _distinct, "Read them with read_records."),
+)
 @dataclass(frozen=True)
 class Map:
     """The way to an answer by a crash map, for fast vehicles in cut-ins.
@@ -34,8 +47,22 @@ class Map:
     crash_map
         Crash map of the vehicle, with the events of which the answer shall give the probability.
     records
-        The distinct records, which are replayed: if their crashes contradict the map, its crashes are drawn
+        The records of cut-ins, which are replayed: if their crashes contradict the map, its crashes are drawn
         at random in place of an adaptive scan, which may overlook narrow stripes.
+
+    Examples
+    --------
+    >>> import accelerated_evaluation as ae
+    >>> config = ae.load(given={"data": {"sample": 2000, "spmd": {"outlier_rows": []}}})
+    >>> records = ae.read_records(config)
+    >>> limits = {"lead_speed_min": 5, "lead_speed_max": 35, "range_max": 75}
+    >>> cells = {"lead_speed_cells": 4, "range_cells": 6, "refinement": 2}
+    >>> grid = ae.Grid(**limits, **cells, closing_speed_max=60, closing_speed_points=40)
+    >>> way = ae.Map(ae.map_crashes("acc_aeb", grid, [], 1), records)
+    >>> law = ae.fit_paper_law("two_pieces", records, config)
+    >>> exact = ae.evaluate(ae.Problem("cut_in", "acc_aeb"), law, way, generator=1)
+    >>> 0 < exact.posterior.probability < 1e-4
+    True
     """
 
     crash_map: CrashMap

@@ -9,6 +9,7 @@ import pandas as pd
 
 from accelerated_evaluation.answer.answer import Answer, Crashes
 from accelerated_evaluation.answer.posterior import SampledPosterior
+from accelerated_evaluation.base.arguments import a_number, checked
 from accelerated_evaluation.base.errors import InputError
 from accelerated_evaluation.base.randomness import child_generator
 from accelerated_evaluation.laws import Law
@@ -24,6 +25,7 @@ ROUNDS = 25  # or so many repetitions
 SMALLEST = 1e-3  # lower bound of the estimate of a draw, as a share of the mean
 
 
+@checked(size=a_number(1, whole=True))
 @dataclass(frozen=True)
 class Simulations:
     """The way to an answer by many simulations, for fast vehicles in any scenario.
@@ -32,6 +34,14 @@ class Simulations:
     ----------
     size
         Number of simulations, which is repeated up to 25 times until the event has happened 100 times.
+
+    Examples
+    --------
+    >>> import accelerated_evaluation as ae
+    >>> draws = ae.choose_draws("independent_variables", ae.read_records("left_turn"))
+    >>> problem = ae.Problem("left_turn", "acc_aeb")
+    >>> ae.evaluate(problem, draws, ae.Simulations(20_000), generator=1).simulations
+    20000
     """
 
     size: int = 200_000

@@ -39,6 +39,16 @@ def compare(own: Posterior | None, other: Posterior | None) -> dict[str, float]:
     The keys are ``ratio`` (median), ``ratio_low80`` and ``ratio_high80`` (80 % interval) and ``safer``. The
     sampling errors of the two are independent. All are NaN if there is no estimate, or if the other event
     never happens.
+
+    Examples
+    --------
+    >>> import accelerated_evaluation as ae
+    >>> draws = ae.choose_draws("independent_variables", ae.read_records("left_turn"))
+    >>> problem = ae.Problem("left_turn", "acc_aeb")
+    >>> found = ae.evaluate(problem, draws, ae.Simulations(20_000), generator=1)
+    >>> ratio = ae.compare(found.posterior, found.posterior)
+    >>> sorted(ratio)
+    ['ratio', 'ratio_high80', 'ratio_low80', 'safer']
     """
     if own is None or other is None or not np.all(other.probabilities > 0):
         return dict.fromkeys((*RATIO, SAFER), np.nan)

@@ -57,7 +57,13 @@ LIMITS = ("lead_speed_min", "lead_speed_max", "range_max")  # limits of a crash 
 
 @dataclass(frozen=True)
 class Request:
-    """What is asked of an estimate, in addition to its configuration; see the command ``estimate``."""
+    """What is asked of an estimate, in addition to its configuration; see the command ``estimate``.
+
+    Examples
+    --------
+    >>> import accelerated_evaluation as ae
+    >>> request = ae.Request(law="independent_variables", event="impact_speed=5")
+    """
 
     law: str = ANSWER
     replicates: int = 1
@@ -71,7 +77,15 @@ class Request:
 
 @dataclass(frozen=True)
 class Estimated:
-    """The replicates of an answer from few runs, with everything that is written and printed."""
+    """The replicates of an answer from few runs, with everything that is written and printed.
+
+    Examples
+    --------
+    >>> import accelerated_evaluation as ae
+    >>> found = ae.estimate("left_turn", ae.Request(law="independent_variables"))
+    >>> sorted(found.tables)[:3]
+    ['answer', 'budget', 'crashes']
+    """
 
     answers: Sequence[Answer]
     records: FittedRecords

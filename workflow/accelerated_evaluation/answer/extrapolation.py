@@ -115,6 +115,16 @@ def extrapolation(
 
     ``replayed`` says for each record whether it ends in the event if the vehicle replays it, shape (n,). The
     table is that of `extrapolation_table`; it is empty if no event is known.
+
+    Examples
+    --------
+    >>> import accelerated_evaluation as ae
+    >>> draws = ae.choose_draws("independent_variables", ae.read_records("left_turn"))
+    >>> problem = ae.Problem("left_turn", "acc_aeb")
+    >>> found = ae.evaluate(problem, draws, ae.Simulations(20_000), generator=1)
+    >>> table = ae.extrapolation(found, ae.read_records("left_turn"))
+    >>> len(table) > 0
+    True
     """
     if answer.crashes is None or answer.posterior is None:
         return pd.DataFrame(columns=["part"])

@@ -36,6 +36,14 @@ class FittedRecords:
 
     Cut-ins are in the order of the recording, and a row that repeats the row before it is left out. Records
     of other scenarios come in clusters, such as those of one driver.
+
+    Examples
+    --------
+    >>> import accelerated_evaluation as ae
+    >>> turns = ae.read_records("left_turn")
+    >>> half = ae.FittedRecords.of(turns.scenario, turns.table[::2])
+    >>> turns.size, half.size
+    (1028, 512)
     """
 
     scenario: Scenario

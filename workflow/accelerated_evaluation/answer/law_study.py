@@ -1,10 +1,12 @@
 """The laws that the records support: candidates, their weights, and draws from the posterior."""
 
 import math
+import operator
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
+from functools import partial
 from pathlib import Path
-from typing import Protocol, Self
+from typing import Any, Protocol, Self
 
 import numpy as np
 import pandas as pd
@@ -21,7 +23,9 @@ from accelerated_evaluation.answer.joint_family import (
 )
 from accelerated_evaluation.answer.scores import BLOCKS, bootstrapped_weights, contiguous_blocks
 from accelerated_evaluation.answer.smooth_family import SmoothFamily, fit_or_read, region
+from accelerated_evaluation.base.arguments import A_GENERATOR, Argument, a_number, checked, one_of
 from accelerated_evaluation.base.arrays import Array
+from accelerated_evaluation.base.randomness import child_generator
 from accelerated_evaluation.laws import Law, joint
 from accelerated_evaluation.laws.distributions import Empirical
 from accelerated_evaluation.laws.draws import DrawnLaws, Draws, MixedDraws
@@ -32,6 +36,13 @@ from accelerated_evaluation.laws.smooth.family import DistinctRecords
 from accelerated_evaluation.scenarios.protocol import Scenario
 from accelerated_evaluation.vehicles.loading import load_vehicle
 from accelerated_evaluation.vehicles.protocol import Vehicle
+
+
+def _streams(value: Any) -> Callable[[str], np.random.Generator]:  # noqa: ANN401
+    return value if callable(value) else partial(child_generator, operator.index(value), "laws")
+
+
+STREAMS = Argument("a seed, or a function that returns a generator for the name of a step", _streams)
 
 
 class Family(Protocol):
@@ -65,22 +76,28 @@ class LawStudy:
 
     Examples
     --------
-    >>> from accelerated_evaluation.answer import LawStudy, read_records
-    >>> records = read_records("left_turn")
-    >>> study = LawStudy.of(records, 100, np.random.default_rng(1))    # takes a minute  # doctest: +SKIP
-    >>> study.draws(np.random.default_rng(2)).size                      # doctest: +SKIP
-    100
+    >>> import accelerated_evaluation as ae
+    >>> turns = ae.read_records("left_turn")
+    >>> some = ae.FittedRecords.of(turns.scenario, turns.table[::16])  # fewer records, as fits take time
+    >>> study = ae.LawStudy.of(some, 5, 1)
+    >>> study.draws(2).size
+    5
     """
 
     family: Family
     weights: Array
 
     @classmethod
+    @checked(
+        records=one_of(FittedRecords, words="records", change="Read them with read_records."),
+        size=a_number(1, whole=True),
+        streams=STREAMS,
+    )
     def of(
         cls,
         records: FittedRecords,
         size: int,
-        streams: Callable[[str], np.random.Generator],
+        streams: Callable[[str], np.random.Generator] | int,
         store: Path | None = None,
         closing_speed_max: float = math.inf,
     ) -> Self:
@@ -94,7 +111,7 @@ class LawStudy:
         size
             Number K of draws.
         streams
-            Function that returns a random generator for the name of a step.
+            Seed of the study, or a function that returns a random generator for the name of a step.
         store
             File with the fit of smooth laws, which is read if it belongs to the records, and otherwise
             written.
@@ -147,7 +164,8 @@ class LawStudy:
         study = self.smooth_only() if isinstance(self.family, Together) else self
         return study.family.law(study.heaviest)
 
-    def draws(self, generator: np.random.Generator) -> Draws:
+    @checked(generator=A_GENERATOR)
+    def draws(self, generator: np.random.Generator | int) -> Draws:
         """Draw K laws from the posterior: a candidate by its weight in each draw, and then its parameters.
 
         The uniform numbers that choose the candidates are stratified, one in each of K equal intervals, so

@@ -31,7 +31,16 @@ LEAST_BETWEEN = 0.25
 
 @dataclass(frozen=True)
 class Posterior:
-    """The probability of an event under each of K draws of the law."""
+    """The probability of an event under each of K draws of the law.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> import accelerated_evaluation as ae
+    >>> posterior = ae.Posterior(np.array([1e-6, 2e-6, 3e-6]), np.zeros(3, int))
+    >>> round(posterior.probability, 9)
+    2e-06
+    """
 
     probabilities: Array  # shape (K,)
     member: NDArray[np.intp]  # number of the candidate from which each law was drawn, shape (K,)
@@ -91,6 +100,15 @@ class SampledPosterior(Posterior):
 
     The error of an estimate has a part that all draws share, because they use the same runs, and a part of
     its own. If the parts are not known, the whole error counts as shared, which is nearly so.
+
+    Examples
+    --------
+    >>> import accelerated_evaluation as ae
+    >>> draws = ae.choose_draws("independent_variables", ae.read_records("left_turn"))
+    >>> problem = ae.Problem("left_turn", "acc_aeb")
+    >>> found = ae.evaluate(problem, draws, ae.Simulations(20_000), generator=1)
+    >>> isinstance(found.posterior, ae.SampledPosterior), found.posterior.errors.shape
+    (True, (1,))
     """
 
     errors: Array  # relative standard error of each estimate, shape (K,)

@@ -8,7 +8,14 @@ FORBIDDEN = (errno.EACCES, errno.EPERM, errno.EROFS)
 
 
 class StudyError(Exception):
-    """An error that a user of the study can correct; scripts and commands print it without a traceback."""
+    """An error that a user of the study can correct; scripts and commands print it without a traceback.
+
+    Examples
+    --------
+    >>> import accelerated_evaluation as ae
+    >>> issubclass(ae.InputError, ae.StudyError)
+    True
+    """
 
 
 class InputError(StudyError):
@@ -22,6 +29,15 @@ class InputError(StudyError):
         What was found there, and what was expected.
     change
         What the user can do about it.
+
+    Examples
+    --------
+    >>> import accelerated_evaluation as ae
+    >>> try:
+    ...     ae.read_law("missing.json")
+    ... except ae.InputError as error:
+    ...     print(error.where)
+    missing.json
     """
 
     def __init__(self, where: str, *, seen: str, expected: str, change: str) -> None:

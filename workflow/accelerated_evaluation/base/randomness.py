@@ -23,6 +23,13 @@ def child_generator(root_seed: int, *path: str | int) -> np.random.Generator:
     -------
     numpy.random.Generator
         A generator that is independent of those of all other paths.
+
+    Examples
+    --------
+    >>> import accelerated_evaluation as ae
+    >>> first, again = (ae.child_generator(7, "fit", 3).random() for _ in range(2))
+    >>> first == again != ae.child_generator(7, "fit", 4).random()
+    True
     """
     key = tuple(part if isinstance(part, int) else zlib.crc32(part.encode()) for part in path)
     return np.random.default_rng(np.random.SeedSequence(root_seed, spawn_key=key))

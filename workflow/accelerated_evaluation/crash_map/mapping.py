@@ -8,11 +8,21 @@ from numpy.typing import NDArray
 from scipy.ndimage import maximum_filter
 from tqdm import tqdm
 
+from accelerated_evaluation.base.arguments import A_GENERATOR, checked, one_of
 from accelerated_evaluation.base.arrays import Array
 from accelerated_evaluation.base.errors import InputError
 from accelerated_evaluation.crash_map.maps import LINES_PER_CELL, Cells, CrashMap, Grid, Intervals
+from accelerated_evaluation.scenarios.cut_in import CUT_IN
 from accelerated_evaluation.scenarios.protocol import Event
-from accelerated_evaluation.vehicles.protocol import CRASH, Outcomes, RandomVehicle, Vehicle, repeats_itself
+from accelerated_evaluation.vehicles.loading import as_vehicle
+from accelerated_evaluation.vehicles.protocol import (
+    CRASH,
+    Outcomes,
+    RandomVehicle,
+    Vehicle,
+    event_named,
+    repeats_itself,
+)
 
 STANDSTILL = 1e-6  # first point of a scan, as a share of the square root of the largest closing speed
 HALVINGS = 10  # number of bisections of a step of the scan
@@ -21,8 +31,9 @@ LEAST_EFFORT = 1 / 8  # smallest effort for a row of v_L, relative to the row wi
 ENCOUNTERS_AT_ONCE = 500_000  # number of encounters that are simulated at once, which need about 100 MB
 
 
+@checked(grid=one_of(Grid, words="a grid"), generator=A_GENERATOR)
 def map_crashes(
-    vehicle: Vehicle, grid: Grid, events: Iterable[Event], generator: np.random.Generator
+    vehicle: Vehicle, grid: Grid, events: Iterable[Event | str], generator: np.random.Generator | int
 ) -> CrashMap:
     """Compute the crash map of a vehicle.
 
@@ -32,13 +43,14 @@ def map_crashes(
     Parameters
     ----------
     vehicle
-        The car under test.
+        The car under test, or its name.
     grid
         Cells and resolution of the map.
     events
-        Events to map; crashes are always included.
+        Events to map, or texts such as ``impact_speed=5``; crashes are always included.
     generator
-        Source of the random places of the lines in their cells, and of the scan points on the lines.
+        Source of the random places of the lines in their cells, and of the scan points on the lines; or a
+        seed.
 
     Returns
     -------
@@ -50,7 +62,17 @@ def map_crashes(
     InputError
         If the outcomes of the vehicle are random and it is not a `RandomVehicle`, because it then has no
         crash map.
+
+    Examples
+    --------
+    >>> import accelerated_evaluation as ae
+    >>> limits = {"lead_speed_min": 5, "lead_speed_max": 35, "range_max": 75}
+    >>> cells = {"lead_speed_cells": 2, "range_cells": 3, "refinement": 2}
+    >>> grid = ae.Grid(**limits, **cells, closing_speed_max=60, closing_speed_points=40)
+    >>> crash_map = ae.map_crashes("acc_aeb", grid, ["impact_speed=5"], 1)
     """
+    vehicle = as_vehicle(vehicle, CUT_IN, "map_crashes, argument vehicle")
+    events = [event_named(each) if isinstance(each, str) else each for each in events]
     _require_repeating(vehicle)
     whole = grid.cells(np.ones((grid.lead_speed_cells, grid.range_cells), dtype=int))
     coarse = _map_cells(vehicle, grid, whole, [CRASH], generator)

@@ -39,7 +39,7 @@ class Intervals:
     end: Array  # excluded [m/s]; infinite if the interval contains the largest scanned closing speed
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, kw_only=True)
 class Grid:
     """Cells and resolution of a crash map.
 
@@ -66,6 +66,13 @@ class Grid:
     reference_inverse_range, reference_inverse_ttc
         Means of the exponential reference distributions of R^-1 [1/m] and TTC^-1 [1/s]; that of v_L is
         uniform.
+
+    Examples
+    --------
+    >>> import accelerated_evaluation as ae
+    >>> limits = {"lead_speed_min": 5, "lead_speed_max": 35, "range_max": 75}
+    >>> cells = {"lead_speed_cells": 6, "range_cells": 8, "refinement": 4}
+    >>> grid = ae.Grid(**limits, **cells, closing_speed_max=60, closing_speed_points=40)
     """
 
     lead_speed_min: float

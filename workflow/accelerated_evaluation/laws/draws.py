@@ -39,6 +39,13 @@ class Draws(ABC):
     See Also
     --------
     accelerated_evaluation.answer.LawStudy.draws : draws from the posterior of the laws of records.
+
+    Examples
+    --------
+    >>> import accelerated_evaluation as ae
+    >>> law = ae.choose_draws("independent_variables", ae.read_records("left_turn")).law
+    >>> isinstance(ae.as_draws(law), ae.Draws)
+    True
     """
 
     proposal: Law
@@ -98,6 +105,15 @@ class DrawnLaws(Draws, Law):
     """Draws of laws of any kind; the proposal is a mixture of truncated normals that approximates their mean.
 
     As a law it is the proposal.
+
+    Examples
+    --------
+    >>> import accelerated_evaluation as ae
+    >>> turns, kind = ae.read_records("left_turn"), ae.LAWS["independent_variables"]
+    >>> generator = ae.child_generator(1)
+    >>> laws = [kind.fit(turns.x[part::8], turns.data.box, generator) for part in (0, 1)]
+    >>> ae.DrawnLaws.of(laws, ("one part", "another part"), generator).size
+    2
     """
 
     laws: Sequence[Law]
@@ -245,7 +261,16 @@ class MixedDraws(Draws, Law):
 
 @dataclass(frozen=True)
 class OneLaw(Draws):
-    """A single law as K = 1 draws."""
+    """A single law as K = 1 draws.
+
+    Examples
+    --------
+    >>> import accelerated_evaluation as ae
+    >>> turns = ae.read_records("left_turn")
+    >>> law = ae.LAWS["independent_variables"].fit(turns.x, turns.data.box, ae.child_generator(1))
+    >>> ae.OneLaw(law).size
+    1
+    """
 
     proposal: Law
 
@@ -277,7 +302,16 @@ class OneLaw(Draws):
 
 
 def as_draws(law: Law) -> Draws:
-    """Return a law with draws as it is, and any other law as K = 1 draws."""
+    """Return a law with draws as it is, and any other law as K = 1 draws.
+
+    Examples
+    --------
+    >>> import accelerated_evaluation as ae
+    >>> turns = ae.read_records("left_turn")
+    >>> law = ae.LAWS["independent_variables"].fit(turns.x, turns.data.box, ae.child_generator(1))
+    >>> ae.as_draws(law).size
+    1
+    """
     return law if isinstance(law, Draws) else OneLaw(law)
 
 

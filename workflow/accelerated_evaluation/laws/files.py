@@ -42,6 +42,12 @@ def write_law(
         no table.
     verdict
         The verdict on the records, which `read_verdict` returns; None if they were not checked.
+
+    Examples
+    --------
+    >>> import accelerated_evaluation as ae
+    >>> law = ae.choose_draws("independent_variables", ae.read_records("left_turn")).law
+    >>> ae.write_law("law.json", law)
     """
     header = {"format": FORMAT, "version": VERSION, "kind": law.kind, "description": law.description}
     header |= {"variables": law.box.content()}
@@ -90,6 +96,14 @@ def read_law(path: str | os.PathLike, records: pd.DataFrame | None = None) -> La
     InputError
         If the file is missing, is not a law file of this version, has been edited or damaged, or belongs to
         another encounter table, and if it needs a table and none is given.
+
+    Examples
+    --------
+    >>> import accelerated_evaluation as ae
+    >>> law = ae.choose_draws("independent_variables", ae.read_records("left_turn")).law
+    >>> ae.write_law("law.json", law)
+    >>> ae.read_law("law.json").box.names == law.box.names
+    True
     """
     require_file(path, CHANGE)
     try:

@@ -37,6 +37,8 @@ class Box:
 
     Examples
     --------
+    >>> import numpy as np
+    >>> from accelerated_evaluation import Box
     >>> box = Box(("speed", "distance"), (0.0, 0.0), (35.0, 150.0))
     >>> box.contains(np.array([[10.0, 80.0], [40.0, 80.0]]))
     array([ True, False])
@@ -114,6 +116,14 @@ class Law(ABC):
     --------
     accelerated_evaluation.laws.joint.JointLaw : a law that can be fitted to any records.
     accelerated_evaluation.laws.strata.StratifiedLaw : a law of cut-ins in strata of the lead speed.
+
+    Examples
+    --------
+    >>> import accelerated_evaluation as ae
+    >>> law = ae.choose_draws("independent_variables", ae.read_records("left_turn")).law
+    >>> x = law.draw(4, ae.child_generator(1))
+    >>> law.log_density(x).shape
+    (4,)
     """
 
     kind: ClassVar[str]

@@ -165,6 +165,14 @@ class StratifiedLaw(Law):
         shares sum to one.
     strata
         The distribution in each stratum, by the same names.
+
+    Examples
+    --------
+    >>> import accelerated_evaluation as ae
+    >>> config = ae.load(given={"data": {"sample": 2000, "spmd": {"outlier_rows": []}}})
+    >>> law = ae.fit_paper_law("single", ae.read_records(config), config)
+    >>> isinstance(law, ae.StratifiedLaw), len(law.strata)
+    (True, 3)
     """
 
     needs_records: ClassVar[bool] = True

@@ -61,6 +61,7 @@ class Problem:
 
     Examples
     --------
+    >>> import numpy as np
     >>> import accelerated_evaluation as ae
     >>> problem = ae.Problem("left_turn", "acc_aeb")
     >>> outcomes = problem.simulate(np.array([[14.0, 4.0, 5.0], [14.0, 4.0, 60.0]]))

@@ -90,6 +90,13 @@ class Verdict:
     reasons
         Mapping from the names of those warnings that are stated in full next to each number to what the check
         found.
+
+    Examples
+    --------
+    >>> import accelerated_evaluation as ae
+    >>> found = ae.estimate("left_turn", ae.Request(law="independent_variables"))
+    >>> found.verdict.stops
+    {}
     """
 
     stops: Mapping[str, str]

@@ -43,6 +43,19 @@ class Outcomes:
 
     The range includes the initial range. The impact speed can be negative only if lateral motion is
     simulated, and the other car moves sideways into a slower host; see `driver.ReferenceDriver`.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> import accelerated_evaluation as ae
+    >>> class Braking:
+    ...     def simulate(self, lead_speed, range_, closing_speed):
+    ...         left = range_ - closing_speed - closing_speed**2 / 12
+    ...         crash = left <= 0
+    ...         speed = np.where(crash, closing_speed, 0.0)
+    ...         return ae.Outcomes(crash, np.maximum(left, 0), np.ones(len(left)), speed)
+    >>> Braking().simulate(np.full(2, 20.0), np.array([9.0, 50.0]), np.full(2, 8.0)).crash
+    array([ True, False])
     """
 
     crash: NDArray[np.bool_] = outcome(FLAG, "1 if the range reached 0, else 0")

@@ -54,6 +54,13 @@ class Variable:
         Whether the outcome depends on the sign of the variable. If it does not, laws are fitted to the
         absolute value. Values near zero are then in a tail of the law, where a sampler in normal scores finds
         events more easily.
+
+    Examples
+    --------
+    >>> import accelerated_evaluation as ae
+    >>> gap = ae.Variable("gap", "m", 0.0, 100.0, "modelled", "distance to the car in front")
+    >>> gap.in_words
+    'gap [m]'
     """
 
     name: str
@@ -91,6 +98,12 @@ class Outcome:
         Description of the outcome.
     optional
         Whether a vehicle may leave out the outcome, a number, which is then NaN for all encounters.
+
+    Examples
+    --------
+    >>> import accelerated_evaluation as ae
+    >>> [each.name for each in ae.CUT_IN.outcomes][0]
+    'crash'
     """
 
     name: str
@@ -109,6 +122,12 @@ def outcome(unit: str, description: str, *, optional: bool = False) -> Any:  # n
 
     A vehicle may leave out an ``optional`` outcome, a number. Optional outcomes are the last fields. An
     outcome that is added to a scenario later is optional, so that vehicles of users remain valid.
+
+    Examples
+    --------
+    >>> import accelerated_evaluation as ae
+    >>> ae.outcome("m", "smallest distance").metadata["unit"]
+    'm'
     """
     described = {"unit": unit, "description": description, "optional": optional}
     return field(default=None, metadata=described) if optional else field(metadata=described)
@@ -341,6 +360,12 @@ class Scenario:
         Tests that regulations prescribe for this scenario.
     cluster
         Name of the column of a table of records that identifies who or what made a record.
+
+    Examples
+    --------
+    >>> import accelerated_evaluation as ae
+    >>> ae.SCENARIOS["left_turn"].names[-1], ae.CUT_IN.names
+    ('distance_to_conflict_m', ('lead_speed', 'range', 'closing_speed'))
     """
 
     name: str

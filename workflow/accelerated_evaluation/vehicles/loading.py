@@ -27,7 +27,14 @@ ANY_SCENARIO = ("command",)  # vehicles that simulate the encounters of every sc
 
 @checked(scenario=A_SCENARIO)
 def vehicles_of(scenario: Scenario) -> Mapping[str, type[Vehicle]]:
-    """Return the classes of the vehicles of a scenario by name; ``command`` is any program of the user."""
+    """Return the classes of the vehicles of a scenario by name; ``command`` is any program of the user.
+
+    Examples
+    --------
+    >>> import accelerated_evaluation as ae
+    >>> sorted(ae.vehicles_of("left_turn"))
+    ['acc_aeb', 'command']
+    """
     return dict(sorted({**scenario.vehicles, **{name: VEHICLES[name] for name in ANY_SCENARIO}}.items()))
 
 

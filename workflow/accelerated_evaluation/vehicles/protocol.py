@@ -27,6 +27,12 @@ class Vehicle(Protocol):
     see `repeats_itself`. It may also have an attribute ``striped``, which is True if the outcomes change
     between encounters that are almost equal. A sampler treats such a vehicle as random, even if it is
     deterministic.
+
+    Examples
+    --------
+    >>> import accelerated_evaluation as ae
+    >>> isinstance(ae.load_vehicle("acc_aeb"), ae.Vehicle)
+    True
     """
 
     def simulate(self, lead_speed: Array, range_: Array, closing_speed: Array) -> Outcomes:

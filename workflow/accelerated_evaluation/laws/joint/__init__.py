@@ -18,6 +18,14 @@ class JointLaw(Law):
     candidates
         Settings of `fit` with which the law is a candidate for the records of a scenario, by the name of the
         candidate.
+
+    Examples
+    --------
+    >>> import accelerated_evaluation as ae
+    >>> turns = ae.read_records("left_turn")
+    >>> law = ae.LAWS["gaussian_copula"].fit(turns.x, turns.data.box, ae.child_generator(1))
+    >>> isinstance(law, ae.JointLaw), law.draw(5, ae.child_generator(2)).shape
+    (True, (5, 3))
     """
 
     candidates: ClassVar[Mapping[str, Mapping[str, int]]]
