@@ -331,7 +331,7 @@ def test_crashes_of_a_map_are_drawn_where_they_happen_and_not_in_the_middle_of_i
 ):
     """The toy car crashes above a closing speed, and exponential speeds exceed it by exponential excesses."""
     draws = equal_weights(fitter, family, encounters).draws(np.random.default_rng(8))
-    problem, generator = ae.Problem(ae.CUT_IN, draws.proposal, RateCar()), np.random.default_rng(9)
+    problem, generator = ae.Problem(ae.CUT_IN, RateCar(), law=draws.proposal), np.random.default_rng(9)
     crashes = ae.evaluate(problem, draws, ae.Map(crash_map, records), generator=generator).crashes
 
     def distance(x):
@@ -383,7 +383,7 @@ def test_the_answer_and_its_variants_print_one_number(
     """The first rows of the variants are the answer itself: the same fit, draws and lines of the map."""
     study, streams = equal_weights(fitter, family, encounters), partial(ae.child_generator, 1)
     draws, car = study.draws(streams("draws")), RateCar()
-    problem, way = ae.Problem(ae.CUT_IN, draws.proposal, car), ae.Map(crash_map, records)
+    problem, way = ae.Problem(ae.CUT_IN, car, law=draws.proposal), ae.Map(crash_map, records)
     answer = ae.evaluate(problem, draws, way, generator=streams("answer")).table().iloc[0]
     lines = thinned(CrashLines.of(crash_map, records.lead_speed), car, draws, streams("answer"))
     monkeypatch.setattr(variants, "SPLINES", {})  # whose fits take a while

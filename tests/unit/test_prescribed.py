@@ -80,7 +80,21 @@ def test_the_ratio_of_crash_probabilities():
     records = exponential_records(6000, 2.0)
     family = SmoothFamily.of(records, members_at((0.9,)), blocks=2)
     speeds = family.speeds("exponential 0.9")
-    crash_map = map_crashes(Car(), Grid(5, 35, 75, 4, 10, 2, 45.0, 120), [], np.random.default_rng(1))
+    crash_map = map_crashes(
+        Car(),
+        Grid(
+            lead_speed_min=5,
+            lead_speed_max=35,
+            range_max=75,
+            lead_speed_cells=4,
+            range_cells=10,
+            refinement=2,
+            closing_speed_max=45.0,
+            closing_speed_points=120,
+        ),
+        [],
+        np.random.default_rng(1),
+    )
     lines = CrashLines.of(crash_map, records.lead_speed, support=records.support)
     law = type("Law", (), {"ranges": family.family.ranges, "speeds": speeds})
     table = numerical_errors({"car": Car(), "fixed": Fixed()}, lines, law, np.random.default_rng(2))

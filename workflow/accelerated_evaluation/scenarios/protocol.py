@@ -60,7 +60,7 @@ class Variable:
     >>> import accelerated_evaluation as ae
     >>> gap = ae.Variable("gap", "m", 0.0, 100.0, "modelled", "distance to the car in front")
     >>> gap.in_words
-    'gap [m]'
+    '0 to 100 m'
     """
 
     name: str
