@@ -89,7 +89,7 @@ EVALUATIONS = [
         "argument generator: seen '1'; expected a numpy.random.Generator, or a whole number",
     ),
     ({"generator": 1.5}, "seen 1.5"),
-    ({"events": ["speed=5"]}, "events: seen 'speed=5'; expected crash, or impact_speed with a threshold"),
+    ({"events": ["speed=5"]}, "events: seen 'speed=5'; expected crash, or impact_speed"),
     (
         {"problem": ae.Problem("cut_in", "acc_aeb")},
         "the law for the scenario cut_in: seen sdv_speed_mps from 0",
