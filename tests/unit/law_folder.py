@@ -49,6 +49,6 @@ def begin_campaign(folder, *options):
         return cli.main(["campaign", name, "c.json", *map(str, arguments)])
 
     files = ("--law", "law.json", "--encounters", "encounters.parquet")
-    known = ("--half-width", 0.5, "--seed", 4, "--deterministic", "yes", "--interval", "usual")
+    known = ("--half-width", 0.5, "--seed", 4, "--deterministic", "yes", "--interval", "usual", "--no-limits")
     assert step("new", *files, *known, *options) == 0
     return step

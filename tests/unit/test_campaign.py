@@ -2,6 +2,7 @@
 
 import json
 import re
+import subprocess
 import sys
 from dataclasses import replace
 from pathlib import Path
@@ -9,13 +10,14 @@ from pathlib import Path
 import numpy as np
 import pandas as pd
 import pytest
-from accelerated_evaluation import CUT_IN, Problem, Stopping, child_generator, cli, load_vehicle
+from accelerated_evaluation import CUT_IN, SCENARIOS, Problem, Stopping, child_generator, cli, load_vehicle
 from accelerated_evaluation.methods import METHODS, Estimate
 from accelerated_evaluation.track.campaign_file import read_campaign, write_campaign
+from accelerated_evaluation.track.limits import UNLIMITED, USUAL, Limits
 from accelerated_evaluation.track.results import forecast, read_results, status_of
 from fewruns import state as sampler_state
 from fewruns.combining import interval
-from law_folder import LAW, begin_campaign, write_law_folder
+from law_folder import LAW, SPEEDS, begin_campaign, write_law_folder
 
 ROOT = Path(__file__).resolve().parents[2]
 sys.path.append(str(ROOT / "benchmarks"))
@@ -39,6 +41,15 @@ def drive(source="next/runs.csv", target="done.csv"):
     return pd.read_csv(target)
 
 
+class Rounded:
+    """The built-in car in cut-ins that are rounded to what can be driven."""
+
+    deterministic = True
+
+    def simulate(self, *columns):
+        return load_vehicle("acc_aeb").simulate(*CUT_IN.settable(np.array(columns).T).T)
+
+
 def test_a_campaign_is_the_sampler_told_run_by_run(begun):
     """Shuffled tables and parts of batches, through files all the way, give the same bits."""
     generator = np.random.default_rng(0)
@@ -49,10 +60,74 @@ def test_a_campaign_is_the_sampler_told_run_by_run(begun):
             part.to_csv("part.csv", index=False)
             assert begun("tell", "part.csv") == 0
     surrogate = METHODS["surrogate"](batch_size=10)
-    wanted = surrogate.estimate(
-        Problem(CUT_IN, load_vehicle("acc_aeb"), law=LAW), GOAL, child_generator(4, "campaign")
-    )
+    wanted = surrogate.estimate(Problem(CUT_IN, Rounded(), law=LAW), GOAL, child_generator(4, "campaign"))
     assert status_of(read_campaign("c.json")).estimate.row() == wanted.row()
+
+
+def test_runs_that_are_out_are_not_requested_a_second_time_unless_it_is_said(begun, capsys):
+    """Two people who ask at the same moment do not get the same runs."""
+    command = [sys.executable, "-m", "accelerated_evaluation.cli", "campaign", "ask", "c.json"]
+    both = [
+        subprocess.Popen([*command, folder, "--no-scenarios"], stderr=subprocess.PIPE, text=True)
+        for folder in ("one", "two")
+    ]
+    said = [each.communicate()[1] for each in both]
+    assert sorted(each.returncode for each in both) == [0, 2]
+    assert sum(Path(folder).exists() for folder in ("one", "two")) == 1
+    assert "10 runs (1 to 10) of an earlier request without outcomes" in "".join(said)
+    runs = pd.read_csv("one/runs.csv" if Path("one").exists() else "two/runs.csv")
+    assert begun("ask", "next", "--no-scenarios", "--again") == 0
+    pd.testing.assert_frame_equal(pd.read_csv("next/runs.csv"), runs)
+    drive().iloc[:7].to_csv("part.csv", index=False)
+    assert begun("tell", "part.csv") == 0
+    assert begun("ask", "more", "--no-scenarios") == 2
+    assert "3 runs (8 to 10)" in capsys.readouterr().err
+
+
+@pytest.mark.parametrize("scenario", SCENARIOS.values(), ids=SCENARIOS)
+def test_runs_are_rounded_to_what_can_be_set(scenario):
+    limits = np.clip(scenario.limits, -30, 30)
+    x = np.random.default_rng(1).uniform(*limits.T, (1000, scenario.dimension))
+    x[0] = np.clip(0.005, *limits.T)  # such as a range of 5 mm
+    rounded, steps = scenario.settable(x), np.array([each.step for each in scenario.variables])
+    assert max(len(repr(value)) for value in rounded.ravel().tolist()) <= len("-12.34")
+    np.testing.assert_allclose(rounded / steps, np.round(rounded / steps), rtol=1e-12)
+    # A whole step where less than half a step would become 0, or where rounding up would break a rule.
+    assert (np.abs(rounded - x) <= steps * (1 + 1e-9)).all()
+    assert (np.abs(rounded - x) <= steps * (0.5 + 1e-9)).mean() > 0.99
+    assert (rounded[0] > 0).all()
+    scenario.checked(*rounded.T)
+
+
+def test_rounding_hardly_changes_the_probability():
+    """Of crashes among cut-ins near the limit of the car; rounded to whole m/s and m, it changes by more."""
+    generator, car = np.random.default_rng(3), load_vehicle("acc_aeb")
+    x = np.column_stack(
+        [generator.choice(SPEEDS, 200_000), *generator.uniform(1, [[20], [15]], (2, 200_000))]
+    )
+    exact, rounded, coarse = (
+        car.simulate(*each.T).crash * 1.0 for each in (x, CUT_IN.settable(x), np.round(x))
+    )
+    changed = [(each - exact).mean() / exact.mean() for each in (rounded, coarse)]
+    error = (rounded - exact).std() / len(x) ** 0.5 / exact.mean()
+    assert 0.1 < exact.mean() < 0.9
+    assert abs(changed[0]) < 0.002 + 4 * error
+    assert error < 0.002
+    assert np.mean(rounded != exact) < 0.2 * np.mean(coarse != exact)
+
+
+def test_a_campaign_has_the_limits_of_a_proving_ground_unless_it_is_said(begun, capsys):
+    files = ["--law", "law.json", "--encounters", "encounters.parquet"]
+    for options, wanted in (
+        ([], USUAL),
+        (["--no-limits"], UNLIMITED),
+        (["--host-speed-max", "30"], replace(USUAL, host_speed_max=30.0)),
+        (["--no-limits", "--range-min", "2"], Limits(range_min=2.0)),
+    ):
+        Path("usual.json").unlink(missing_ok=True)
+        assert cli.main(["campaign", "new", "usual.json", *files, *options]) == 0
+        assert read_campaign("usual.json").limits == wanted
+        assert ("the campaign drives only runs within" in capsys.readouterr().out) == bool(wanted)
 
 
 def driven_to_the_end(begun, *, batches=60):
@@ -86,7 +161,7 @@ def test_a_new_version_of_the_sampler_goes_on_with_a_batch_that_is_out(begun, mo
 
 def test_another_batch_size_holds_from_the_next_batch_on(begun):
     begun("ask", "next", "--no-scenarios")
-    assert begun("ask", "next", "--no-scenarios", "--batch-size", 25) == 0
+    assert begun("ask", "next", "--no-scenarios", "--batch-size", 25, "--again") == 0
     assert len(drive()) == 10
     begun("tell", "done.csv")
     begun("ask", "next", "--no-scenarios")
@@ -226,7 +301,7 @@ def test_files_that_are_not_what_they_were_are_refused(begun, capsys):
     Path("c.json").write_text(whole)
     law = json.loads(Path("law.json").read_text())
     Path("law.json").write_text(json.dumps(law | {"description": "another"}))
-    assert begun("ask", "next", "--no-scenarios") == 2
+    assert begun("ask", "next", "--no-scenarios", "--again") == 2
     assert "law.json: seen a file that has changed since the campaign began" in capsys.readouterr().err
 
 

@@ -31,10 +31,8 @@ class Within:
         self.car = load_vehicle("acc_aeb")
 
     def simulate(self, lead_speed, range_, closing_speed):
-        found, within = (
-            self.car.simulate(lead_speed, range_, closing_speed),
-            LIMITS.hold(lead_speed, range_, closing_speed),
-        )
+        driven = CUT_IN.settable(np.array([lead_speed, range_, closing_speed]).T).T
+        found, within = self.car.simulate(*driven), LIMITS.hold(*driven)
         return Outcomes(
             found.crash & within,
             np.where(within, found.min_range, np.inf),

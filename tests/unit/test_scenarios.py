@@ -134,6 +134,13 @@ def test_an_event_is_two_functions_of_the_outcomes():
     ]
 
 
+def test_an_event_without_a_threshold_is_in_the_answer_although_no_configuration_names_it():
+    slow = Event("slow", happens=lambda given: given.run_time > 3.5, score=lambda given: given.clearance)
+    scenario = replace(LEFT_TURN, events=[*LEFT_TURN.events, slow])
+    assert events_of(scenario, {}) == [slow]
+    assert events_of(scenario, {"slow": [0]}) == [slow]
+
+
 def test_a_number_is_no_event_without_a_threshold():
     with pytest.raises(InputError, match=r"event run_time: seen the outcome run_time, a number, without"):
         Event.flag("run_time", scored_by="clearance").happens(outcomes_of_two())

@@ -68,14 +68,9 @@ class GivenLaw:
     scenario: "Scenario"
     # The files ``law`` and, for a law of cut-ins, ``encounters``, with their checksums.
     sources: dict[str, "Source"]
-    verdict: "Verdict"  # on the records of the encounter table; None for other scenarios
+    verdict: "Verdict"  # on the records of the encounter table or of the law file
+    law: "Law"
     table: "pd.DataFrame | None" = None  # the encounter table; None for other scenarios
-
-    def read(self) -> "Law":
-        """Return the law."""
-        from accelerated_evaluation.track.limits import law_in
-
-        return law_in(self.scenario, self.sources["law"], self.sources.get("encounters"))
 
 
 def given_law(arguments: argparse.Namespace) -> GivenLaw:
@@ -84,18 +79,19 @@ def given_law(arguments: argparse.Namespace) -> GivenLaw:
     InputError is raised if a file is missing; if there is no encounter table for a law of cut-ins, or a table
     for another law; or if a check of the records has the verdict ``stop``, which the user does not accept.
     """
-    from accelerated_evaluation.laws.files import read_law, read_verdict
+    from accelerated_evaluation.laws.files import read_verdict
     from accelerated_evaluation.records.segments import read_encounters
     from accelerated_evaluation.records.verdict import verdict_on_encounters
     from accelerated_evaluation.scenarios import SCENARIOS
     from accelerated_evaluation.scenarios.cut_in import CUT_IN
-    from accelerated_evaluation.track.limits import source_of
+    from accelerated_evaluation.track.limits import law_in, source_of
 
     scenario = SCENARIOS[arguments.scenario]
     if scenario is not CUT_IN:
         refuse_options(arguments, scenario.name, "encounters")
         law = source_of(arguments.law)
-        return GivenLaw(scenario, {"law": law}, read_verdict(law.file, arguments.accept))
+        verdict = read_verdict(law.file, arguments.accept)
+        return GivenLaw(scenario, {"law": law}, verdict, law_in(scenario, law, None))
     if arguments.encounters is None:
         raise InputError(
             "--encounters",
@@ -106,8 +102,7 @@ def given_law(arguments: argparse.Namespace) -> GivenLaw:
     sources = {name: source_of(getattr(arguments, name)) for name in ("law", "encounters")}
     table = read_encounters(arguments.encounters)
     verdict = verdict_on_encounters(table, str(arguments.encounters), arguments.accept)
-    read_law(arguments.law, table)
-    return GivenLaw(scenario, sources, verdict, table)
+    return GivenLaw(scenario, sources, verdict, law_in(scenario, **sources), table)
 
 
 def refuse_options(arguments: argparse.Namespace, scenario: str, *names: str) -> None:

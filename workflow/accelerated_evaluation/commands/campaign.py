@@ -1,7 +1,9 @@
 """The subcommand ``campaign``, which estimates a probability from runs on a proving ground."""
 
 import argparse
+from collections.abc import Sequence
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 from accelerated_evaluation.base.errors import InputError
 from accelerated_evaluation.commands import (
@@ -14,6 +16,9 @@ from accelerated_evaluation.commands import (
     refuse_options,
     require_seed,
 )
+
+if TYPE_CHECKING:  # this import takes seconds, and --help does not need it
+    from accelerated_evaluation.track.campaign import Run
 
 LEAST = 1e-6  # half-width and confidence have to be from LEAST to 1 - LEAST
 LIMITS = (  # of the proving ground, for cut-ins
@@ -63,7 +68,10 @@ examples: a campaign within the limits of a proving ground; another scenario
 
 ASK = f"""\
 Write the runs to drive next into FOLDER: runs.csv, and for cut-ins run_0001.xosc and so on with their road.
-If outcomes of earlier runs are still missing, these runs are written again.
+The next batch is chosen when all outcomes of the last one have been reported. Before that, --again writes the
+runs again whose outcomes are still missing; without it they are refused, so that nobody drives them twice.
+
+Speeds and distances are rounded to steps that can be driven, such as 0.1 m/s and 0.1 m.
 
 {TABLE}
 
@@ -173,17 +181,24 @@ def _add_new(command: argparse.ArgumentParser) -> None:
     )
     add_seed(command)
     add_accept(command)
-    limits = command.add_argument_group("limits of the proving ground, none by default; see docs/campaign.md")
+    limits = command.add_argument_group(
+        "limits of the proving ground for cut-ins; see docs/campaign.md",
+        "By default the host speed is at most 50 m/s and the range at least 0.5 m.",
+    )
     for name, unit, what in LIMITS:
         limits.add_argument(
             f"--{name.replace('_', '-')}", type=float, metavar="X", help=f"{what} at the cut-in [{unit}]"
         )
+    limits.add_argument("--no-limits", action="store_true", help="only the limits that are stated")
 
 
 def _add_ask(command: argparse.ArgumentParser) -> None:
     command.add_argument("folder", metavar="FOLDER", type=Path, help="where to write the runs")
     command.add_argument(
         "--batch-size", type=int, metavar="N", help="number of runs of the next batch and of all later ones"
+    )
+    command.add_argument(
+        "--again", action="store_true", help="write the runs again whose outcomes have not been reported yet"
     )
     command.add_argument("--no-scenarios", action="store_true", help="write only the table")
 
@@ -207,7 +222,7 @@ def _add_status(command: argparse.ArgumentParser) -> None:
 def _new(arguments: argparse.Namespace) -> None:
     from accelerated_evaluation.track.campaign import Campaign
     from accelerated_evaluation.track.campaign_file import read_campaign, stopping, write_campaign
-    from accelerated_evaluation.track.limits import Limits
+    from accelerated_evaluation.track.limits import Limits, usual_where_open
     from accelerated_evaluation.vehicles.protocol import event_named
 
     if arguments.campaign.exists():
@@ -218,9 +233,14 @@ def _new(arguments: argparse.Namespace) -> None:
             where, expected = f"--{name.replace('_', '-')}", f"a number from {LEAST:g} to 1 - {LEAST:g}"
             raise InputError(where, seen=f"{value:g}", expected=expected, change="Correct the value.")
     require_seed(arguments.seed)
+    print(f"reading the law {arguments.law}, and checking the records behind it ...", flush=True)
     given = given_law(arguments)
+    limits = Limits(*(getattr(arguments, name) for name, *_ in LIMITS))
     if given.table is None:
         refuse_options(arguments, given.scenario.name, *(name for name, *_ in LIMITS))
+    elif not arguments.no_limits:
+        limits = usual_where_open(limits, given.law)
+    print("checking the limits, and preparing the first batch ...", flush=True)
     campaign = Campaign.begin(
         given.sources["law"],
         given.sources.get("encounters"),
@@ -228,7 +248,7 @@ def _new(arguments: argparse.Namespace) -> None:
         stopping(arguments.confidence, arguments.half_width, anytime=arguments.interval == "anytime"),
         batch_size=arguments.batch_size,
         seed=arguments.seed,
-        limits=Limits(arguments.host_speed_max, arguments.closing_speed_max, arguments.range_min),
+        limits=limits,
         predecessor=None if arguments.predecessor is None else read_campaign(arguments.predecessor),
         deterministic=DETERMINISTIC[arguments.deterministic],
         scenario=given.scenario,
@@ -238,7 +258,8 @@ def _new(arguments: argparse.Namespace) -> None:
     for line in given.verdict.lines():
         print(line)
     if campaign.limits:
-        print(f"{campaign.beyond:.2g} of all cut-ins of the law lie beyond {campaign.limits.in_words}")
+        print(f"the campaign drives only runs within: {campaign.limits.in_words}")
+        print(f"{campaign.beyond:.2g} of all cut-ins of the law lie beyond these limits")
     print(
         f"began {arguments.campaign}; next: accelerated-evaluation campaign ask {arguments.campaign} FOLDER"
     )
@@ -260,6 +281,8 @@ def _ask(arguments: argparse.Namespace) -> None:
         require_scenariogeneration()
     elif not arguments.no_scenarios:
         print(NOT_WRITTEN)
+    if campaign.outstanding and not arguments.again:
+        raise _already_requested(arguments.campaign, campaign.outstanding)
     if campaign.estimate().converged and not campaign.outstanding:
         print("the goal is met, so no further runs are needed; new runs are written nevertheless")
     runs = campaign.ask(law_of(campaign), arguments.batch_size)
@@ -267,9 +290,26 @@ def _ask(arguments: argparse.Namespace) -> None:
     write_table(arguments.folder / "runs.csv", runs, campaign.scenario)
     if writes_files:
         write_scenarios(arguments.folder, [run.concrete for run in runs])
-    print(
-        f"{len(runs)} runs to drive, {runs[0].number} to {runs[-1].number}: {arguments.folder / 'runs.csv'}"
+    print(f"{runs_in_words(runs)} to drive: {arguments.folder / 'runs.csv'}")
+
+
+def _already_requested(path: Path, runs: Sequence["Run"]) -> InputError:
+    """Return the error for a request while runs of an earlier request are still to be driven."""
+    return InputError(
+        str(path),
+        seen=f"{runs_in_words(runs)} of an earlier request without outcomes",
+        expected="their outcomes, because the next runs depend on them",
+        change=f"Report them with `accelerated-evaluation campaign tell {path} RESULTS.csv`. "
+        "If nobody else drives these runs, write them again with --again.",
     )
+
+
+def runs_in_words(runs: Sequence["Run"]) -> str:
+    """Return the number of runs and their numbers as text, such as ``2 runs (3, 5)``."""
+    numbers = [run.number for run in runs]
+    is_gapless = len(numbers) > 2 and numbers[-1] - numbers[0] == len(numbers) - 1
+    shown = f"{numbers[0]} to {numbers[-1]}" if is_gapless else ", ".join(map(str, numbers))
+    return f"{len(numbers)} run{'s' if len(numbers) > 1 else ''} ({shown})"
 
 
 def _tell(arguments: argparse.Namespace) -> None:

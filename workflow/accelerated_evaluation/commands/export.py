@@ -73,7 +73,7 @@ class Export:
 
         require_seed(arguments.seed)
         given = given_law(arguments)
-        scenario, law = given.scenario, given.read()
+        scenario, law = given.scenario, given.law
         generator, data = child_generator(arguments.seed, "export"), {}
         if given.table is None:
             refuse_options(arguments, scenario.name, "safe_deceleration", "motion")

@@ -54,6 +54,8 @@ class Variable:
         Whether the outcome depends on the sign of the variable. If it does not, laws are fitted to the
         absolute value. Values near zero are then in a tail of the law, where a sampler in normal scores finds
         events more easily.
+    step
+        Smallest step, in this unit, by which the variable can be set in a real run.
 
     Examples
     --------
@@ -70,6 +72,7 @@ class Variable:
     role: Literal["covariate", "modelled"]
     description: str
     sign_matters: bool = True
+    step: float = 0.1
 
     @property
     def in_title(self) -> str:
@@ -430,6 +433,23 @@ class Scenario:
         """Return encounters x, shape (n, d), with absolute values of variables whose sign does not matter."""
         unsigned = [not each.sign_matters for each in self.variables]
         return np.where(unsigned, np.abs(x), x)
+
+    def settable(self, encounters: Array) -> Array:
+        """Return encounters, shape (n, d), rounded to the steps in which their variables can be set.
+
+        A variable that is not 0 is rounded to at least one step, because an encounter without any distance or
+        without any motion is of another kind. If rounding breaks a rule of the scenario, all variables of the
+        encounter are rounded towards 0 instead.
+        """
+        steps = np.array([each.step for each in self.variables])
+        counts = np.abs(encounters) / steps
+        # The last rounding removes the digits that the multiplication adds, as in 3 * 0.1.
+        nearest, below = (
+            np.sign(encounters) * np.round(np.maximum(rounded, encounters != 0) * steps, 9)
+            for rounded in (np.round(counts), np.floor(counts))
+        )
+        broken = np.any([wrong for wrong, *_ in self._faults(nearest.T)], axis=0)
+        return np.where(broken[:, None], below, nearest)
 
     @property
     def outcomes(self) -> tuple[Outcome, ...]:

@@ -144,10 +144,14 @@ class Campaign:
         )
 
     def _choose(self, law: Law) -> None:
-        """Let the sampler choose a batch; runs beyond the limits get their outcome without being driven."""
+        """Let the sampler choose a batch; runs beyond the limits get their outcome without being driven.
+
+        The requested runs are rounded to what can be set in a real run. The campaign therefore estimates the
+        probability for the vehicle under rounded encounters.
+        """
         x = law.from_normal_scores(self.sampler.ask(certify=self.sampler.is_narrow(self.goal)))
-        encounters = self.scenario.to_inputs(x)
-        within = self.limits.hold(*x.T) if self.limits else [True] * len(encounters)
+        encounters = self.scenario.settable(self.scenario.to_inputs(x))
+        within = self.limits.hold(*encounters.T) if self.limits else [True] * len(encounters)
         first, batch = len(self.runs) + 1, self.batches + 1
         self.runs += [
             Run(first + place, batch, tuple(encounter), None if within[place] else BEYOND)

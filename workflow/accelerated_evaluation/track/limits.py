@@ -8,7 +8,7 @@ limits is at most the sum of the two.
 import math
 import os
 from collections.abc import Iterable
-from dataclasses import asdict, dataclass, field
+from dataclasses import asdict, dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
@@ -101,6 +101,19 @@ class Limits:
 
 
 UNLIMITED = Limits()
+# What most proving grounds can drive; for cut-ins of law files with strata, unless the user states limits.
+USUAL = Limits(host_speed_max=50.0, range_min=0.5)
+
+
+def usual_where_open(limits: Limits, law: Law) -> Limits:
+    """Return limits in which each limit that is None is replaced by the usual one of a proving ground.
+
+    Under a law without strata the probability beyond limits is not known, so the limits are unchanged.
+    """
+    if not isinstance(law, StratifiedLaw):
+        return limits
+    given = {name: value for name, value in asdict(limits).items() if value is not None}
+    return replace(USUAL, **given)
 
 
 def _binned(values: Array) -> tuple[Array, Array]:

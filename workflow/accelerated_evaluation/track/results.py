@@ -153,10 +153,11 @@ def _refuse(where: str, column: str, seen: str, expected: str) -> None:
 
 def write_table(path: str | os.PathLike, runs: Iterable[Run], scenario: Scenario) -> None:
     """Write the runs to drive as a table with empty columns for the outcomes, atomically."""
-    rows = [
-        {"run": run.number, **scenario.with_derived(dict(zip(scenario.names, run.encounter, strict=True)))}
-        for run in runs
-    ]
+    rows = []
+    for run in runs:
+        columns = scenario.with_derived(dict(zip(scenario.names, run.encounter, strict=True)))
+        # A sum of rounded numbers can have further digits, such as 15.700000000000001.
+        rows.append({"run": run.number, **{name: round(value, 9) for name, value in columns.items()}})
     write_csv(path, pd.DataFrame(rows).reindex(columns=[*rows[0], "crash", *scenario.measured, "note"]))
 
 

@@ -156,10 +156,11 @@ def event_named(text: str, scenario: Scenario = CUT_IN, where: str = "--event") 
 def events_of(scenario: Scenario, thresholds: Mapping[str, list[float]]) -> list[Event]:
     """Return the events of a scenario in addition to the crash, with thresholds by the name of the event.
 
-    Events that the scenario does not have are left out. The threshold of an event without one is not used.
+    Events without a threshold are always included. Events that the scenario does not have are left out.
     """
     names = [each.quantity for each in scenario.events[1:]]
-    named = [
+    named = [each for each in scenario.events[1:] if each.at is None]
+    named += [
         scenario.event(name, float(value))
         for name, values in thresholds.items()
         if name in names

@@ -23,7 +23,15 @@ LEFT_TURN = SCENARIOS.add("left_turn")(
             Variable(
                 "sdv_speed_mps", "m/s", 0, 35, "modelled", "speed of the vehicle under test at the start"
             ),
-            Variable("turning_speed_mps", "m/s", 0, 60, "modelled", "speed of the turning car, constant"),
+            Variable(
+                "turning_speed_mps",
+                "m/s",
+                0,
+                60,
+                "modelled",
+                "speed of the turning car, constant",
+                step=0.01,
+            ),
             Variable(
                 "distance_to_conflict_m",
                 "m",

@@ -37,6 +37,7 @@ PEDESTRIAN = SCENARIOS.add("pedestrian")(
                 "modelled",
                 "speed of the pedestrian, constant; the sign is the direction",
                 sign_matters=False,
+                step=0.01,
             ),
             Variable(
                 "distance_m",
