@@ -4,7 +4,7 @@
 #   docker run --rm --volume "$PWD/out:/study/out" accelerated-evaluation \
 #     bash -c "snakemake --cores 2 --configfile config/smoke.yaml && cp -r figures results out"
 #
-# Apptainer reads the same image: apptainer build study.sif docker-daemon://accelerated-evaluation:latest
+# `make container` makes an image for Apptainer of it, for the jobs of `snakemake --software-deployment-method apptainer`.
 FROM debian:bookworm-slim
 
 RUN apt-get update \

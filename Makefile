@@ -19,7 +19,7 @@ RESOLVE := uv pip compile pyproject.toml --universal --python-version 3.11 --gen
   --no-emit-package fewruns
 export PATH := $(CURDIR)/.venv/bin:$(PATH)
 
-.PHONY: study book article test test-slurm test-studies test-fewruns crate paper-figures lint format report smoke bench benchmark-samplers \
+.PHONY: environment container study book article test test-slurm test-studies test-fewruns crate paper-figures lint format report smoke bench benchmark-samplers \
   benchmark-public benchmark-recordings benchmark-vehicles world worlds claims lock clean help
 .DEFAULT_GOAL := help
 
@@ -33,6 +33,8 @@ $(ENVIRONMENT): environment.txt pyproject.toml fewruns/pyproject.toml
 	.venv/bin/python -m pip install --quiet --require-hashes -r environment.txt
 	.venv/bin/python -m pip install --quiet --no-deps --no-build-isolation --editable ./fewruns --editable .
 	@touch $@
+
+environment: $(ENVIRONMENT) ## make the environment .venv and nothing else; then: source .venv/bin/activate
 
 study: $(ENVIRONMENT) ## run the study: make study [CONFIG=my_study.yaml] [CORES=2]
 	$(SNAKEMAKE)
@@ -54,6 +56,10 @@ paper-figures: $(ENVIRONMENT) ## figures, tables and numbers of a finished study
 
 crate: study ## run the study, then pack it with its provenance: results/STUDY.crate.zip
 	accelerated-evaluation crate $(STUDY)
+
+container: ## the locked environment as an image for Apptainer, environment.sif; needs Docker and Apptainer
+	docker build --tag accelerated-evaluation .
+	apptainer build environment.sif docker-daemon://accelerated-evaluation:latest
 
 bench: $(ENVIRONMENT) ## encounters per second of the simulator, and ratios to NumPy and plain Python
 	python benchmarks/simulator.py

@@ -19,8 +19,25 @@ from accelerated_evaluation.study.configuration import WORKFLOW
 from accelerated_evaluation.study.dependencies import code_up_to
 from accelerated_evaluation.study.inputs import StudyInputs, map_folder, part
 from snakemake.exceptions import WorkflowError
+from snakemake_interface_executor_plugins.settings import DeploymentMethod
 
 PROJECT = Path(os.path.relpath(WORKFLOW.parent))
+# The locked environment as an image for Apptainer, which `make container` builds from the Dockerfile. It is used only
+# with --software-deployment-method apptainer; otherwise jobs run in the environment of Snakemake.
+IMAGE = PROJECT / "environment.sif"
+if (
+    DeploymentMethod.APPTAINER in workflow.deployment_settings.deployment_method
+    and not IMAGE.is_file()
+):
+    raise WorkflowError(
+        f"{IMAGE}: seen no such file; expected the image for --software-deployment-method apptainer. Build it with "
+        "`make container`, or leave the option out, because the environment of Snakemake has all packages."
+    )
+
+
+container: str(IMAGE)
+
+
 try:
     INPUTS = StudyInputs.checked(
         config,

@@ -1,6 +1,26 @@
-# Start of a run of any workflow of this project: removal of locks of killed runs, and of the limit on starts of jobs.
+# Start of a run of any workflow of this project: the packages that it needs, removal of locks of killed runs, and of the
+# limit on starts of jobs.
 #
 # In, out: nothing; definitions only. Each main Snakefile includes this file.
+
+import os
+import sys
+
+from accelerated_evaluation.base.environment import library_folders, missing_in_words
+from snakemake.exceptions import WorkflowError
+
+if missing := missing_in_words():
+    raise WorkflowError(missing)
+# Jobs import the library of this clone, also in a container, whose image has another copy of it.
+sys.path += [folder for folder in library_folders() if folder not in sys.path]
+os.environ["PYTHONPATH"] = os.pathsep.join(
+    dict.fromkeys(
+        [
+            *library_folders(),
+            *filter(None, os.environ.get("PYTHONPATH", "").split(os.pathsep)),
+        ]
+    )
+)
 
 from accelerated_evaluation.study.jobs import release_dead_locks
 
