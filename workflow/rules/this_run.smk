@@ -3,24 +3,12 @@
 #
 # In, out: nothing; definitions only. Each main Snakefile includes this file.
 
-import os
-import sys
-
-from accelerated_evaluation.base.environment import library_folders, missing_in_words
+from accelerated_evaluation.base.environment import import_from_here, missing_in_words
 from snakemake.exceptions import WorkflowError
 
 if missing := missing_in_words():
     raise WorkflowError(missing)
-# Jobs import the library of this clone, also in a container, whose image has another copy of it.
-sys.path += [folder for folder in library_folders() if folder not in sys.path]
-os.environ["PYTHONPATH"] = os.pathsep.join(
-    dict.fromkeys(
-        [
-            *library_folders(),
-            *filter(None, os.environ.get("PYTHONPATH", "").split(os.pathsep)),
-        ]
-    )
-)
+import_from_here()
 
 from accelerated_evaluation.study.jobs import release_dead_locks
 

@@ -1,6 +1,8 @@
 """The packages that the study needs, and which of them are not installed; needs only the standard library."""
 
+import os
 import re
+import sys
 import tomllib
 from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
@@ -13,9 +15,17 @@ TO_INSTALL = (
 )
 
 
-def library_folders(project: Path = PROJECT) -> list[str]:
-    """Return the folders of a clone of this project from which Python can import its packages."""
-    return [str(folder) for folder in (project / "workflow", project / "fewruns" / "src") if folder.is_dir()]
+def import_from_here() -> None:
+    """Let this process and the jobs that it starts import the library from the clone of this module.
+
+    Otherwise jobs in a container would import the copy of the library in its image, and an environment with
+    the packages of `missing_packages` alone would not suffice.
+    """
+    folders = [folder for folder in (PROJECT / "workflow", PROJECT / "fewruns" / "src") if folder.is_dir()]
+    own = [str(folder) for folder in folders]
+    sys.path += [folder for folder in own if folder not in sys.path]
+    given = [folder for folder in os.environ.get("PYTHONPATH", "").split(os.pathsep) if folder]
+    os.environ["PYTHONPATH"] = os.pathsep.join(dict.fromkeys([*own, *given]))
 
 
 def missing_packages(project: Path = PROJECT) -> list[str]:
