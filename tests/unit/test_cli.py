@@ -4,6 +4,7 @@ import re
 import shlex
 import subprocess
 import sys
+from importlib.metadata import version
 from pathlib import Path
 from types import SimpleNamespace
 
@@ -311,3 +312,10 @@ def test_a_command_loads_neither_optional_libraries_nor_those_for_figures():
     loaded = done.stdout.split()
     assert "accelerated_evaluation.commands.crate" in loaded
     assert not {"rocrate", "matplotlib", "accelerated_evaluation.publishing"} & set(loaded)
+
+
+def test_the_version_is_that_of_the_package(capsys):
+    with pytest.raises(SystemExit) as ended:
+        cli.main(["--version"])
+    assert ended.value.code == 0
+    assert capsys.readouterr().out == f"accelerated-evaluation {version('accelerated-evaluation')}\n"

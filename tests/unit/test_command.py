@@ -1,10 +1,14 @@
 """A vehicle that is a command: its contract, and every way to break it."""
 
 import os
+import signal
+import subprocess
 import sys
 import time
+from pathlib import Path
 
 import numpy as np
+import pandas as pd
 import pytest
 from accelerated_evaluation import InputError, cli, load_vehicle
 from accelerated_evaluation.vehicles.protocol import OUTCOMES
@@ -161,3 +165,89 @@ def test_simulate_takes_parameters(program, tmp_path, capsys):
     ]:
         assert cli.main(["simulate", *files, "--parameter", option]) == 2
         assert message in capsys.readouterr().err
+
+
+COUNTED = """
+import csv, sys
+
+source, target = sys.argv[1:]
+rows = list(csv.DictReader(open(source)))
+with open("runs.txt", "a") as runs:
+    runs.write("run\\n" * len(rows))
+table = [[0, float(row["range"]), 5.0, 0.0] for row in rows]
+csv.writer(open(target, "w")).writerows([["crash", "min_range", "min_ttc", "impact_speed"], *table])
+"""
+
+
+def test_simulate_runs_a_program_once_for_each_new_row_and_again_only_if_asked(tmp_path, monkeypatch, capsys):
+    """1 row is 1 run, 10 rows are 10 runs, and the same rows again are none."""
+    monkeypatch.chdir(tmp_path)
+    Path("program.py").write_text(COUNTED)
+    command = ["--vehicle", "command", "--parameter", f"command={sys.executable} program.py"]
+
+    def runs(rows, *options):
+        lines = [f"20,{10 + row},2" for row in rows]
+        Path("in.csv").write_text("\n".join(["lead_speed,range,closing_speed", *lines]) + "\n")
+        Path("runs.txt").write_text("")
+        assert cli.main(["simulate", "in.csv", "out.csv", *command, *options]) == 0
+        assert pd.read_csv("out.csv")["min_range"].tolist() == [10.0 + row for row in rows]
+        return len(Path("runs.txt").read_text().split())
+
+    assert runs([0]) == 1
+    assert runs(range(1, 11)) == 10
+    assert runs(range(11)) == 0
+    assert runs([3, 3, 20, 20]) == 1
+    assert "1 encounters simulated, 1 taken from results/vehicles/command-" in capsys.readouterr().out
+    assert runs(range(11), "--again") == 11
+    Path("program.py").write_text(COUNTED + "# another version\n")
+    assert runs(range(11), "--workers", "2", "--batch-size", "3") == 11
+
+
+def test_simulate_runs_a_class_once_for_each_row(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    Path("car.py").write_text(
+        "from pathlib import Path\nfrom accelerated_evaluation import load_vehicle\n\n\n"
+        "class Car:\n    def simulate(self, *columns):\n"
+        "        with open('runs.txt', 'a') as runs:\n            runs.write('run\\n' * len(columns[0]))\n"
+        "        return load_vehicle('acc_aeb').simulate(*columns)\n"
+    )
+    Path("in.csv").write_text("lead_speed,range,closing_speed\n20,10,5\n20,12,5\n20,14,5\n")
+    for options, wanted in (([], 3), ([], 3), (["--keep"], 3), (["--keep"], 0)):
+        Path("runs.txt").write_text("")
+        assert cli.main(["simulate", "in.csv", "out.csv", "--vehicle", "car.py:Car", *options]) == 0
+        assert len(Path("runs.txt").read_text().split()) == wanted
+
+
+def test_an_interrupt_says_what_is_kept_and_leaves_no_worker(tmp_path):
+    (tmp_path / "program.py").write_text(COUNTED.replace("import csv, sys", "import csv, sys, time") + SLOW)
+    lines = [f"20,{10 + row},2" for row in range(6)]
+    (tmp_path / "in.csv").write_text("\n".join(["lead_speed,range,closing_speed", *lines]) + "\n")
+    command = [sys.executable, "-m", "accelerated_evaluation.cli", "simulate", "in.csv", "out.csv"]
+    command += ["--vehicle", "command", "--parameter", f"command={sys.executable} program.py"]
+    started = subprocess.Popen(
+        [*command, "--batch-size", "1"],
+        cwd=tmp_path,
+        stderr=subprocess.PIPE,
+        text=True,
+        preexec_fn=lambda: signal.signal(signal.SIGINT, signal.default_int_handler),
+    )
+    while not (tmp_path / "slow.txt").exists():  # the third run is under way
+        time.sleep(0.05)
+        assert started.poll() is None
+    worker = int((tmp_path / "slow.txt").read_text())
+    started.send_signal(signal.SIGINT)  # to the command alone; a terminal would interrupt all
+    assert "2 outcomes are kept in results/vehicles/command-" in started.communicate(timeout=30)[1]
+    assert started.returncode == 130
+    with pytest.raises(ProcessLookupError):
+        os.kill(worker, 0)
+    assert not (tmp_path / "out.csv").exists()
+
+
+SLOW = """
+import os
+if float(rows[0]["range"]) == 12:
+    with open("now.txt", "w") as file:
+        file.write(str(os.getpid()))
+    os.rename("now.txt", "slow.txt")
+    time.sleep(600)
+"""

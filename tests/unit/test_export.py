@@ -14,6 +14,7 @@ from accelerated_evaluation.crash_map.exact import ALL, exact_probabilities
 from accelerated_evaluation.laws.motion import SPEED_COLUMNS
 from accelerated_evaluation.records.segments import read_encounters
 from accelerated_evaluation.track.export import page, table_of
+from accelerated_evaluation.track.scenarios import ConcreteScenario, path_speeds
 from accelerated_evaluation.track.weighted_set import SHELLS, draw_weighted_set
 from law_folder import LAW, write_law_folder
 
@@ -146,28 +147,84 @@ def test_the_folder_holds_all_that_the_page_names(exported):
     assert same == {path.name: path.read_bytes() for path in (folder / "set").iterdir()}
 
 
+def played(path, *, step=0.001, profile=True, until=5.0):
+    """Play a file as OpenSCENARIO says: speeds along the path, a sinusoidal change of lane, linear profiles.
+
+    Return the state of both cars when the middle of the lead crosses the marking, or at a given time after
+    the start: the time, the range, and the speeds along the road of the host and the lead.
+    """
+    tree = ElementTree.parse(path)
+    place, speed, lane = {}, {}, {}
+    for car in ("host", "lead"):
+        own = tree.find(f".//Init/Actions/Private[@entityRef='{car}']")
+        place[car] = float(own.find(".//LanePosition").get("s"))
+        lane[car] = int(own.find(".//LanePosition").get("laneId"))
+        speed[car] = float(own.find(".//AbsoluteTargetSpeed").get("value"))
+    change = tree.find(".//LaneChangeAction")
+    assert int(change.find(".//AbsoluteTargetLane").get("value")) == lane["host"] == lane["lead"] + 1
+    dynamics = change.find("LaneChangeActionDynamics")
+    assert (dynamics.get("dynamicsShape"), dynamics.get("dynamicsDimension")) == ("sinusoidal", "time")
+    lasts = float(dynamics.get("value"))
+    begins = {
+        event.get("name"): float(event.find(".//SimulationTimeCondition").get("value"))
+        for event in tree.findall(".//Event")
+    }
+    entries = tree.findall(".//SpeedProfileEntry") if profile else []
+    times = np.cumsum([float(entry.get("time")) for entry in entries])
+    speeds = [float(entry.get("speed")) for entry in entries]
+    length = float(tree.find(".//ScenarioObject[@name='lead']//Dimensions").get("length"))
+    # A player notices at the first step on or after the moment of a condition that it is fulfilled.
+    begun = {name: step * np.ceil(at / step - 1e-9) for name, at in begins.items()}
+
+    def across(time):
+        share = np.clip((time - begun["cut_in"]) / lasts, 0, 1)
+        return 3.5 * (1 - np.cos(np.pi * share)) / 2
+
+    time, s_lead, s_host = 0.0, place["lead"], place["host"]
+    while time < until - 1e-9 if until else across(time) < 1.75 - 1e-9:
+        middle = time + step / 2
+        path_speed = np.interp(middle - begun["lead_motion"], times, speeds) if entries else speed["lead"]
+        aside = across(time + step) - across(time)
+        along = np.sqrt(max((path_speed * step) ** 2 - aside**2, 0.0))
+        time, s_lead, s_host = time + step, s_lead + along, s_host + speed["host"] * step
+    return time, s_lead - s_host - length, speed["host"], along / step
+
+
 def test_a_scenario_has_the_cut_in_of_the_table_when_the_car_crosses_the_marking(exported):
-    """Played by hand: constant speeds, and half of the lane change at the moment."""
+    """Integrated along the path; with a constant speed, the wrong variant, the lead car loses way."""
     table = pd.read_csv(exported[0] / "set" / "scenarios.csv")
-    for row in table.to_dict("records")[::5]:
-        tree = ElementTree.parse(exported[0] / "set" / row["file"])
-        moment = float(tree.find(".//Property[@name='moment']").get("value"))
-        place, speed, lane = {}, {}, {}
-        for car in ("host", "lead"):
-            own = tree.find(f".//Init/Actions/Private[@entityRef='{car}']")
-            place[car] = float(own.find(".//LanePosition").get("s"))
-            lane[car] = own.find(".//LanePosition").get("laneId")
-            speed[car] = float(own.find(".//AbsoluteTargetSpeed").get("value"))
-        change = tree.find(".//ManeuverGroup//LaneChangeAction")
-        begins = float(tree.find(".//Event//SimulationTimeCondition").get("value"))
-        takes = float(change.find("LaneChangeActionDynamics").get("value"))
-        assert begins + takes / 2 == pytest.approx(moment)
-        assert change.find(".//AbsoluteTargetLane").get("value") == lane["host"] != lane["lead"]
-        apart = place["lead"] - place["host"]
-        box = tree.find(".//ScenarioObject[@name='lead']//Dimensions")
-        assert apart - moment * row["closing_speed"] - float(box.get("length")) == pytest.approx(row["range"])
-        assert (speed["lead"], speed["host"]) == pytest.approx((row["lead_speed"], row["host_speed"]))
-        assert len(tree.findall(".//Event")) == 1
+    for row in table.to_dict("records")[::9]:
+        path = exported[0] / "set" / row["file"]
+        moment = float(ElementTree.parse(path).find(".//Property[@name='moment']").get("value"))
+        time, range_, host, lead = played(path, until=None)
+        assert time == pytest.approx(moment, abs=2e-3)
+        assert range_ - row["closing_speed"] * (moment - time) == pytest.approx(row["range"], abs=1e-3)
+        assert (lead, host) == pytest.approx((row["lead_speed"], row["host_speed"]), abs=1e-3)
+        assert played(path, until=9.0)[1] == pytest.approx(row["range"] - 4 * row["closing_speed"], abs=2e-3)
+        _, short, _, slow = played(path, profile=False, until=moment)
+        assert row["range"] - short > 0.03
+        assert row["lead_speed"] - slow > 0.03
+
+
+def test_the_step_of_a_player_delays_the_crossing_by_one_step_at_most(exported):
+    table = pd.read_csv(exported[0] / "set" / "scenarios.csv")
+    row = table.to_dict("records")[-1]
+    for step in (1 / 30, 0.005):
+        time, range_, *_ = played(exported[0] / "set" / row["file"], step=step, until=None)
+        late = (row["range"] - range_) / row["closing_speed"]
+        assert late == pytest.approx(time - 5.0, abs=1e-3)
+        assert -1e-6 <= late <= 2 * step + 1e-6
+
+
+def test_the_speed_along_the_path_is_that_of_road_and_lane_change_together():
+    still = path_speeds(ConcreteScenario("still", 0.0, 10.0, 5.0, {}))
+    assert still.max() == pytest.approx(3.5 * np.pi / 8)
+    assert still[[0, -1]] == pytest.approx([0, 0], abs=1e-12)
+    slowing = ConcreteScenario("slowing", 10.0, 10.0, 5.0, {}, [10.0 - 0.1 * k for k in range(1, 81)])
+    speeds = path_speeds(slowing)
+    assert len(speeds) == 20 + 81
+    assert speeds[20] == pytest.approx(np.hypot(10.0, 3.5 * np.pi / 8))
+    assert speeds[40:] == pytest.approx(slowing.later_speeds[19:])
 
 
 @pytest.fixture(scope="module")
@@ -188,12 +245,15 @@ def test_a_moving_lead_has_the_speed_profile_of_the_table(moving):
         tree = ElementTree.parse(moving / row["file"])
         event = tree.find(".//Event[@name='lead_motion']")
         moment = float(tree.find(".//Property[@name='moment']").get("value"))
-        assert float(event.find(".//SimulationTimeCondition").get("value")) == moment
+        assert float(event.find(".//SimulationTimeCondition").get("value")) == moment - 2.0
         entries = event.findall(".//SpeedProfileEntry")
         times = np.cumsum([float(entry.get("time")) for entry in entries])
-        np.testing.assert_allclose(times, 0.1 * np.arange(81), atol=1e-12)
-        played = [float(entry.get("speed")) for entry in entries]
-        np.testing.assert_allclose(played, [row[name] for name in ("lead_speed", *SPEED_COLUMNS)], rtol=1e-9)
+        np.testing.assert_allclose(times, 0.1 * np.arange(101), atol=1e-12)
+        shown = np.array([float(entry.get("speed")) for entry in entries])
+        aside = np.where(times < 4, 3.5 * np.pi / 8 * np.sin(np.pi * times / 4), 0.0)
+        along = np.sqrt(np.maximum(shown**2 - aside**2, 0))
+        wanted = [row["lead_speed"]] * 20 + [row[name] for name in ("lead_speed", *SPEED_COLUMNS)]
+        np.testing.assert_allclose(along, wanted, rtol=1e-6, atol=1e-6)
         # The two events must not end each other: each is in a manoeuvre of its own.
         both = [maneuver.findall("Event") for maneuver in tree.findall(".//Maneuver")]
         assert [[event.get("name") for event in events] for events in both] == [["cut_in"], ["lead_motion"]]

@@ -2,11 +2,15 @@
 
 import os
 import re
+import shutil
 import subprocess
 import sys
 from pathlib import Path
 
+import pandas as pd
+import pytest
 import yaml
+from conftest import Project
 
 ROOT = Path(__file__).resolve().parents[2]
 MODULE = """
@@ -18,7 +22,7 @@ module cut_ins:
         "{snakefile}"
     config:
         config["cut_ins"]
-
+{prefix}
 
 use rule * from cut_ins as cut_ins_*
 
@@ -30,12 +34,18 @@ rule theirs:
 """
 
 
-def dry_run(folder: Path, *arguments: str) -> subprocess.CompletedProcess:
+def stranger(project: Path = ROOT, prefix: str = "") -> str:
+    """Return the Snakefile of another workflow that uses this one as a module."""
+    moved = f"    prefix:\n        {prefix!r}\n" if prefix else ""
+    return MODULE.format(snakefile=project / "workflow" / "Snakefile", prefix=moved)
+
+
+def dry_run(folder: Path, *arguments: str, project: Path = ROOT) -> subprocess.CompletedProcess:
     """Plan what Snakemake would do in a folder that is not the project's."""
     return subprocess.run(
         [sys.executable, "-m", "snakemake", "--dry-run", "--cores", "2", *arguments],
         cwd=folder,
-        env=os.environ | {"PYTHONPATH": str(ROOT / "workflow")},
+        env=os.environ | {"PYTHONPATH": str(project / "workflow")},
         capture_output=True,
         text=True,
     )
@@ -59,7 +69,7 @@ def test_the_snakefile_of_the_workflow_plans_the_whole_study_in_any_folder(tmp_p
 
 
 def test_another_workflow_uses_the_study_as_a_module_with_its_own_settings(tmp_path):
-    (tmp_path / "Snakefile").write_text(MODULE.format(snakefile=ROOT / "workflow" / "Snakefile"))
+    (tmp_path / "Snakefile").write_text(stranger())
     (tmp_path / "config.yaml").write_text(yaml.safe_dump({"cut_ins": {"study": "mine", "seed": 7}}))
     run = dry_run(tmp_path)
     assert {"cut_ins_ingest_encounters", "cut_ins_run_11_where_crashes_happen", "theirs"} <= planned(run)
@@ -67,8 +77,48 @@ def test_another_workflow_uses_the_study_as_a_module_with_its_own_settings(tmp_p
 
 
 def test_a_module_that_is_misconfigured_says_what_is_wrong(tmp_path):
-    (tmp_path / "Snakefile").write_text(MODULE.format(snakefile=ROOT / "workflow" / "Snakefile"))
+    (tmp_path / "Snakefile").write_text(stranger())
     (tmp_path / "config.yaml").write_text(yaml.safe_dump({"cut_ins": {"study": "mine", "sead": 7}}))
     run = dry_run(tmp_path)
     assert run.returncode != 0
     assert "nearest known key: seed" in run.stdout + run.stderr
+
+
+@pytest.mark.parametrize("place", ["elsewhere", "below"])
+def test_the_prefix_of_a_module_moves_results_and_no_file_of_the_user_or_the_project(tmp_path, place):
+    """Also if the project is in a folder of the other workflow, as a submodule of Git is."""
+    project = Project.fresh(tmp_path / "study").folder if place == "below" else ROOT
+    (tmp_path / "Snakefile").write_text(stranger(project, "risk"))
+    records = pd.read_parquet(ROOT / "data/spmd/cut_ins.parquet").head(3000)
+    records["range"] = 1 / records["inverse_range"]
+    records["closing_speed"] = records["inverse_ttc"] * records["range"]
+    records[["lead_speed", "range", "closing_speed"]].to_csv(tmp_path / "my.csv", index=False)
+    shutil.copy(ROOT / "tests/corpus/odd_vehicles.py", tmp_path / "my.py")
+    name = re.search(r"^class (\w+)", (tmp_path / "my.py").read_text(), re.MULTILINE)[1]
+    own = {"study": "mine", "data": {"source": "table", "table": {"path": "my.csv"}}}
+    own["vehicle"] = {"name": f"my.py:{name}"}
+    (tmp_path / "config.yaml").write_text(yaml.safe_dump({"cut_ins": own}))
+    run = dry_run(tmp_path, "--quiet", "rules", project=project)
+    assert run.returncode == 0, (run.stdout + run.stderr)[-3000:]
+    jobs = dry_run(tmp_path, "cut_ins_study_answer", "cut_ins_book", project=project)
+    files = {
+        file.strip()
+        for line in re.findall(r"^    (?:in|out)put: (.*)$", jobs.stdout + jobs.stderr, re.MULTILINE)
+        for file in line.split(", ")
+    }
+    assert {"my.csv", "my.py", "risk/results/mine/encounters.parquet"} <= files
+    moved = {file for file in files if file.startswith("risk/")}
+    assert {file.split("/")[1] for file in moved} == {"results", "figures"}
+    assert all((tmp_path / file).exists() for file in files - moved)
+
+
+def test_the_folders_of_a_study_follow_the_prefix():
+    """The scripts of notebooks and of the book look for results where the prefix has moved them."""
+    code = (ROOT / "workflow/rules/common.smk").read_text()
+    names = {"RESULTS": Path("results/mine"), "FIGURES": Path("figures/mine")}
+    exec(re.search(r"^def folders_of_study.*?(?=^def )", code, re.DOTALL | re.MULTILINE)[0], names)
+    for prefix in ("", "risk/"):
+        found = names["folders_of_study"](
+            None, [f"{prefix}figures/mine/a.png", f"{prefix}results/mine/b.ipynb"]
+        )
+        assert found == {"results": f"{prefix}results/mine", "figures": f"{prefix}figures/mine"}

@@ -3,6 +3,7 @@
 import argparse
 import sys
 from collections.abc import Sequence
+from importlib.metadata import version
 
 import argcomplete
 
@@ -34,8 +35,9 @@ def main(argv: Sequence[str] | None = None) -> int:
     except (StudyError, OSError) as error:
         print("error:", *str(unusable(error)).split(), file=sys.stderr)
         return 2
-    except KeyboardInterrupt:
-        print("stopped from the keyboard", file=sys.stderr)
+    except KeyboardInterrupt as stop:
+        kept = f"; {stop}" if str(stop) else "; a file is written completely or not at all"
+        print(f"stopped from the keyboard{kept}", file=sys.stderr)
         return 130
     return 0
 
@@ -46,6 +48,7 @@ def parser() -> argparse.ArgumentParser:
         prog="accelerated-evaluation",
         description="Crash probability of automated vehicles in cut-ins by accelerated evaluation.",
     )
+    own.add_argument("--version", action="version", version=f"%(prog)s {version('accelerated-evaluation')}")
     commands = own.add_subparsers(title="commands", metavar="COMMAND", required=True)
     for name, command in COMMANDS.items():
         subparser = commands.add_parser(

@@ -12,7 +12,7 @@ rule search_proposals:
     input:
         encounters=rules.ingest_encounters.output.encounters,
         model=rules.fit_models.output[MODEL],
-        vehicle=ancient(VEHICLE_FILES),
+        vehicle=ancient(local(VEHICLE_FILES)),
     output:
         proposals=searched(".json", "{method}"),
         trace=searched("_trace.csv", "{method}"),

@@ -40,7 +40,7 @@ rule study_answer:
         report=rules.inspect_records.output.report,
         family=[result("laws", "family.npz")] if IS_CUT_IN else [],
         map=OWN_MAP,
-        vehicle=ancient(VEHICLE_FILES),
+        vehicle=ancient(local(VEHICLE_FILES)),
     output:
         **tables_of_laws(
             *EVERY, *OF_LAWS_OF_CUT_INS, *OF_WAY, *(["risks"] if WITH_INJURIES else [])
@@ -86,7 +86,7 @@ rule compare_vehicles:
         maps=[
             f"{FOLDERS[name]}/crash_map/full.npz" for name in OTHERS if name in FOLDERS
         ],
-        vehicles=ancient(INPUTS.files_of(*OTHERS)),
+        vehicles=ancient(local(INPUTS.files_of(*OTHERS))),
     output:
         **tables_of_laws(
             "vehicles",
@@ -126,7 +126,7 @@ if OWN_MAP:
             encounters=rules.ingest_encounters.output.encounters,
             law=rules.study_answer.output.law,
             map=f"{FOLDERS['under_test']}/crash_map/full.npz",
-            vehicles=ancient(ALL_FILES),
+            vehicles=ancient(local(ALL_FILES)),
         output:
             encounters=result("happened", "encounters.csv"),
             traces=result("happened", "traces.csv"),
@@ -160,7 +160,7 @@ elif IS_CUT_IN:
         input:
             crashes=rules.study_answer.output.crashes,
             answer=rules.study_answer.output.answer,
-            vehicle=ancient(VEHICLE_FILES),
+            vehicle=ancient(local(VEHICLE_FILES)),
         output:
             encounters=result("happened", "encounters.csv"),
             traces=result("happened", "traces.csv"),

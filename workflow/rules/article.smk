@@ -8,12 +8,14 @@ from accelerated_evaluation.publishing.article.tables import BENCHMARKS
 rule article:
     """Make an article of the study: a PDF whose numbers and figures are all published results."""
     input:
-        text=sorted(map(str, ARTICLE.iterdir())),
+        text=local(sorted(map(str, ARTICLE.iterdir()))),
         figures=shown_in_article,
-        captions=[str(CAPTIONS / f"{name}.rst") for name in shown_figures(ARTICLE)],
+        captions=local(
+            [str(CAPTIONS / f"{name}.rst") for name in shown_figures(ARTICLE)]
+        ),
         tables=[file for name in NOTEBOOKS for file in tables_of(name)],
         benchmarks=[
-            str(PROJECT / "benchmarks/results" / f"{name}.csv") for name in BENCHMARKS
+            of_project("benchmarks/results", f"{name}.csv") for name in BENCHMARKS
         ],
         config=result("config.json"),
     output:
@@ -24,7 +26,7 @@ rule article:
     benchmark:
         benchmark_of("article.tsv")
     params:
-        study={"results": str(RESULTS), "figures": str(FIGURES)},
+        study=folders_of_study,
         library=code_up_to("publishing"),
     message:
         "Writing the article"

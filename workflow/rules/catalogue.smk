@@ -45,7 +45,7 @@ except StudyError as error:
 
 def notebook_of(name):
     """Path of a notebook."""
-    return str(PATHS[name])
+    return local(str(PATHS[name]))
 
 
 def read_by(notebook):

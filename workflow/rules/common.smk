@@ -103,6 +103,18 @@ def result(*parts: str) -> str:
     return str(RESULTS.joinpath(*parts))
 
 
+def of_project(*parts: str) -> str:
+    """Path of a file of this project. The prefix of a module does not move it."""
+    return local(str(PROJECT.joinpath(*parts)))
+
+
+def folders_of_study(_, output) -> dict:
+    """Folders of the results and the figures of this study, with the prefix of a module if there is one."""
+    own = next(path for path in output if str(RESULTS) in path)
+    prefix = own.partition(str(RESULTS))[0]
+    return {"results": f"{prefix}{RESULTS}", "figures": f"{prefix}{FIGURES}"}
+
+
 def tables_of_laws(*names):
     """Paths of tables of the answer, by their names."""
     return {name: result("laws", f"{name}.csv") for name in dict.fromkeys(names)}

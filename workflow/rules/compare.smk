@@ -8,7 +8,7 @@ OF_LAWS = {
     "encounters": rules.ingest_encounters.output.encounters,
     "family": rules.fit_family.output.family,
     "map": f"{FOLDERS['under_test']}/crash_map/full.npz",
-    "vehicle": ancient(VEHICLE_FILES),
+    "vehicle": ancient(local(VEHICLE_FILES)),
 }
 
 

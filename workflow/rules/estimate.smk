@@ -15,7 +15,7 @@ for _method in REPLICATED:
             proposals=(
                 searched(".json", _method) if METHODS[_method].learns_apart else []
             ),
-            vehicle=ancient(VEHICLE_FILES),
+            vehicle=ancient(local(VEHICLE_FILES)),
         output:
             **{
                 table: result("estimates", f"{{scope}}_{_method}_{table}.csv")

@@ -11,7 +11,7 @@ MAP_FOLDER = map_folder(MAPPED)
 rule map_crashes:
     """Compute the crash map of the vehicle, which does not depend on a model, at full, half and quarter resolution."""
     input:
-        vehicle=ancient(VEHICLE_FILES),
+        vehicle=ancient(local(VEHICLE_FILES)),
     output:
         full=f"{MAP_FOLDER}/crash_map/full.npz",
         half=f"{MAP_FOLDER}/crash_map/half.npz",
@@ -71,7 +71,7 @@ rule repeat_searches:
         encounters=rules.ingest_encounters.output.encounters,
         model=rules.fit_models.output[MODEL],
         quarter=rules.map_crashes.output.quarter,
-        vehicle=ancient(VEHICLE_FILES),
+        vehicle=ancient(local(VEHICLE_FILES)),
     output:
         repeated=result("repeated_searches.csv"),
     log:
@@ -99,7 +99,7 @@ rule study_sensitivity:
         full=rules.map_crashes.output.full,
         half=rules.map_crashes.output.half,
         encounters=rules.ingest_encounters.output.encounters,
-        vehicle=ancient(VEHICLE_FILES),
+        vehicle=ancient(local(VEHICLE_FILES)),
     output:
         sensitivity=result("sensitivity.csv"),
     log:

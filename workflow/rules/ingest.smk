@@ -8,7 +8,7 @@
 rule ingest_encounters:
     """Read the records, filter and segment lane changes, and account for every row."""
     input:
-        records=ancient(RECORDS),
+        records=ancient(local(RECORDS)),
     output:
         encounters=result("encounters.parquet"),
         account=result("encounters_account.csv"),

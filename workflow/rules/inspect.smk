@@ -6,8 +6,8 @@
 rule inspect_records:
     """Check the records before any other job, and print checks with a warning or a stop; see `accept_records`."""
     input:
-        records=ancient(RECORDS),
-        vehicle=ancient(VEHICLE_FILES),
+        records=ancient(local(RECORDS)),
+        vehicle=ancient(local(VEHICLE_FILES)),
     output:
         report=result("records_report.csv"),
     log:

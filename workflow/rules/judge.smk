@@ -13,7 +13,7 @@ rule run_crude_monte_carlo:
     input:
         encounters=rules.ingest_encounters.output.encounters,
         model=rules.fit_models.output[MODEL],
-        vehicle=ancient(VEHICLE_FILES),
+        vehicle=ancient(local(VEHICLE_FILES)),
     output:
         estimates=result("crude.csv"),
         course=result("crude_course.csv"),
@@ -46,7 +46,7 @@ rule study_coverage:
             if wildcards.judged in SEARCHING
             else []
         ),
-        vehicle=ancient(VEHICLE_FILES),
+        vehicle=ancient(local(VEHICLE_FILES)),
     output:
         coverage=result("coverage", "{judged}.csv"),
         replicates=result("coverage", "{judged}_replicates.csv"),

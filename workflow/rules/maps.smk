@@ -7,7 +7,9 @@
 rule map_crashes_uncapped:
     """Compute the crash map of a vehicle up to closing speeds above which nothing changes."""
     input:
-        vehicle=ancient(lambda wildcards: INPUTS.files[UNCAPPED[wildcards.mapped]]),
+        vehicle=ancient(
+            lambda wildcards: local(INPUTS.files[UNCAPPED[wildcards.mapped]])
+        ),
     output:
         full="results/vehicles/{mapped}/crash_map/full.npz",
         vehicle="results/vehicles/{mapped}/vehicle.json",

@@ -42,7 +42,7 @@ for _notebook in NOTEBOOKS:
         benchmark:
             benchmark_of("notebooks", f"{_notebook}.tsv")
         params:
-            parameters={"results": str(RESULTS), "figures": str(FIGURES)},
+            parameters=folders_of_study,
             library=code_up_to("publishing"),
         message:
             f"Running the notebook {_notebook}"
@@ -66,7 +66,7 @@ if IS_CUT_IN:
             runs=[rules.study_answer.output.runs] if SLOW else [],
             answer=result("laws", "answer.csv"),
             vehicles=result("laws", "vehicles.csv"),
-            templates=sorted(map(str, (PROJECT / "workflow/explorer").iterdir())),
+            templates=local(sorted(map(str, (PROJECT / "workflow/explorer").iterdir()))),
         output:
             page=result("explorer.html"),
         log:
@@ -94,10 +94,10 @@ rule book:
             for file in [*figures_of(name), *tables_of(name), rendered_of(name)]
         ],
         results=[result(name) for name in ("config.json", *ON_FIRST_PAGE)],
-        guides=GUIDES,
-        pictures=PICTURES,
-        captions=sorted(map(str, CAPTIONS.glob("*.rst"))),
-        pages=sorted(map(str, PAGES.iterdir())),
+        guides=local(GUIDES),
+        pictures=local(PICTURES),
+        captions=local(sorted(map(str, CAPTIONS.glob("*.rst")))),
+        pages=local(sorted(map(str, PAGES.iterdir()))),
         explorer=[rules.explorer.output.page] if IS_CUT_IN else [],
     output:
         site=directory(result("book")),
@@ -107,7 +107,7 @@ rule book:
     benchmark:
         benchmark_of("book.tsv")
     params:
-        study={"results": str(RESULTS), "figures": str(FIGURES)},
+        study=folders_of_study,
         tables={name: made.tables for name, made in NOTEBOOKS.items()},
         records=RECORDS,
         library=code_up_to("publishing"),

@@ -10,7 +10,7 @@ rule compare_scenario_methods:
     """Estimate the crash probability under the law with the largest weight by every method that uses normal scores."""
     input:
         law=result("laws", "answer.json"),
-        vehicle=ancient(VEHICLE_FILES),
+        vehicle=ancient(local(VEHICLE_FILES)),
     output:
         estimates=result("scenario", "estimates.csv"),
         runs=result("scenario", "runs.csv"),
@@ -34,8 +34,8 @@ rule compare_scenario_methods:
 rule compare_verdicts:
     """Compare the vehicle with the published verdicts of the scenario; an empty table if there are none."""
     input:
-        verdicts=ancient(VERDICTS),
-        vehicle=ancient(VEHICLE_FILES),
+        verdicts=ancient(local(VERDICTS)),
+        vehicle=ancient(local(VEHICLE_FILES)),
     output:
         agreement=result("scenario", "agreement.csv"),
     log:

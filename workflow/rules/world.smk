@@ -9,8 +9,8 @@ rule count_crashes:
     input:
         vehicles=result("laws", "vehicles.csv"),
         exposure=result("laws", "exposure.csv"),
-        events=str(PROJECT / "data/crash_counts/hundred_car_events.tsv.gz"),
-        published=str(PROJECT / "data/crash_counts/published_rates.csv"),
+        events=of_project("data/crash_counts/hundred_car_events.tsv.gz"),
+        published=of_project("data/crash_counts/published_rates.csv"),
     output:
         counted=result("counted_crashes.csv"),
     log:
@@ -31,7 +31,7 @@ rule predict_humans:
         encounters=rules.ingest_encounters.output.encounters,
         family=rules.fit_family.output.family,
         exposure=result("laws", "exposure.csv"),
-        events=str(PROJECT / "data/crash_counts/hundred_car_events.tsv.gz"),
+        events=of_project("data/crash_counts/hundred_car_events.tsv.gz"),
     output:
         predicted=result("human_predictions.csv"),
     log:
@@ -54,11 +54,11 @@ rule predict_humans:
 rule study_lead_motion:
     """Estimate crash probabilities with a lead vehicle that changes its speed, for vehicles with a map."""
     input:
-        records=ancient(RECORDS),  # encounters.parquet lacks the cut-ins whose gap opens
+        records=ancient(local(RECORDS)),  # encounters.parquet lacks the cut-ins whose gap opens
         encounters=rules.ingest_encounters.output.encounters,
         family=rules.fit_family.output.family,
         maps=[f"{folder}/crash_map/full.npz" for folder in FOLDERS.values()],
-        vehicles=ancient(INPUTS.files_of(*MAPPED_VEHICLES)),
+        vehicles=ancient(local(INPUTS.files_of(*MAPPED_VEHICLES))),
     output:
         moving=result("lead_motion.csv"),
     log:

@@ -159,6 +159,16 @@ def add_accept(command: argparse.ArgumentParser) -> None:
     )
 
 
+def positive_integer(text: str) -> int:
+    """Return the value of an option that is a number of things."""
+    if (count := int(text)) < 1:
+        raise ValueError
+    return count
+
+
+positive_integer.__name__ = "positive integer"  # argparse prints this name in its error message
+
+
 def require_seed(seed: int) -> None:
     """Raise InputError unless a seed is 0 or more."""
     if seed < 0:

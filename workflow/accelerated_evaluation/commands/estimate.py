@@ -5,7 +5,7 @@ import json
 import os
 from pathlib import Path
 
-from accelerated_evaluation.commands import COMMANDS, add_accept
+from accelerated_evaluation.commands import COMMANDS, add_accept, positive_integer
 
 ANSWER = "answer"
 DESCRIPTION = """\
@@ -62,15 +62,6 @@ earlier version, whose runs save simulations; another scenario, with its default
   accelerated-evaluation estimate --scenario left_turn --verbose"""
 
 
-def _count(text: str) -> int:
-    if (count := int(text)) < 1:
-        raise ValueError
-    return count
-
-
-_count.__name__ = "positive integer"  # argparse prints this name in its error message
-
-
 def _share(text: str) -> float:
     if not 0 <= (share := float(text)) <= 1:
         raise ValueError
@@ -107,7 +98,7 @@ class EstimateAlone:
         command.add_argument(
             "--replicates",
             metavar="N",
-            type=_count,
+            type=positive_integer,
             default=1,
             help="independent repetitions, of about 150 simulations each (default: %(default)s)",
         )

@@ -19,12 +19,15 @@ from tqdm import tqdm
 from accelerated_evaluation.base import strict_yaml
 from accelerated_evaluation.base.errors import InputError
 from accelerated_evaluation.base.files import atomic_path
-from accelerated_evaluation.commands import COMMANDS, add_scenario
+from accelerated_evaluation.commands import COMMANDS, add_scenario, positive_integer
 from accelerated_evaluation.laws.motion import course_columns
 from accelerated_evaluation.scenarios import SCENARIOS
 from accelerated_evaluation.scenarios.cut_in import CUT_IN
 from accelerated_evaluation.scenarios.protocol import ENDED, Scenario
+from accelerated_evaluation.vehicles.external.checked import CheckedVehicle, ForeignVehicle
+from accelerated_evaluation.vehicles.external.slow import SlowVehicle, loaded_for
 from accelerated_evaluation.vehicles.external.watched import run_apart
+from accelerated_evaluation.vehicles.external.workers import PROCESSES
 from accelerated_evaluation.vehicles.loading import load_vehicle
 from accelerated_evaluation.vehicles.moving import require_motion, speeds_in
 from accelerated_evaluation.vehicles.protocol import Vehicle
@@ -34,6 +37,9 @@ INTRODUCTION = "Simulate the encounters in the rows of IN.csv, and write the tab
 RULES = """\
 If the lead vehicle of a cut-in changes its speed, further columns contain the lead speed [m/s] 0.1, 0.2, ...
 s after the start: speed_0.1, speed_0.2, ..., up to speed_8.0. Speeds in between are interpolated.
+
+The outcomes of a command or an FMU are stored in results/vehicles. An encounter that is in the store is not
+simulated again, unless --again is given.
 
 The added columns are at the end, and replace columns of the same name. All other columns are copied
 unchanged. Simulations that were stopped at their time limit have 0 in the column ended, and a warning gives
@@ -65,14 +71,14 @@ class Row(NamedTuple):
     fields: list[str]
 
 
-def _speed(text: str) -> float:
-    speed = float(text)
-    if not (math.isfinite(speed) and speed > 0):
+def _positive(text: str) -> float:
+    number = float(text)
+    if not (math.isfinite(number) and number > 0):
         raise ValueError
-    return speed
+    return number
 
 
-_speed.__name__ = "positive speed"  # argparse prints this name in its error message
+_positive.__name__ = "positive number"  # argparse prints this name in its error message
 
 
 @COMMANDS.add("simulate")
@@ -100,9 +106,40 @@ class Simulate:
         command.add_argument(
             "--closing-speed-max",
             metavar="SPEED",
-            type=_speed,
+            type=_positive,
             help="for cut-ins, cap on the closing speed [m/s]: larger closing speeds are replaced by it; the "
             "study uses 23.49 (default: no cap)",
+        )
+        slow = command.add_argument_group(
+            "commands, FMUs and other slow vehicles",
+            "Outcomes are stored in results/vehicles, so that no encounter is simulated twice.",
+        )
+        slow.add_argument(
+            "--again",
+            action="store_true",
+            help="simulate all rows, also those in the store; the outcomes are not stored",
+        )
+        slow.add_argument("--keep", action="store_true", help="store the outcomes of a Python class, too")
+        slow.add_argument(
+            "--batch-size",
+            metavar="N",
+            type=positive_integer,
+            default=100,
+            help="largest number of encounters for which a program is started once (default: %(default)s)",
+        )
+        slow.add_argument(
+            "--time-limit",
+            metavar="SECONDS",
+            type=_positive,
+            default=600.0,
+            help="longest time for a batch (default: %(default)g)",
+        )
+        slow.add_argument(
+            "--workers",
+            metavar="N",
+            type=positive_integer,
+            default=1,
+            help="number of batches that run at the same time (default: %(default)s)",
         )
 
     @staticmethod
@@ -118,11 +155,35 @@ class Simulate:
                 "--closing-speed-max", seen=f"the scenario {scenario.name}", expected="cut_in", change=change
             )
 
-        def simulate() -> None:
-            vehicle = load_vehicle(name, scenario, **parameters)
-            simulate_table(arguments.source, arguments.target, vehicle, scenario, caps)
+        settings = {
+            "keep_class": arguments.keep,
+            "batch_size": arguments.batch_size,
+            "time_limit": arguments.time_limit,
+            "workers": arguments.workers,
+            "executor": PROCESSES,
+            "options": {},
+        }
+        section = {"name": name, "parameters": parameters, "files": []}
+        is_stored = not arguments.again and (":" not in name or arguments.keep)
 
-        if ":" in name or name == "fmu":
+        def simulate() -> None:
+            if not is_stored:
+                vehicle = load_vehicle(name, scenario, **parameters)
+                if isinstance(vehicle, CheckedVehicle):
+                    vehicle.was_repeated = True  # a row is one run
+                    if isinstance(vehicle.vehicle, ForeignVehicle):
+                        vehicle.vehicle.time_limit = arguments.time_limit
+                simulate_table(arguments.source, arguments.target, vehicle, scenario, caps)
+                return
+            with loaded_for(section, settings, scenario, is_tested=False) as vehicle:
+                simulate_table(arguments.source, arguments.target, vehicle, scenario, caps)
+                if isinstance(vehicle, SlowVehicle):
+                    print(
+                        f"{vehicle.simulated:,} encounters simulated, {vehicle.found:,} taken from "
+                        f"{vehicle.store.path}"
+                    )
+
+        if not is_stored and (":" in name or name == "fmu"):
             run_apart(simulate, f"vehicle {name}")
         else:
             simulate()

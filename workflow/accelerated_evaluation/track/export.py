@@ -27,7 +27,7 @@ from accelerated_evaluation.track.recipe import (
     WHOLE,
 )
 from accelerated_evaluation.track.scenarios import (
-    LANE_CHANGE,
+    LANE_CHANGE_BEGINS,
     RUN_UP,
     ConcreteScenario,
     require_scenariogeneration,
@@ -138,7 +138,7 @@ def _parts_of_cut_ins(drawn: WeightedSet) -> dict[str, str]:
 
 def _cut_ins_in_words(drawn: WeightedSet) -> dict[str, str]:
     """Return the parts of the page that describe cut-ins and their files."""
-    numbers = {"run_up": RUN_UP, "begins": RUN_UP - LANE_CHANGE / 2}
+    numbers = {"run_up": RUN_UP, "begins": LANE_CHANGE_BEGINS}
     numbers |= MOVING if SPEED_COLUMNS[0] in drawn.table else STILL
     return {name: part.format(**numbers) for name, part in CUT_IN_FILES.items()}
 

@@ -84,7 +84,10 @@ the host closes in. How often would your vehicle crash in such cut-ins, as often
   after the start. From the crossing on, your vehicle drives by itself. If it drives by itself earlier and
   brakes early, report what happens. The range is the distance between the bumpers of two cars of 4.3 m when
   the middle of the other car crosses the marking. If your car is longer or shorter, move its start so that
-  the range stays the same.
+  the range stays the same. The speed of the other car is given along its path, and such that its speed
+  along the road is `lead_speed` also during the lane change. Play the files with steps of 5 ms or less:
+  a player notices the start of the lane change up to one step late, and with 33 ms the host comes up to
+  a metre closer in this time.
 - `scenarios.csv`: a row for each scenario with `scenario` (its number), `shell`, `weight`, `lead_speed`
   [m/s], `range` [m], `closing_speed` [m/s] (host minus lead, at the marking), `host_speed` [m/s],
   `file`{columns}.""",

@@ -2,8 +2,10 @@
 
 An encounter of the study begins at the moment of the cut-in, with a given range between the bumpers. The
 scenario file begins `RUN_UP` seconds earlier, with the other car in the lane on the right. The other car
-changes lane such that its middle crosses the marking at the moment of the cut-in. It keeps its speed
-throughout, or changes it from that moment on by a speed profile. The host has an initial speed and no action.
+changes lane such that its middle crosses the marking at the moment of the cut-in. Its speed in the direction
+of the road, which is the lead speed of the encounter, is constant throughout, or changes from that moment on.
+The speed in the file is the speed along the path, which is higher during the lane change; a speed profile
+states it. The host has an initial speed and no action.
 If it keeps this speed until the cut-in, range and closing speed are those of the encounter. From that moment
 at the latest, the vehicle under test drives by itself. The scenario ends with a collision, or `DURATION`
 seconds after the cut-in.
@@ -16,6 +18,9 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+import numpy as np
+
+from accelerated_evaluation.base.arrays import Array
 from accelerated_evaluation.base.errors import StudyError
 from accelerated_evaluation.base.files import atomic_path
 from accelerated_evaluation.laws.motion import STEP
@@ -28,6 +33,7 @@ ROAD_LENGTH, LANE_WIDTH, START = 6000.0, 3.5, 100.0  # [m]; START is the initial
 LENGTH, WIDTH, HEIGHT = 4.3, 1.9, 1.5  # [m], dimensions of both cars, those of the reference drivers
 RUN_UP = 5.0  # [s] before the moment of the cut-in
 LANE_CHANGE = 4.0  # [s]; the middle of the car crosses the marking at half of it
+LANE_CHANGE_BEGINS = RUN_UP - LANE_CHANGE / 2  # [s] after the start
 HOST_LANE, NEXT_LANE = -1, -2
 DURATION = 35.0  # [s] after the moment of the cut-in
 FASTEST, STRONGEST = 150.0, 12.0  # [m/s], [m/s^2]: limits that the format requires and that no cut-in reaches
@@ -155,30 +161,46 @@ def _storyboard(scenario: ConcreteScenario) -> "xosc.StoryBoard":
     board = xosc.StoryBoard(init, _end())
     cut_in = xosc.Event("cut_in", xosc.Priority.override)
     cut_in.add_action("change_lane", xosc.AbsoluteLaneChangeAction(HOST_LANE, gradually))
-    cut_in.add_trigger(_after("lane_change_begins", RUN_UP - LANE_CHANGE / 2))
+    cut_in.add_trigger(_after("lane_change_begins", LANE_CHANGE_BEGINS))
     maneuver = xosc.Maneuver("lead_maneuver")
     maneuver.add_event(cut_in)
     board.add_maneuver(maneuver, "lead")
-    if len(scenario.later_speeds):
-        board.add_maneuver(_motion(scenario), "lead")
+    board.add_maneuver(_motion(scenario), "lead")
     return board
 
 
+def path_speeds(scenario: ConcreteScenario) -> Array:
+    """Return the speeds [m/s] of the other car along its path, every 0.1 s from the start of the lane change.
+
+    In OpenSCENARIO a car that changes lane keeps the speed along its path, so that it is slower in the
+    direction of the road. With a constant speed, the range at the cut-in would be up to 0.2 m too short and
+    the closing speed up to 0.2 m/s too high. The speed along the path is therefore the root of the sum of the
+    squares of the lead speed and of the lateral speed, which is W pi / (2 T) sin(pi t / T) for a sinusoidal
+    change of lane by the width W within T seconds.
+    """
+    later = scenario.later_speeds or [scenario.lead_speed]
+    steps = max(len(later), round(LANE_CHANGE / 2 / STEP))
+    times = STEP * np.arange(-round(LANE_CHANGE / 2 / STEP), steps + 1)
+    along = np.interp(times, STEP * np.arange(len(later) + 1), [scenario.lead_speed, *later])
+    phase = np.pi * np.clip(times / LANE_CHANGE + 0.5, 0.0, 1.0)
+    return np.hypot(along, LANE_WIDTH * np.pi / (2 * LANE_CHANGE) * np.sin(phase))
+
+
 def _motion(scenario: ConcreteScenario) -> "xosc.Maneuver":
-    """Return the manoeuvre that changes the lead speed from the moment of the cut-in on.
+    """Return the manoeuvre that sets the speed of the other car from the start of the lane change on.
 
     The time of each entry of a speed profile is relative to the preceding entry. The first entry, at 0 s, is
-    the speed at the cut-in, because players differ in what they assume before the first entry. The profile is
-    in a manoeuvre of its own, because an event may end other events of its manoeuvre.
+    the initial speed, because players differ in what they assume before the first entry. The profile is in a
+    manoeuvre of its own, because an event may end other events of its manoeuvre.
     """
     from scenariogeneration import xosc
 
-    speeds = [float(speed) for speed in (scenario.lead_speed, *scenario.later_speeds)]
-    times = [0.0] + [STEP] * len(scenario.later_speeds)
+    speeds = path_speeds(scenario).tolist()
+    times = [0.0] + [STEP] * (len(speeds) - 1)
     profile = xosc.SpeedProfileAction(speeds, xosc.FollowingMode.position, times)
     changes = xosc.Event("lead_motion", xosc.Priority.override)
     changes.add_action("change_speed", profile)
-    changes.add_trigger(_after("moment_of_the_cut_in", RUN_UP))
+    changes.add_trigger(_after("speed_changes", LANE_CHANGE_BEGINS))
     maneuver = xosc.Maneuver("lead_motion_maneuver")
     maneuver.add_event(changes)
     return maneuver

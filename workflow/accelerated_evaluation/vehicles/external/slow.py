@@ -63,6 +63,8 @@ class SlowVehicle:
     # deterministic.
     simulated: int = field(default=0, repr=False)
     found: int = field(default=0, repr=False)  # encounters that were found in the store
+    # Whether some encounters are simulated again, to find out whether the vehicle is deterministic.
+    is_tested: bool = field(default=True, repr=False)
     _handed_out: Counter = field(default_factory=Counter, init=False, repr=False, compare=False)
 
     def __post_init__(self) -> None:
@@ -110,7 +112,8 @@ class SlowVehicle:
     def _checked(self, encounters: Array) -> Any:  # noqa: ANN401
         """Return the outcomes of encounters, shape (d, n); test once whether the vehicle is deterministic."""
         outcomes = self._looked_up(encounters, again=self.deterministic is False)
-        if encounters.shape[1] and self.deterministic is not False and self.store.verdict is None:
+        is_open = self.deterministic is not False and self.store.verdict is None
+        if self.is_tested and encounters.shape[1] and is_open:
             self.deterministic = after_repetition(
                 self._again,
                 encounters,
@@ -210,7 +213,8 @@ class SlowVehicle:
                 shown,
                 f"no end after {self.time_limit:g} s",
                 "outcomes within this time limit of a batch",
-                "Make the vehicle faster, raise simulations.time_limit, or lower simulations.batch_size.",
+                "Make the vehicle faster, raise simulations.time_limit, or lower simulations.batch_size "
+                "(--time-limit and --batch-size of the command simulate).",
             )
         died = isinstance(error, BrokenExecutor) or type(error).__name__ == "KilledWorker"
         return outcome_error(
@@ -238,12 +242,18 @@ def is_slow(name: str, simulations: Mapping[str, Any], scenario: Scenario = CUT_
 
 @contextmanager
 def loaded_for(
-    vehicle: Mapping[str, Any], simulations: Mapping[str, Any], scenario: Scenario = CUT_IN
+    vehicle: Mapping[str, Any],
+    simulations: Mapping[str, Any],
+    scenario: Scenario = CUT_IN,
+    *,
+    is_tested: bool = True,
 ) -> Iterator[Vehicle]:
     """Yield the vehicle of a configuration, as a `SlowVehicle` if its outcomes are stored.
 
-    Workers are ended after the ``with`` block. InputError is raised if the vehicle cannot be loaded, if a
-    file does not exist, or if the workers cannot be started.
+    Workers are ended after the ``with`` block. Unless ``is_tested``, no encounter of a user's vehicle is
+    simulated again to find out whether it is deterministic. InputError is raised if the vehicle cannot be
+    loaded, if a file does not exist, or if the workers cannot be started. If the block is interrupted from
+    the keyboard, the KeyboardInterrupt says how many outcomes are kept.
     """
     name, parameters = vehicle["name"], vehicle["parameters"]
     # The vehicle is loaded here in any case, so that errors are raised before a worker starts.
@@ -255,13 +265,14 @@ def loaded_for(
         with Processes(1) as other:  # it starts with the first repetition
             if isinstance(car, CheckedVehicle):
                 car.elsewhere = Elsewhere(name, parameters, scenario, other)
+                car.was_repeated = not is_tested
             yield car
         return
     store = store_of(name, parameters, files, scenario)
     declared = car.deterministic if isinstance(car, CheckedVehicle) else None
     with workers_of(simulations) as workers:
         limits = {key: simulations[key] for key in ("batch_size", "time_limit")}
-        yield SlowVehicle(
+        slow = SlowVehicle(
             name,
             parameters,
             car.name,
@@ -271,7 +282,15 @@ def loaded_for(
             scenario=scenario,
             deterministic=declared,
             takes_motion=takes_motion(car),
+            is_tested=is_tested,
         )
+        try:
+            yield slow
+        except KeyboardInterrupt as stop:
+            raise KeyboardInterrupt(
+                f"{len(store):,} outcomes are kept in {store.path}. The same command continues with them; "
+                "only the runs that were under way are lost"
+            ) from stop
 
 
 @contextmanager

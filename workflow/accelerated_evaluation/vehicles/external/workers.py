@@ -14,7 +14,7 @@ from concurrent.futures import Executor, Future, ProcessPoolExecutor
 from contextlib import ExitStack, contextmanager, redirect_stderr, redirect_stdout
 from dataclasses import dataclass, field
 from functools import cache
-from multiprocessing import get_context, parent_process
+from multiprocessing import active_children, get_context, parent_process
 from queue import SimpleQueue
 from typing import Any, TextIO
 
@@ -38,6 +38,7 @@ PROCESSES = "processes"
 CLUSTERS = {"dask": ("distributed", "LocalCluster"), "slurm": ("dask_jobqueue", "SLURMCluster")}
 INTERRUPT = {signal.SIGINT}
 GRACE = 2.0  # [s], time after the limit until a worker is ended, so that its command is ended first
+AT_LEISURE = 0.5  # [s], longest time for a worker to end after an interrupt
 # The printed output and the timer belong to the process, which may have several threads.
 ONE_AT_A_TIME = threading.Lock()
 JOIN = 60.0  # [s], longest time to wait for the first worker of a cluster whose address is given
@@ -133,6 +134,12 @@ class Processes(Executor):
         future.add_done_callback(lambda _: self._idle.put(pool))
         return future
 
+    def __exit__(self, kind: type[BaseException] | None, *rest: object) -> None:
+        """End the processes; after an interrupt from the keyboard, without waiting for their calls."""
+        if kind is not None and issubclass(kind, KeyboardInterrupt):
+            _end_children()
+        self.shutdown()
+
     def shutdown(self, wait: bool = True, *, cancel_futures: bool = False) -> None:
         """End the processes; with ``wait``, return only after their running calls have ended.
 
@@ -140,6 +147,18 @@ class Processes(Executor):
         """
         for pool in self._pools:
             pool.shutdown(wait, cancel_futures=cancel_futures)
+
+
+def _end_children() -> None:
+    """End all workers of this process and the commands that they run, and return when they have ended."""
+    children = active_children()
+    for child in children:
+        os.kill(child.pid, signal.SIGINT)
+    for child in children:
+        child.join(AT_LEISURE)
+        if child.is_alive():  # it is still starting, or compiled code does not answer
+            child.kill()
+            child.join()
 
 
 def _follow_parent() -> None:
