@@ -186,7 +186,7 @@ def test_bad_closing_speed_max(table, capsys, speed):
     with pytest.raises(SystemExit) as stop:
         table(HEADER, "--closing-speed-max", speed)
     assert stop.value.code == 2
-    assert f"invalid positive speed value: '{speed}'" in capsys.readouterr().err
+    assert f"invalid positive number value: '{speed}'" in capsys.readouterr().err
 
 
 def test_help_is_complete(capsys):

@@ -55,6 +55,22 @@ def test_a_slow_vehicle_replays_a_sample_of_each_stratum():
     assert (found.happened, found.replayed, found.p_value(1e-6)) == (0, sum(SIZES), 1.0)
 
 
+def test_the_replayed_records_are_compared_with_what_the_estimate_allows_among_them():
+    """All events may lie in the stratum of which most was replayed, here a tenth of 200 records."""
+    few = replayed(lambda x: np.zeros(x.shape[1], bool))
+    sample = replace(few, records=np.array([200, 19_800]), sampled=np.array([20, 80]))
+    generator, size = np.random.default_rng(5), 40_000
+    fault = generator.hypergeometric(20, 180, 20, size)  # 20 events, a probability of 0.001, in the first
+    assert sample.allowed(1e-3) == pytest.approx(2.0)
+    assert fault.mean() == pytest.approx(sample.allowed(1e-3), abs=4 * fault.std() / size**0.5)
+    said = Evidence("crash", 1e-3, sample, None).in_words
+    assert "replayed 100 of 20,000 distinct records, and 0 ended with crash" in said
+    assert said.endswith("the estimate allows at most 2 among them")
+    every = replace(sample, sampled=sample.records, replayed=20_000)
+    assert "all 20,000 distinct records" in Evidence("crash", 1e-3, every, None).in_words
+    assert every.allowed(1e-3) == pytest.approx(20.0)
+
+
 def test_a_fast_vehicle_replays_all_records_and_guides_with_the_same_sample():
     fault = lambda x: (x[1] > 0.5) & (x[1] < 0.51)  # noqa: E731
     slow, fast = replayed(fault), replayed(fault, is_slow=False)
@@ -213,7 +229,7 @@ def test_a_fault_that_the_records_show_contradicts_an_estimate_that_missed_it(mo
     assert tables["replays"]["p_value"].iloc[-1] < LEVEL
     right = evidence_on(vehicle, replays, CRASH, upper=2 * share)
     assert right.doubts == []
-    assert f"{replays.happened:,} ended with crash" in right.in_words
+    assert f"{replays.events.sum():,} ended with crash" in right.in_words
     assert right.added_to({"estimate": pd.DataFrame({"converged": [True]})})["estimate"]["converged"].all()
 
 

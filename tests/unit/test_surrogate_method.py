@@ -1,15 +1,17 @@
 """The sampler as a method of the study: the same numbers, one kind of error, and its sentences."""
 
 import math
+from dataclasses import replace
 
 import numpy as np
 import pytest
 from accelerated_evaluation import CUT_IN, InputError, Problem, load_vehicle
-from accelerated_evaluation.methods import METHODS
+from accelerated_evaluation.methods import METHODS, Estimate
 from accelerated_evaluation.methods.surrogate import (
     Surrogate,
     assumption_in_words,
     chance_in_words,
+    checks_in_words,
     rules_for,
     sampler_of,
     unseen_in_words,
@@ -101,3 +103,13 @@ def test_sentences_name_what_the_runs_cannot_exclude():
     for absent in ("exclude", "counted", "drift"):
         assert absent not in words
     assert "at least 12,345 draws" in chance_in_words(known | {"settling_runs": 12_345.0})
+
+
+def test_the_answer_says_how_many_runs_were_checks_and_what_saves_them():
+    known = {"repeats": 350, "differed": 0, "law_draws": 300, "counted": 0}
+    found = Estimate(1e-5, 0, 2e-5, 0.2, 870, 870, 20, True, known)
+    (line,) = checks_in_words(found)
+    assert line.startswith("650 of the 870 simulations checked whether the vehicle is deterministic")
+    assert "`vehicle: {deterministic: true}`" in line
+    for other in ({"repeats": 0}, {"differed": 1}, {"counted": 1}):  # stated, or not deterministic
+        assert checks_in_words(replace(found, diagnostics=known | other)) == []

@@ -1,5 +1,6 @@
 """The study used from another folder: by its Snakefile, and as a module of another workflow."""
 
+import io
 import os
 import re
 import shutil
@@ -100,12 +101,11 @@ def test_the_prefix_of_a_module_moves_results_and_no_file_of_the_user_or_the_pro
     (tmp_path / "config.yaml").write_text(yaml.safe_dump({"cut_ins": own}))
     run = dry_run(tmp_path, "--quiet", "rules", project=project)
     assert run.returncode == 0, (run.stdout + run.stderr)[-3000:]
-    jobs = dry_run(tmp_path, "cut_ins_study_answer", "cut_ins_book", project=project)
-    files = {
-        file.strip()
-        for line in re.findall(r"^    (?:in|out)put: (.*)$", jobs.stdout + jobs.stderr, re.MULTILINE)
-        for file in line.split(", ")
-    }
+    summary = pd.read_csv(
+        io.StringIO(dry_run(tmp_path, "--detailed-summary", project=project).stdout), sep="\t"
+    )
+    inputs = {file for files in summary["input-file(s)"].dropna() for file in files.split(",")}
+    files = {*summary["output_file"], *inputs}
     assert {"my.csv", "my.py", "risk/results/mine/encounters.parquet"} <= files
     moved = {file for file in files if file.startswith("risk/")}
     assert {file.split("/")[1] for file in moved} == {"results", "figures"}

@@ -41,6 +41,7 @@ from accelerated_evaluation.methods.problem import Problem
 from accelerated_evaluation.methods.surrogate import (
     assumption_in_words,
     chance_in_words,
+    checks_in_words,
     read_predecessor,
     unseen_in_words,
     weights_in_words,
@@ -195,7 +196,9 @@ class Estimated:
         )
         verdict = f"converged{assumed}" if answer.converged else "not converged"
         counts = f"{estimate.simulations:,} simulations, {estimate.events:,} of them with the event"
-        yield f"{verdict} after {counts}"
+        replayed = self.evidence.replays.replayed
+        yield f"{verdict} after {counts}, in addition to {replayed:,} replays of records"
+        yield from checks_in_words(estimate)
         if answer.notes["not_ended"]:
             yield f"warning: {answer.notes['not_ended']:,} runs did not end, and count as without the event"
         if verbose or answer.posterior is None:

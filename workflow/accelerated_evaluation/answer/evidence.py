@@ -45,12 +45,18 @@ class Evidence:
     def in_words(self) -> str:
         """The replays as a sentence."""
         replays, (count, total) = self.replays, self._counts()
-        shown = "all" if count == total else f"{count:,} of {total:,}"
-        share = f", a share of {replays.happened / count:.2g}" if replays.happened else ""
-        return (
-            f"replays: the vehicle replayed {shown} distinct records, and {replays.happened:,} ended "
-            f"with {self.event}{share}; the estimate expects at most {self.upper * total:.2g} in all records"
+        sampled, events = int(replays.sampled.sum()), int(replays.events.sum())
+        shown = f"all {total:,}" if count == total else f"{sampled:,} of {total:,}"
+        text = (
+            f"replays: the vehicle replayed {shown} distinct records, and {events:,} ended with "
+            f"{self.event}; the estimate allows at most {replays.allowed(self.upper):.2g} among them"
         )
+        if count > sampled:
+            text += (
+                f". Of {count - sampled:,} records similar to these, {replays.happened - events:,} ended "
+                f"with it, too; the estimate allows at most {self.upper * total:.2g} in all {total:,} records"
+            )
+        return text
 
     def unseen(self, probability: float) -> str | None:
         """Return in words how much the replays can have missed, compared with the estimated probability.

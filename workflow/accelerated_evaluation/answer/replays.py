@@ -69,6 +69,14 @@ class Replays:
         shares = np.where(self.sampled == self.records, self.events / self.records, missed)
         return float(np.average(shares, weights=self.records))
 
+    def allowed(self, upper: float) -> float:
+        """Return the largest expected number of events in the random sample of the records.
+
+        The event has at most the probability ``upper``, and all its events in the records may lie in the
+        stratum of which the largest share was sampled.
+        """
+        return float(upper * self.records.sum() * np.max(self.sampled / self.records))
+
     def p_value(self, upper: float) -> float:
         """Return the probability of so many events if the event has at most the probability ``upper``.
 

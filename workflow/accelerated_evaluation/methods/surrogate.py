@@ -215,6 +215,19 @@ def assumption_in_words(diagnostics: Mapping[str, float]) -> list[str]:
     ]
 
 
+def checks_in_words(estimate: Estimate) -> list[str]:
+    """Return a sentence with the number of runs that only check whether the vehicle is deterministic."""
+    found = estimate.diagnostics
+    checks = int(found["repeats"]) + int(found["law_draws"])
+    if not found["repeats"] or found["differed"] or found["counted"]:
+        return []
+    return [
+        f"{checks:,} of the {estimate.simulations:,} simulations checked whether the vehicle is "
+        "deterministic, and all agreed; if you know that it is, `vehicle: {deterministic: true}` in the "
+        "configuration saves them"
+    ]
+
+
 def chance_in_words(diagnostics: Mapping[str, float]) -> str:
     """Return sentences about the repeated runs, and about the events that lapses can add to an estimate."""
     repeats, differed = int(diagnostics["repeats"]), int(diagnostics["differed"])
