@@ -51,6 +51,9 @@ def test_settings_and_cells_that_differ_are_listed(studies, capsys):
         },
         nan_ok=True,
     )
+    # The logarithm of 2.5, divided by half of that of 3, the width of the interval from 1e-6 to 3e-6.
+    assert found.loc[("answer", "crash", "probability"), "half_widths"] == pytest.approx(1.668, abs=1e-3)
+    assert found.loc["estimates", "half_widths"].isna().all()
     assert found.loc[("answer", "TTC at most 1 s", "low80"), ["in a", "in b"]].isna().tolist() == [
         True,
         False,

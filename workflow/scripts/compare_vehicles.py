@@ -3,10 +3,11 @@
 The criteria of the configuration are judged, too.
 """
 
+from collections.abc import Iterator, Mapping
 from functools import partial
 
 import pandas as pd
-from accelerated_evaluation.answer.answer import evaluate
+from accelerated_evaluation.answer.answer import Answer, evaluate
 from accelerated_evaluation.answer.criterion import criteria_of
 from accelerated_evaluation.answer.fitted_records import stored_records
 from accelerated_evaluation.answer.study_tables import comparison_tables, fast_way
@@ -18,6 +19,7 @@ from accelerated_evaluation.methods.problem import Problem
 from accelerated_evaluation.scenarios import SCENARIOS
 from accelerated_evaluation.study.jobs import job
 from accelerated_evaluation.vehicles.external.slow import all_loaded
+from accelerated_evaluation.vehicles.protocol import Vehicle
 
 if __name__ == "__main__":
     with job(snakemake.log[0]):
@@ -25,15 +27,21 @@ if __name__ == "__main__":
         scenario, stream = SCENARIOS[params.scenario["name"]], partial(child_generator, params.seed, "laws")
         records = stored_records(scenario, files.encounters, params.support, read_json(files.exposure))
         draws = as_draws(read_law(files.draws, records.table))
-        maps, answers = dict(zip(params.vehicles, files.maps, strict=bool(files.maps))), {}
-        simulations = params.simulations | {"workers": snakemake.threads}
-        with all_loaded(params.vehicles, simulations, scenario) as vehicles:
+        maps = dict(zip(params.vehicles, files.maps, strict=bool(files.maps)))
+
+        def answers(vehicles: Mapping[str, Vehicle]) -> Iterator[tuple[str, Answer]]:
+            """Compute the answers one after the other, because each needs much memory."""
             for name, vehicle in vehicles.items():
                 way = fast_way(records, params.scenario["simulations"], maps.get(name))
                 problem = Problem(scenario, vehicle, scenario.events[0], law=draws.proposal)
-                answers[name] = evaluate(problem, draws, way, generator=stream("references", name))
+                yield name, evaluate(problem, draws, way, generator=stream("references", name))
+
         own = {name: pd.read_csv(path) for name, path in files.items() if name in params.own}
         criteria = criteria_of(params.criteria, scenario)
-        tables = comparison_tables(own, answers, records, scenario.references, params.half_width, criteria)
+        simulations = params.simulations | {"workers": snakemake.threads}
+        with all_loaded(params.vehicles, simulations, scenario) as vehicles:
+            tables = comparison_tables(
+                own, answers(vehicles), records, scenario.references, params.half_width, criteria
+            )
         for name, path in snakemake.output.items():
             write_csv(path, tables[name])

@@ -1,7 +1,7 @@
 """The tables of a study's answer, for all scenarios and for all ways in which an answer is computed."""
 
 import os
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 
 import pandas as pd
 from scipy.special import ndtri
@@ -140,7 +140,7 @@ def injured_by_level(posterior: Posterior | None, risks: pd.DataFrame | None) ->
 
 def comparison_tables(
     own: Mapping[str, pd.DataFrame],
-    others: Mapping[str, Answer],
+    others: Iterable[tuple[str, Answer]],
     records: FittedRecords,
     references: Mapping[str, str],
     half_width: float,
@@ -150,13 +150,19 @@ def comparison_tables(
 
     The tables ``answer_draws``, ``vehicle``, ``extrapolation`` and, if there are risks of injury, ``risks``
     of `answer_tables` represent the vehicle under test. The tables ``vehicles``, ``compared``, ``criteria``
-    and ``deciding`` are returned, and those of injuries.
+    and ``deciding`` are returned, and those of injuries. The answers of the others, each with its name, are
+    used one after the other, because the weights of the crashes of one need several hundred MB.
     """
-    rows = pd.concat([own["vehicle"], pd.DataFrame([vehicle_row(*pair) for pair in others.items()])])
-    posteriors = {UNDER_TEST: posterior_of(own["answer_draws"])}
-    posteriors |= {name: each.posterior if is_resolved(each) else None for name, each in others.items()}
+    rows, posteriors = [own["vehicle"]], {UNDER_TEST: posterior_of(own["answer_draws"])}
+    risks = {UNDER_TEST: own["risks"]} if "risks" in own else {}
+    for name, each in others:
+        rows.append(pd.DataFrame([vehicle_row(name, each)]))
+        posteriors[name] = each.posterior if is_resolved(each) else None
+        if risks:
+            risks[name] = risks_table(each)
+        del each  # before the next answer is computed
     tables = {
-        "vehicles": vehicle_table(rows, posteriors, references),
+        "vehicles": vehicle_table(pd.concat(rows), posteriors, references),
         "compared": compared_table(posteriors),
     }
     simulations = own["answer_draws"].get("simulations", pd.Series([None])).iloc[0]
@@ -170,9 +176,8 @@ def comparison_tables(
         posteriors,
         injured_by_level(posteriors[UNDER_TEST], own.get("risks")),
     )
-    if "risks" not in own:
+    if not risks:
         return tables
-    risks = {UNDER_TEST: own["risks"]} | {name: risks_table(each) for name, each in others.items()}
     known = {
         name: (posteriors[name], table.to_numpy(float))
         for name, table in risks.items()

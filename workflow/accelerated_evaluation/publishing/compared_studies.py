@@ -8,10 +8,12 @@ import numpy as np
 import pandas as pd
 from pandas.api.types import is_numeric_dtype
 
+from accelerated_evaluation.base.arrays import Array
 from accelerated_evaluation.base.errors import InputError
 from accelerated_evaluation.publishing.study import Study
 
 NAMES = ["study", "data"]  # columns of published tables that only name the study
+ENDS = (("low80", "high80"), ("low", "high"))  # columns with the ends of the interval of the numbers in a row
 
 
 def changed_settings(first: Study, second: Study) -> pd.DataFrame:
@@ -25,8 +27,9 @@ def changed_cells(first: Study, second: Study) -> pd.DataFrame:
 
     Rows are matched by their leading columns of text, such as the method or the event, and by their order if
     several rows have the same text. A cell that only one of the studies has is missing in the other.
-    ``ratio`` is that of the second to the first if both are numbers. InputError is raised if the studies have
-    no published table of the same name in the working folder.
+    ``ratio`` is that of the second to the first if both are numbers. ``half_widths`` is the difference of
+    their logarithms, divided by half the width of the wider interval of their rows, if they have intervals.
+    InputError is raised if the studies have no published table of the same name in the working folder.
     """
     tables = [_published(study) for study in (first, second)]
     common = sorted(tables[0].keys() & tables[1].keys())
@@ -37,10 +40,32 @@ def changed_cells(first: Study, second: Study) -> pd.DataFrame:
             expected="published tables of two finished studies of one scenario",
             change="Correct the names of the studies, or run them in this folder first.",
         )
-    parts = {name: _changed(_cells(*(each[name] for each in tables)), (first, second)) for name in common}
+    parts = {}
+    for name in common:
+        cells = _cells(*(each[name] for each in tables))
+        changed = _changed(cells, (first, second))
+        widths = np.fmax(*(_half_widths(own, changed.index.get_level_values(0)) for own in cells))
+        parts[name] = changed.assign(half_widths=widths)
     changed = pd.concat(parts, names=["table", "row", "column"]).reset_index()
-    numbers = [pd.to_numeric(changed[_header(study)], errors="coerce") for study in (first, second)]
-    return changed.assign(ratio=numbers[1] / numbers[0].replace(0, np.nan))
+    one, other = (pd.to_numeric(changed[_header(study)], errors="coerce") for study in (first, second))
+    ratio = other / one.replace(0, np.nan)
+    distance = np.log(ratio.where(ratio > 0)).abs()
+    return changed.assign(ratio=ratio, half_widths=distance / changed["half_widths"])
+
+
+def _half_widths(cells: pd.Series, rows: pd.Index) -> Array:
+    """Return half the width of the logarithm of the interval in each of some rows; NaN without one."""
+    widths = np.full(len(rows), np.nan)
+    columns = cells.index.get_level_values("column")
+    for names in ENDS:
+        if set(names) <= set(columns):
+            low, high = (
+                pd.to_numeric(cells[columns == name].droplevel("column"), errors="coerce").reindex(rows)
+                for name in names
+            )
+            found = np.log((high / low).where((low > 0) & (high > low))).to_numpy() / 2
+            widths = np.where(np.isnan(widths), found, widths)
+    return widths
 
 
 def _header(study: Study) -> str:
