@@ -107,7 +107,7 @@ def test_sentences_name_what_the_runs_cannot_exclude():
 
 def test_the_answer_says_how_many_runs_were_checks_and_what_saves_them():
     known = {"repeats": 350, "differed": 0, "law_draws": 300, "counted": 0}
-    found = Estimate(1e-5, 0, 2e-5, 0.2, 870, 870, 20, True, known)
+    found = Estimate(1e-5, 0, 2e-5, 0.2, 870, 0, 20, True, known)
     (line,) = checks_in_words(found)
     assert line.startswith("650 of the 870 simulations checked whether the vehicle is deterministic")
     assert "`vehicle: {deterministic: true}`" in line
