@@ -30,6 +30,7 @@ from accelerated_evaluation.publishing.book.catalogue import caption, fill
 from accelerated_evaluation.publishing.provenance import commit_of
 from accelerated_evaluation.publishing.study import Study
 from accelerated_evaluation.publishing.tables.exact import contradictions
+from accelerated_evaluation.publishing.tables.claims import departure
 from accelerated_evaluation.publishing.tables.paper_claims import PAPER_PROBABILITY
 from accelerated_evaluation.publishing.tables.spreads import rests_in_words
 from accelerated_evaluation.scenarios.cut_in import CUT_IN
@@ -68,6 +69,7 @@ def _of_the_paper(study: Study) -> dict[str, Any]:
     """Return the values that need results of the paper's methods and of crude Monte Carlo."""
     return {
         "paper_probability": PAPER_PROBABILITY,
+        "departed": departure(study.config),
         "contradicted": contradictions(study.truth, study.crude),
     }
 
