@@ -29,8 +29,8 @@ from accelerated_evaluation.base.files import PROJECT, file_digest
 from accelerated_evaluation.publishing.book.catalogue import caption, fill
 from accelerated_evaluation.publishing.provenance import commit_of
 from accelerated_evaluation.publishing.study import Study
-from accelerated_evaluation.publishing.tables.exact import contradictions
 from accelerated_evaluation.publishing.tables.claims import departure
+from accelerated_evaluation.publishing.tables.exact import contradictions
 from accelerated_evaluation.publishing.tables.paper_claims import PAPER_PROBABILITY
 from accelerated_evaluation.publishing.tables.spreads import rests_in_words
 from accelerated_evaluation.scenarios.cut_in import CUT_IN
