@@ -2,6 +2,7 @@
 
 import csv
 import os
+import re
 from collections import Counter
 from collections.abc import Mapping, Sequence
 from difflib import get_close_matches
@@ -27,6 +28,38 @@ def require_file(path: str | os.PathLike, change: str) -> None:
         raise InputError(str(path), seen=seen, expected="a file to read", change=change)
 
 
+def header_fault(header: Sequence[str]) -> str:
+    """Return what is wrong with the header of a table that lacks a column: another separator, or no header.
+
+    The text is empty if neither is seen.
+    """
+    whole = header[0] if len(header) == 1 else ""
+    for separator, name in ((";", "semicolons"), ("\t", "tabs"), ("|", "vertical bars")):
+        if separator in whole:
+            return f"cells that are separated by {name} ({cut(whole)}), not by commas"
+    if header and all(is_number(cell) for cell in header):
+        return f"numbers in the first row ({listed(header, '')}), so that the table has no header"
+    return ""
+
+
+def is_number(cell: str) -> bool:
+    """Return whether a cell of a CSV file is a number."""
+    try:
+        float(cell)
+    except ValueError:
+        return False
+    return True
+
+
+def number_fault(cell: object) -> str:
+    """Return how to correct a cell that should be a number, for a message; empty if that is not seen."""
+    if not isinstance(cell, str):
+        return "Dates and other values are no numbers; correct the column. " if cell is not None else ""
+    if is_number(cell.replace(",", "")) and re.fullmatch(r"[-+]?\d{1,3}(,\d{3})+(\.\d*)?", cell.strip()):
+        return "Write the table without thousands separators. "
+    return "Write a point in place of the decimal comma. " if is_number(cell.replace(",", ".", 1)) else ""
+
+
 def require_columns(path: str | os.PathLike, seen: Sequence[str], named: Mapping[str, str]) -> None:
     """Raise InputError if a table lacks a required column.
 
@@ -35,6 +68,13 @@ def require_columns(path: str | os.PathLike, seen: Sequence[str], named: Mapping
     """
     for key, name in named.items():
         if name not in seen:
+            if fault := header_fault(seen):
+                raise InputError(
+                    f"{path}, row 1",
+                    seen=fault,
+                    expected=f"names of columns that are separated by commas, with {name!r} among them",
+                    change="Export the table with commas, points as decimal marks, and a header.",
+                )
             raise InputError(
                 f"{path}, column {name!r}",
                 seen=f"only the columns {listed(seen, name)}",

@@ -314,8 +314,15 @@ def _with_progress(file: TextIO) -> Iterator[str]:
 def _position(header: list[str], name: str, source: Path, scenario: Scenario) -> int:
     """Return the index of the column ``name`` in the header; raise InputError unless it is there once."""
     if header.count(name) != 1:
-        from accelerated_evaluation.base.tables import listed
+        from accelerated_evaluation.base.tables import header_fault, listed
 
+        if fault := header_fault(header):
+            raise InputError(
+                f"{source}, row 1",
+                seen=fault,
+                expected=f"a comma-separated header with {', '.join(scenario.names)}",
+                change="Export the table with commas, points as decimal marks, and a header.",
+            )
         times = "more than one" if name in header else "no"
         raise InputError(
             f"{source}, row 1",

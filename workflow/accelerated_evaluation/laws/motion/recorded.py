@@ -197,7 +197,9 @@ def recorded_courses(
 
 def _numbers(table: pd.DataFrame, where: str) -> Array:
     """Return columns as floats, with nan for empty cells; raise InputError if a cell is not a number."""
-    numbers = table.apply(pd.to_numeric, errors="coerce")
+    # Dates would become numbers of nanoseconds.
+    dates = table.columns[[kind.kind not in "iufObU" for kind in table.dtypes]]
+    numbers = table.assign(**dict.fromkeys(dates, np.nan)).apply(pd.to_numeric, errors="coerce")
     wrong = (numbers.isna() & table.notna()).to_numpy()
     if wrong.any():
         row, column = np.argwhere(wrong)[0]
