@@ -150,6 +150,7 @@ PARTS = {
 }
 DRAWN_CRASHES = 1000  # largest number of crashes that is drawn
 CELL = (0.75, 0.25)  # [m] and [m/s], cells in which the records are counted
+LIGHTEST = 0.05  # number of records that would be white, so that a cell with one record can be seen
 
 
 @figure
@@ -168,7 +169,7 @@ def fig37_extrapolation(
         grid = cells.pivot_table(index="closing_speed", columns="range", values="records")
         most = int(cells["records"].max())
         image = axes.pcolormesh(
-            grid.columns, grid.index, grid, cmap="Greys", norm=LogNorm(0.3, most), rasterized=True
+            grid.columns, grid.index, grid, cmap="Greys", norm=LogNorm(LIGHTEST, most), rasterized=True
         )
         grey = image.cmap(image.norm(math.sqrt(most)))
         handles = [Patch(color=grey, label=f"records: 1 (light) to {most:,} (black) in a cell")]
