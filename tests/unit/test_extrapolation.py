@@ -3,7 +3,9 @@
 from dataclasses import replace
 from types import SimpleNamespace
 
+import matplotlib.pyplot as plt
 import numpy as np
+import pandas as pd
 import pytest
 from accelerated_evaluation import CUT_IN, Answer, Crashes, Posterior
 from accelerated_evaluation.answer.extrapolation import (
@@ -27,6 +29,7 @@ from accelerated_evaluation.answer.extrapolation import (
 from accelerated_evaluation.answer.map_tables import dispersion, level_factors, near_miss_table
 from accelerated_evaluation.crash_map.lines import CrashLines, divided
 from accelerated_evaluation.laws.smooth.conditional import Places
+from accelerated_evaluation.publishing.figures.coverage import fig37_extrapolation
 
 # Lead speed, range and closing speed of four records.
 RECORDS = np.array([[10.0, 20.0, 5.0], [10.5, 22.0, 8.0], [20.0, 50.0, 12.0], [30.0, 52.0, 3.0]])
@@ -174,3 +177,17 @@ def test_clusters_widen_the_intervals_of_near_misses():
     assert np.log(row["clustered_high95"] / row["clustered_low95"]) == pytest.approx(
         width * np.sqrt(1 + (exact / 0.05) ** 2), rel=0.1
     )
+
+
+def test_the_figure_counts_every_record_and_says_where_the_crashes_are():
+    """Records with a long time to collision are shown, too; those of one cell are counted together."""
+    encounters = pd.DataFrame({"range": [10.1, 10.2, 70.0], "closing_speed": [1.01, 1.02, 0.1]})
+    encounters["inverse_ttc"] = encounters["closing_speed"] / encounters["range"]
+    shares = pd.DataFrame({"part": [ALL, RECORDED, NEAR, FAR], "share": [1.0, 0.2, 0.3, 0.5]})
+    crashes = pd.DataFrame({"lead_speed": 10.0, "range": [5.0, 40.0], "closing_speed": [4.0, 25.0]})
+    drawn, data = fig37_extrapolation(shares, crashes.assign(part=[RECORDED, FAR]), encounters, "made up")
+    plt.close(drawn)
+    assert data["records"].dropna().tolist() == [2, 1]
+    assert data["part"].dropna().tolist() == [RECORDED, FAR]
+    middles = data.dropna(subset="records")[["range", "closing_speed"]].to_numpy()
+    np.testing.assert_allclose(middles, [[10.125, 1.125], [70.125, 0.125]])
