@@ -13,7 +13,8 @@ from accelerated_evaluation.base.arrays import Array
 from accelerated_evaluation.crash_map.lines import CrashLines
 from accelerated_evaluation.laws.smooth.conditional import SpeedLaw
 from accelerated_evaluation.laws.smooth.family import DistinctRecords, LawFamily, Member
-from accelerated_evaluation.laws.smooth.shapes import Exponential, FarTail
+from accelerated_evaluation.laws.smooth.far_tail import Layers
+from accelerated_evaluation.laws.smooth.shapes import Exponential
 from kinds import LEVEL, Smooth, TwoKindsOfDrivers, World, draw_smooth
 
 HOST_MAX, LEAST_CLOSING, NO_LIMIT = 31.0, 3.0, 1e3  # [m/s]
@@ -59,7 +60,7 @@ class Bent(Exponential):
     name = "bent"
 
     def __init__(self, bends: Sequence[float] = (BEND,), factors: Sequence[float] = (SLOPE,)) -> None:
-        self.changed = FarTail(np.array(bends, dtype=float), np.array(factors, dtype=float))
+        self.changed = Layers(np.array(bends, dtype=float), np.array(factors, dtype=float))
 
     def cumulative(self, z: Array, parameters: Array) -> Array:
         """Return the cumulative hazard."""

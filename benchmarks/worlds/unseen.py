@@ -3,7 +3,8 @@
 As in `beyond`, each is the world `exponential` but for one property, and its crash probability is the sum
 over the intervals of the same map. The kinds of `unseen_worlds` were invented before the laws got their far
 tails, and simulated afterwards. Two of them decided between two widths of the prior. The kinds of
-`fresh_worlds` were invented after this, and nothing was changed after they had been simulated.
+`fresh_worlds` were invented after this, and nothing was changed after they had been simulated. In the kinds
+of `worlds_by_place` the tail changes in one half of the traffic only.
 """
 
 from collections.abc import Callable
@@ -21,6 +22,7 @@ from numpy.typing import NDArray
 
 FADED, AGGRESSIVE = 4.0, 3.0  # excess in scales from which on the excess is stretched
 NEARBY = 15.0  # [m] over which aggressiveness fades
+SLOW, HEAVIER = 13.0, 1.5  # [m/s], lead speed at which the tail changes, and the factor of the excess
 GRADUAL, SHAPE = 4.0, 0.2  # excess in scales from which on it is generalised Pareto, and the shape
 
 
@@ -115,4 +117,20 @@ def fresh_worlds(family: LawFamily) -> dict[str, World]:
         "aggressive when near": Stretched(
             family, base, AGGRESSIVE, lambda places, scale: 1 + 0.4 * np.exp(-places.range_ / NEARBY)
         ),
+    }
+
+
+def worlds_by_place(family: LawFamily) -> dict[str, World]:
+    """Return the kinds of worlds whose far tail is heavier at some lead speeds only."""
+    base = _base(family)
+
+    def heavier(is_heavier: Callable[[Array], NDArray[np.bool_]]) -> World:
+        def factor(places: Places, scale: Array) -> Array:
+            return np.where(is_heavier(places.lead_speed), HEAVIER, 1.0)
+
+        return Stretched(family, base, FADED, factor)
+
+    return {
+        "heavier in fast traffic": heavier(lambda lead_speed: lead_speed >= SLOW),
+        "heavier in slow traffic": heavier(lambda lead_speed: lead_speed < SLOW),
     }

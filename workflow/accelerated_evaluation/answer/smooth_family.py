@@ -34,8 +34,9 @@ from accelerated_evaluation.laws.smooth.family import (
     Member,
     members_at,
 )
+from accelerated_evaluation.laws.smooth.far_tail import FarTail
 from accelerated_evaluation.laws.smooth.mean import MeanLaw
-from accelerated_evaluation.laws.smooth.shapes import SHAPES, FarTail
+from accelerated_evaluation.laws.smooth.shapes import SHAPES
 from accelerated_evaluation.laws.smooth.smooth_hazard import HazardGrid, SmoothHazard
 
 # [1/s], inverse time to collision above which laws are scored. In the study, the region contains the crash
@@ -148,7 +149,7 @@ FORMAT = "accelerated-evaluation family"
 VERSION = 3
 HAZARD = ("coefficients", "smoothing", "factor")
 EXCESS = (*HAZARD, "parameters")
-FAR = ("levels", "factors", "shapes")
+FAR = ("levels", "log_factors")
 SCORING = ("scores.py", "calibration.py", "smooth_family.py")
 
 
@@ -241,7 +242,8 @@ def _from_arrays(
     few = None
     if far:
         size, lowest, table = (arrays[f"far records, {name}"] for name in ("size", "lowest", "table"))
-        few = FarRecords(Places.of(*table[:2], records.support), table[2], int(size), float(lowest))
+        places = Places.of(*table[:2], records.support)
+        few = FarRecords(places, table[2], int(size), float(lowest), records.support)
     family = LawFamily(ranges, body, thresholds, exceedances, tails, far, few)
     expected = {name: arrays[f"expected, {name}"] for name in DIVISIONS if f"expected, {name}" in arrays}
     return SmoothFamily(fitter, family, arrays["scores"], expected)

@@ -15,7 +15,7 @@ from accelerated_evaluation.base.arrays import Array
 from accelerated_evaluation.crash_map.lines import CrashLines
 from accelerated_evaluation.laws.smooth.conditional import Places
 from accelerated_evaluation.laws.smooth.family import DistinctRecords
-from accelerated_evaluation.laws.smooth.shapes import PRIOR
+from accelerated_evaluation.laws.smooth.far_tail import SHAPE, FarPrior
 from accelerated_evaluation.laws.smooth.splines import SUPPORT, Support
 from accelerated_evaluation.records.segments import MINIMUM_ROWS
 
@@ -103,7 +103,11 @@ def summary_under(study: LawStudy, lines: CrashLines, streams: Streams) -> dict[
     return summarise(Posterior(masses_under(lines, draws).sum(axis=1), draws.member))
 
 
-PRIORS = {"far tail: prior half as wide": 4 * PRIOR, "far tail: prior twice as wide": PRIOR / 4}
+PRIORS = {
+    "far tail: one factor for all places": FarPrior(deviations=(0.0,)),
+    "far tail: prior half as wide": FarPrior(4 * SHAPE),
+    "far tail: prior twice as wide": FarPrior(SHAPE / 4),
+}
 SPLINES = {"fewer splines": (4, 3), "more splines": (9, 8)}
 
 

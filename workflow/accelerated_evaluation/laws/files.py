@@ -19,7 +19,7 @@ from accelerated_evaluation.records.verdict import Verdict
 
 FORMAT = "accelerated-evaluation law"
 CHECKSUM = "checksum"
-VERSION = 2  # files of version 1 have no checksum
+VERSION = 2  # files of version 1 have no checksum, and no factors of the far tail by place
 PLACES = (-4.0, 0.0, 4.0)  # normal scores at which a law is checked after reading
 NOT_CHECKED = {"stops": {}, "warnings": ["no verdict on the records in the file of the law"], "advice": {}}
 CHANGE = "Fit the law again, or name a law file that this version wrote."

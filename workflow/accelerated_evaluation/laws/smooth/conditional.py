@@ -22,7 +22,7 @@ from numpy.typing import ArrayLike
 
 from accelerated_evaluation.base.arrays import Array, numbers_in
 from accelerated_evaluation.laws.smooth.excess import Excess
-from accelerated_evaluation.laws.smooth.shapes import FarTail
+from accelerated_evaluation.laws.smooth.far_tail import FarTail, Layers
 from accelerated_evaluation.laws.smooth.smooth_hazard import Cumulative, HazardGrid, SmoothHazard
 from accelerated_evaluation.laws.smooth.splines import SUPPORT, Basis, Constant, Support
 
@@ -172,11 +172,12 @@ class SpeedLaw:
         If the cumulative hazards of the body at these pairs are known, they are taken from ``below``.
         """
         below = places.body(self.body) if below is None else below
+        far = None if self.far is None else self.far.at(places.splines)
         if self.tail is None:
-            return Given(below, far=self.far)
+            return Given(below, far=far)
         threshold = self.threshold(places.lead_speed, places.range_)
         scale = self.tail.scale(places.splines)
-        return Given(below, threshold, below.at(threshold), scale, self.tail, self.far)
+        return Given(below, threshold, below.at(threshold), scale, self.tail, far)
 
     def drawn(self, generator: np.random.Generator, body: SmoothHazard | None = None) -> "SpeedLaw":
         """Return a law with body and tail drawn from their posteriors, which are independent.
@@ -197,7 +198,7 @@ class Given:
     at_threshold: Array | None = None  # cumulative hazard of the body at the threshold, (n,)
     scale: Array | None = None  # scale of the excess [m/s], (n,)
     tail: Excess | None = None
-    far: FarTail | None = None
+    far: Layers | None = None  # factors of the hazard, (layers, n)
 
     def cumulative(self, closing_speed: Array, row: Array | None = None) -> Array:
         """Return -log P(C > c) at one closing speed c [m/s] for each pair (of index ``row``), (n,)."""
@@ -210,7 +211,7 @@ class Given:
             z = np.maximum(speed - threshold, 0) / scale
             value = self.below.at(np.minimum(speed, threshold), row)
             value += self.tail.shape.cumulative(z, self.tail.parameters)
-        value = value if self.far is None else self.far.cumulative(value)
+        value = value if self.far is None else self.far.only(row).cumulative(value)
         return value if speed is closing_speed else np.where(finite, value, np.inf)
 
     def cumulative_at(self, closing_speeds: Array, part: slice) -> Array:
@@ -219,7 +220,7 @@ class Given:
         The closing speeds are finite and rise. With a small k the arrays stay in the cache of the processor.
         """
         value = self._original_at(closing_speeds, part)
-        return value if self.far is None else self.far.cumulative(value)
+        return value if self.far is None else self.far.only(part).cumulative(value)
 
     def _original_at(self, closing_speeds: Array, part: slice) -> Array:
         """Return the same as `cumulative_at`, but without the factors of the far tail."""

@@ -21,7 +21,8 @@ from accelerated_evaluation.base.arrays import Array
 from accelerated_evaluation.base.compiling import cached_njit
 from accelerated_evaluation.laws.smooth.conditional import Places, SpeedLaw
 from accelerated_evaluation.laws.smooth.family import LawFamily, Member
-from accelerated_evaluation.laws.smooth.shapes import FarTail, Shape
+from accelerated_evaluation.laws.smooth.far_tail import FarTail
+from accelerated_evaluation.laws.smooth.shapes import Shape
 from accelerated_evaluation.laws.smooth.smooth_hazard import LOG_HAZARD_MAX, SmoothHazard
 from accelerated_evaluation.laws.smooth.splines import Support
 
@@ -84,7 +85,7 @@ class LawDraws:
         """Digest of the parameters of all draws, as 16 hexadecimal digits."""
         tails = [(law.tail.coefficients, law.tail.parameters) for law in self.laws if law.tail is not None]
         arrays = [hazard.coefficients for hazard in (*self.ranges, *self.bodies)]
-        arrays += [] if self.far is None else [self.far.levels, self.far.factors]
+        arrays += [] if self.far is None else [self.far.levels, self.far.log_factors]
         content = hashlib.sha256(repr((self.names, self.shared.tolist())).encode())
         for array in (*arrays, *(part for tail in tails for part in tail)):
             content.update(np.ascontiguousarray(array).tobytes())
@@ -216,6 +217,7 @@ class SpeedsAt:
 
     def __init__(self, draws: LawDraws, places: Places, body: Hazards) -> None:
         self.draws, self.body, self._tails = draws, body, []
+        self._far = None if draws.far is None else draws.far.at(places.splines)
         for group in draws.groups:
             surfaces = [threshold(places.lead_speed, places.range_) for threshold in group.thresholds]
             reached = np.array([body.at(surface)[0] for surface in surfaces])
@@ -246,8 +248,9 @@ class SpeedsAt:
             density = group.shape.log_density(z, group.parameters) - log_scale - reached
             cumulative[group.index] = np.where(above, tail, cumulative[group.index])
             log_density[group.index] = np.where(above, density, log_density[group.index])
-        if (far := self.draws.far) is None:
+        if self._far is None:
             return cumulative, log_density
+        far = self._far.only(row)
         return far.cumulative(cumulative), log_density + far.log_density_ratio(cumulative)
 
 

@@ -21,13 +21,15 @@ from accelerated_evaluation.laws.smooth.conditional import (
     speed_grid,
 )
 from accelerated_evaluation.laws.smooth.excess import Excess, fit_excess
-from accelerated_evaluation.laws.smooth.shapes import PRIOR, SHAPES, FarTail, levels_of
+from accelerated_evaluation.laws.smooth.far_tail import FarPosterior, FarPrior, FarTail, levels_of
+from accelerated_evaluation.laws.smooth.shapes import SHAPES
 from accelerated_evaluation.laws.smooth.smooth_hazard import Binned, HazardGrid, SmoothHazard, fit_hazard
 from accelerated_evaluation.laws.smooth.splines import SUPPORT, Support
 
 # Cumulative hazard below the first level of a far tail, from which on records are kept. Draws of a law move
 # hardly any record farther than this.
 MARGIN = 1.5
+FAR_PRIOR = FarPrior()
 
 
 @dataclass(frozen=True)
@@ -38,19 +40,25 @@ class FarRecords:
     closing_speed: Array  # m/s, (n,)
     size: int  # number of all records
     lowest: float  # cumulative hazard at the lowest threshold, the smallest level of a far tail
+    support: Support = SUPPORT  # limits of the records, which define the splines of the places
 
-    def tail(self, law: SpeedLaw, prior: float = PRIOR) -> FarTail:
+    @property
+    def levels(self) -> Array:
+        """Cumulative hazards at which the layers of the far tail begin, (layers,)."""
+        return levels_of(self.size, self.lowest)
+
+    def posterior(self, law: SpeedLaw, prior: FarPrior = FAR_PRIOR) -> FarPosterior:
         """Return the posterior of the factors of the far tail, given a law without far tail."""
         cumulative = law.given(self.places).cumulative(self.closing_speed)
-        return FarTail.of(cumulative, self.size, self.lowest, prior)
+        return prior.posterior(cumulative, self.places.splines, self.support.bases, self.levels)
 
     def reduced(self, largest: Array) -> Self:
         """Return the records that reach a far tail under some draw of a law.
 
         ``largest`` is the largest cumulative hazard of each record under the fitted laws, shape (n,).
         """
-        kept = largest > levels_of(self.size, self.lowest)[0] - MARGIN
-        return FarRecords(self.places.only(kept), self.closing_speed[kept], self.size, self.lowest)
+        kept = largest > self.levels[0] - MARGIN
+        return replace(self, places=self.places.only(kept), closing_speed=self.closing_speed[kept])
 
 
 LEVELS = (0.9, 0.925, 0.95, 0.97, 0.98, 0.99, 0.995)  # probabilities of closing speeds below the thresholds
@@ -144,7 +152,7 @@ class LawFamily:
     # Factors of the hazard where only a few records are; empty if there are too few records.
     far: dict[Member, FarTail]
     far_records: FarRecords | None = None  # records from which the factors follow; None if there are too few
-    prior: float = PRIOR  # shape and rate of the gamma prior of the factors in draws
+    prior: FarPrior = FAR_PRIOR  # of the factors in draws
 
     def law(self, member: Member) -> SpeedLaw:
         """Return the distribution of the closing speed of one member of the family."""
@@ -162,7 +170,7 @@ class LawFamily:
         law = replace(self.law(member), far=None).drawn(generator, body)
         if self.far_records is None:
             return law
-        return replace(law, far=self.far_records.tail(law, self.prior).drawn(generator))
+        return replace(law, far=self.far_records.posterior(law, self.prior).drawn(generator))
 
     def with_mean_far_tail(self, law: SpeedLaw) -> SpeedLaw:
         """Return a drawn law with the posterior means of the factors of the far tail, given the rest of it.
@@ -234,14 +242,15 @@ class Fitter:
         records, size = self.records.only(index[kept[index]]), int(kept.sum())
         places = records.places
         below = places.body(family.body)
-        hazards = {
-            member: family.law(member).given(places, below).cumulative(records.closing_speed)
+        laws = {
+            member: family.law(member)
             for member in self.members
             if member.level is None or member in family.tails
         }
-        far = {member: FarTail.of(hazard, size, lowest) for member, hazard in hazards.items()}
-        largest = np.max(list(hazards.values()), axis=0)
-        few = FarRecords(places, records.closing_speed, size, lowest).reduced(largest)
+        hazards = [law.given(places, below).cumulative(records.closing_speed) for law in laws.values()]
+        every = FarRecords(places, records.closing_speed, size, lowest, self.records.support)
+        few = every.reduced(np.max(hazards, axis=0))
+        far = {member: few.posterior(law).mean() for member, law in laws.items()}
         return replace(family, far=far, far_records=few)
 
     def _tails(

@@ -30,13 +30,13 @@ from accelerated_evaluation.laws.protocol import Box
 from accelerated_evaluation.laws.smooth.conditional import Places, SpeedLaw, Threshold, range_grid, speed_grid
 from accelerated_evaluation.laws.smooth.draws import TOLERANCE, LawDraws, RangeMixture, SpeedsAt, mixed, solve
 from accelerated_evaluation.laws.smooth.excess import Excess
+from accelerated_evaluation.laws.smooth.far_tail import FarTail
 from accelerated_evaluation.laws.smooth.segments import (
     SmoothLaw,
     SmoothStratum,
     parts,
     recorded_segments,
 )
-from accelerated_evaluation.laws.smooth.shapes import FarTail
 from accelerated_evaluation.laws.smooth.smooth_hazard import SmoothHazard
 from accelerated_evaluation.laws.smooth.splines import Support
 
