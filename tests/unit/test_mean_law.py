@@ -272,14 +272,18 @@ def test_runs_that_are_chosen_for_a_near_miss_find_its_probability(law):
     problem = ae.Problem(ae.CUT_IN, QuickCloser(), near, law=law)
     stopping = ae.Stopping(minimum_events=1, maximum_simulations=400)
     events = CRASH, ae.CUT_IN.event("min_range", 1.0)
-    found = ae.evaluate(problem, law, ae.FewRuns(stopping), events, generator=np.random.default_rng(10))
-    table = found.table().set_index("event")
+    answers = [
+        ae.evaluate(problem, law, ae.FewRuns(stopping), events, generator=np.random.default_rng(seed))
+        for seed in (10, 11, 12)
+    ]
+    tables = [answer.table().set_index("event") for answer in answers]
+    table, probabilities = tables[0], sum(each["probability"] for each in tables) / len(tables)
     x = law.draw(20_000, np.random.default_rng(6))
     rates = {name: np.mean(x[:, 2] * time > x[:, 1]) for name, time in EVENTS.items()}
     assert table.index[0] == "TTC at most 6 s"
-    # A quarter of the near misses are crashes, and few of the runs.
+    # A quarter of the near misses are crashes, and few of the runs, so that single answers are noisy.
     for (name, rate), margin in zip(rates.items(), (0.3, 1.2), strict=True):
-        assert np.log(table.loc[name, "probability"] / rate) == pytest.approx(0, abs=margin)
+        assert np.log(probabilities[name] / rate) == pytest.approx(0, abs=margin)
     assert np.isnan(table.loc["range at most 1 m", "median"])  # no part of the event: not known
 
 

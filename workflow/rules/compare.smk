@@ -42,6 +42,7 @@ rule compare_record_variants:
     output:
         data_quality=result("laws", "data_quality.csv"),
         choices=result("laws", "choices.csv"),
+        far_records=result("laws", "far_records.csv"),
     log:
         log_of("compare_record_variants.log"),
     benchmark:

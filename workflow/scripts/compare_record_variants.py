@@ -3,6 +3,7 @@
 from functools import partial
 
 from accelerated_evaluation.answer.by_map import thinned
+from accelerated_evaluation.answer.far_records import far_records_table
 from accelerated_evaluation.answer.fitted_records import stored_records
 from accelerated_evaluation.answer.law_study import LawStudy
 from accelerated_evaluation.answer.variants import choice_table, quality_table, record_variants
@@ -27,4 +28,5 @@ if __name__ == "__main__":
             lines = thinned(lines, vehicle, study.draws(stream("draws")), stream("answer"))
         variants = record_variants(records.table, crashed, params.outlier_rows, support)
         write_csv(snakemake.output.data_quality, quality_table(variants, study, lines, stream))
+        write_csv(snakemake.output.far_records, far_records_table(study))
         write_csv(snakemake.output.choices, choice_table(study, lines, stream))

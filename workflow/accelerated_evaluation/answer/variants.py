@@ -14,7 +14,7 @@ from accelerated_evaluation.answer.smooth_family import SmoothFamily, named
 from accelerated_evaluation.base.arrays import Array
 from accelerated_evaluation.crash_map.lines import CrashLines
 from accelerated_evaluation.laws.smooth.conditional import Places
-from accelerated_evaluation.laws.smooth.family import DistinctRecords
+from accelerated_evaluation.laws.smooth.family import DistinctRecords, FarRecords
 from accelerated_evaluation.laws.smooth.far_tail import SHAPE, FarPrior
 from accelerated_evaluation.laws.smooth.splines import SUPPORT, Support
 from accelerated_evaluation.records.segments import MINIMUM_ROWS
@@ -103,11 +103,14 @@ def summary_under(study: LawStudy, lines: CrashLines, streams: Streams) -> dict[
     return summarise(Posterior(masses_under(lines, draws).sum(axis=1), draws.member))
 
 
+ONE_FACTOR = "far tail: one factor for all places"
+NEAR_FACTORS = "far tail: one factor from records near the crashes"
 PRIORS = {
-    "far tail: one factor for all places": FarPrior(deviations=(0.0,)),
+    ONE_FACTOR: FarPrior(deviations=(0.0,)),
     "far tail: prior half as wide": FarPrior(4 * SHAPE),
     "far tail: prior twice as wide": FarPrior(SHAPE / 4),
 }
+NEAR = 0.05  # probability of crashes with a smaller, or with a larger, lead speed or range
 SPLINES = {"fewer splines": (4, 3), "more splines": (9, 8)}
 
 
@@ -138,6 +141,10 @@ def choice_table(study: LawStudy, lines: CrashLines, streams: Streams) -> pd.Dat
     for choice, prior in PRIORS.items():
         family = replace(smooth, family=replace(smooth.family, prior=prior))
         rows.append(row(choice, replace(of_smooth, family=family)))
+    if (few := smooth.family.far_records) is not None:
+        mean = masses_under(lines, study.draws(streams("draws"))).mean(axis=0)
+        near = replace(smooth.family, far_records=near_crashes(few, lines, mean), prior=PRIORS[ONE_FACTOR])
+        rows.append(row(NEAR_FACTORS, replace(of_smooth, family=replace(smooth, family=near))))
     straight = replace(smooth, family=replace(smooth.family, far={}, far_records=None))
     rows.append(row("far tail: no factors", replace(of_smooth, family=straight)))
     for choice, splines in SPLINES.items():
@@ -147,3 +154,21 @@ def choice_table(study: LawStudy, lines: CrashLines, streams: Streams) -> pd.Dat
         places = Places.of(lines.places.lead_speed, lines.places.range_, support)
         rows.append(row(choice, again, on=replace(lines, places=places)))
     return pd.DataFrame(rows)
+
+
+def near_crashes(records: FarRecords, lines: CrashLines, masses: Array) -> FarRecords:
+    """Return the records whose lead speed and range are among those of 90 % of the predicted crashes each.
+
+    ``masses`` are the crash probabilities of the intervals of the crash map. The levels of the far tail stay
+    those of all records. If there are no crashes, all records are returned.
+    """
+    if not masses.sum() > 0:
+        return records
+    kept = np.ones(records.closing_speed.size, dtype=bool)
+    for name in ("lead_speed", "range_"):
+        of_crashes, of_records = (getattr(places, name) for places in (lines.places, records.places))
+        order = np.argsort(of_crashes[lines.row])
+        share = np.cumsum(masses[order]) / masses.sum()
+        ends = of_crashes[lines.row][order][np.searchsorted(share, (NEAR, 1 - NEAR))]
+        kept &= (of_records >= ends[0]) & (of_records <= ends[1])
+    return records.only(kept)

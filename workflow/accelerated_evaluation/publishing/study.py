@@ -72,6 +72,8 @@ TABLES = {
     "near_misses": "laws/near_misses.csv",
     # Crash probability for other choices of laws, weights, priors and splines.
     "choices": "laws/choices.csv",
+    # Expected and counted records beyond the levels of the far tail, by law, lead speed and range.
+    "far_records": "laws/far_records.csv",
     # The probability of a crash and of near misses, with the uncertainty from data, laws and sampling.
     "answer": "laws/answer.csv",
     # Verdicts on the criteria of the configuration, with one-sided bounds, and what would decide them.

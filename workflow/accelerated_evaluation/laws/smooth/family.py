@@ -57,8 +57,11 @@ class FarRecords:
 
         ``largest`` is the largest cumulative hazard of each record under the fitted laws, shape (n,).
         """
-        kept = largest > self.levels[0] - MARGIN
-        return replace(self, places=self.places.only(kept), closing_speed=self.closing_speed[kept])
+        return self.only(largest > self.levels[0] - MARGIN)
+
+    def only(self, chosen: Array) -> Self:
+        """Return the records that a mask selects; the levels stay those of all records."""
+        return replace(self, places=self.places.only(chosen), closing_speed=self.closing_speed[chosen])
 
 
 LEVELS = (0.9, 0.925, 0.95, 0.97, 0.98, 0.99, 0.995)  # probabilities of closing speeds below the thresholds
@@ -159,6 +162,10 @@ class LawFamily:
         threshold, tail = self.thresholds.get(member.level), self.tails.get(member)
         return SpeedLaw(self.body, threshold, tail, self.far.get(member))
 
+    def without_far_tail(self, member: Member) -> SpeedLaw:
+        """Return the distribution of the closing speed of one member without factors of the far tail."""
+        return replace(self.law(member), far=None)
+
     def drawn(
         self, member: Member, generator: np.random.Generator, body: SmoothHazard | None = None
     ) -> SpeedLaw:
@@ -167,7 +174,7 @@ class LawFamily:
         Body and tail are drawn first, and then the factors of the far tail, given the drawn law. A body that
         has already been drawn may be given.
         """
-        law = replace(self.law(member), far=None).drawn(generator, body)
+        law = self.without_far_tail(member).drawn(generator, body)
         if self.far_records is None:
             return law
         return replace(law, far=self.far_records.posterior(law, self.prior).drawn(generator))

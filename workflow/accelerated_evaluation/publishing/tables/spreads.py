@@ -9,6 +9,7 @@ from numpy.typing import ArrayLike
 from scipy.special import ndtri, stdtrit
 
 from accelerated_evaluation.answer.extrapolation import ALL, FAR, NEAR, RECORDED
+from accelerated_evaluation.answer.far_records import EVERY_LAW
 from accelerated_evaluation.answer.variants import WITHOUT_CRASHES
 from accelerated_evaluation.methods.importance_sampling import crude_simulations
 from accelerated_evaluation.publishing.published import result_table
@@ -204,6 +205,15 @@ extrapolation_table = result_table("extrapolation", digits=DIGITS, digest=withou
 
 # The answer for other choices of laws, weights, priors and splines.
 choices_table = result_table("choices", digits=DIGITS, digest=with_intervals)
+
+
+def of_all_laws(far_records: pd.DataFrame) -> pd.DataFrame:
+    """Return the mean of the counts over all laws, by group of records."""
+    return far_records[far_records["law"] == EVERY_LAW].drop(columns="law")
+
+
+# Expected and counted records beyond the levels of the far tail.
+far_records_table = result_table("far_records", digits=3, digest=of_all_laws)
 
 
 def with_both_intervals(near_misses: pd.DataFrame) -> pd.DataFrame:
