@@ -209,13 +209,14 @@ def worlds_table(worlds: pd.DataFrame) -> str:
 def beyond_table(beyond: pd.DataFrame) -> str:
     """Return how often the intervals cover in worlds beyond the family, and how wide they are."""
     shares = ("coverage50", "coverage80", "coverage95")
+    by_map = beyond[beyond["procedure"] == "map"]
     return formatted(
-        counts(beyond[beyond["procedure"] == "map"], *shares, of="worlds"),
+        counts(by_map.assign(percent=100 * by_map["coverage80"]), *shares, of="worlds"),
         {
             "kind": "{kind}",
             "worlds": "{worlds:.0f}",
             "50 % covers": "{coverage50:.0f}",
-            "80 % covers": "{coverage80:.0f}",
+            "80 % covers": "{coverage80:.0f} ({percent:.0f} %)",
             "95 % covers": "{coverage95:.0f}",
             "80 %: upper / lower": "{width80:.1f}",
             "median / truth": "{median_ratio:.2f}",
@@ -226,25 +227,32 @@ def beyond_table(beyond: pd.DataFrame) -> str:
 
 def covers_in_words(worlds: pd.DataFrame) -> str:
     """Return a paragraph that says in which kinds of worlds the 80 % intervals cover the truth."""
-    worlds = worlds[worlds["procedure"] == "map"].sort_values("coverage80")
+    worlds = worlds[worlds["procedure"] == "map"].sort_values("coverage80", kind="stable")
     is_family = worlds["kind"].isin(FAMILY)
-    like, others = 100 * worlds.loc[is_family, "coverage80"], worlds[~is_family]
+    like, others = (f"{covered(own)} of {len(own)} kinds" for own in (worlds[is_family], worlds[~is_family]))
     few, many = worlds["worlds"].min(), worlds["worlds"].max()
     error = 100 * math.sqrt(0.8 * 0.2 / few)
     size = (
-        f"Each kind has {few if few == many else f'{few} or {many}'} worlds, so that a share of 80 % has a "
-        f"standard error of {error:.0f} points."
+        f"Each kind has {few if few == many else f'{few} to {many}'} worlds, so that a share of 80 % has a "
+        f"standard error of up to {error:.0f} points."
     )
-    first, second, unlike = others.iloc[0], others.iloc[1], 100 * others["coverage80"]
+    first, second = (
+        f"*{row.kind}* ({covered(worlds[worlds['kind'] == row.kind])}, and the answer is "
+        f"{row.median_ratio:.1f} times the truth)"
+        for row in worlds.head(2).itertuples()
+    )
     return (
         "**How far it can be trusted.** On synthetic records whose true crash probability is known, the "
-        f"80 % intervals cover the truth in {like.min():.0f} % to {like.max():.0f} % of the worlds of "
-        f"{like.size} kinds that resemble the models, and in {unlike.min():.0f} % to {unlike.max():.0f} % of "
-        f"those of {len(others)} kinds that break an assumption. {size} The worst kinds are "
-        f"*{first['kind']}* and *{second['kind']}*, where the tail changes beyond the records and the answer "
-        f"is {first['median_ratio']:.1f} and {second['median_ratio']:.1f} times the truth "
+        f"80 % intervals cover the truth in {like} that resemble the models, and in {others} that break an "
+        f"assumption. {size} The worst kinds are {first} and {second} "
         "([worlds](benchmarks/worlds/README.md)).\n"
     )
+
+
+def covered(worlds: pd.DataFrame) -> str:
+    """Return how many of the worlds of some kinds the 80 % intervals cover, as a number and a percentage."""
+    hits, size = round((worlds["coverage80"] * worlds["worlds"]).sum()), worlds["worlds"].sum()
+    return f"{hits} of {size:.0f} worlds ({100 * hits / size:.0f} %)"
 
 
 def causes_table(causes: pd.DataFrame) -> str:

@@ -28,6 +28,7 @@ SIZE = 8_000
 DRAWN = 400_000
 SMOOTH = ("exponential", "heavy", "light", "two kinds")
 BEYOND = ("reckless drivers", "two regions", "host speed limit", "bent tail", "local habit", "few drivers")
+BY_PLACE = ("heavier in fast traffic", "heavier in slow traffic")
 UNSEEN = ("season", "some with a limit", "late bend", "steep end", "fading dependence")
 FRESH = ("slow trucks", "double bend", "gradual bend", "aggressive when near")
 
@@ -77,9 +78,10 @@ def test_the_known_probability_is_that_of_the_draws(kind, events, family, lines)
     assert crash_share(of[kind], events, 3) == pytest.approx(exact, abs=4 * error + 0.01 * exact)
 
 
-@pytest.mark.parametrize("kind", BEYOND + UNSEEN + FRESH)
+@pytest.mark.parametrize("kind", BEYOND + UNSEEN + FRESH + BY_PLACE)
 def test_the_known_probability_beyond_the_family_is_that_of_the_draws(kind, events, family, lines):
-    world = (beyond.worlds_beyond(family) | unseen.unseen_worlds(family) | unseen.fresh_worlds(family))[kind]
+    made = beyond.worlds_beyond(family) | unseen.unseen_worlds(family) | unseen.fresh_worlds(family)
+    world = (made | unseen.worlds_by_place(family))[kind]
     if kind == "few drivers":
         world = replace(world, cut_ins=1)  # independent draws, with the error below
     exact, size = world.masses(lines).sum(), DRAWN // 4
