@@ -185,7 +185,7 @@ class LawFamily:
         The family must have records from which the factors follow.
         """
         law = replace(law, far=None)
-        return replace(law, far=self.far_records.tail(law, self.prior))
+        return replace(law, far=self.far_records.posterior(law, self.prior).mean())
 
 
 @dataclass(frozen=True)
