@@ -7,7 +7,6 @@ import pandas as pd
 from numpy.typing import NDArray
 
 from accelerated_evaluation.answer.law_study import LawStudy
-from accelerated_evaluation.answer.smooth_family import NAMED
 from accelerated_evaluation.base.arrays import Array
 from accelerated_evaluation.laws.smooth.far_tail import RECORDS
 
@@ -44,8 +43,8 @@ def far_records_table(study: LawStudy) -> pd.DataFrame:
     groups = list(_groups(every, (few.places.lead_speed, few.places.range_)))
     sizes = [int(own.sum()) for _, own, _ in groups]
     counted = {}
-    for name in study.names:
-        law = smooth.family.without_far_tail(NAMED[name])
+    for name, member in zip(study.names, smooth.members, strict=True):
+        law = smooth.family.without_far_tail(member)
         beyond = law.given(few.places).cumulative(few.closing_speed) > few.levels[:, None]
         counted[name] = np.array([beyond[:, inside].sum(axis=1) for *_, inside in groups])
     expected = np.outer(sizes, np.exp(-few.levels))
