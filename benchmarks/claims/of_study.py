@@ -36,11 +36,14 @@ def paper(files: Files) -> Iterator[Claim]:
     for method in ("piecewise", "single"):
         text = f"simulations to converge, {method}, mean"
         yield Claim(text, sizes[method], found_sizes[method])
-    yield Claim("single / piecewise", *(size["single"].over(size["piecewise"]) for _, size in pairs))
+    yield Claim(
+        "single / piecewise, of the replicates",
+        *(size["single"].over(size["piecewise"]) for _, size in pairs),
+    )
     crude = [_crude(of_model) for of_model, _ in pairs]
     yield Claim("simulations to converge, crude Monte Carlo", *crude)
     ratios = (number.over(size["piecewise"]) for number, (_, size) in zip(crude, pairs, strict=True))
-    yield Claim("crude / piecewise", *ratios)
+    yield Claim("crude / piecewise, of the replicates", *ratios)
     yield Claim("fitted parameters, piecewise", *_fitted(files))
     budgets = [
         pd.read_csv(folder / "uncertainty.csv").set_index("source") for folder in (files.tables, files.study)
