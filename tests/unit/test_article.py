@@ -15,6 +15,7 @@ from accelerated_evaluation.publishing.article.pdf import Sources, compile_text,
 from accelerated_evaluation.publishing.article.tables import TEXT, Tables, plain, shown_figures
 from accelerated_evaluation.publishing.book.catalogue import number, percent, unbroken
 from accelerated_evaluation.publishing.study import Study
+from printed_figures import PUBLISHED, write_pdf
 from scipy.stats import poisson
 
 ROOT = Path(__file__).resolve().parents[2]
@@ -69,7 +70,11 @@ def study(tmp_path_factory):
     """The published tables and figures of the default study, and its configuration."""
     results = tmp_path_factory.mktemp("results") / "spmd"
     write_json(results / "config.json", load())
-    return Study(results, ROOT / "figures" / "spmd")
+    figures = tmp_path_factory.mktemp("figures")
+    shutil.copytree(PUBLISHED / "tables", figures / "tables")
+    for name in shown_figures(ARTICLE):
+        write_pdf(name, figures)
+    return Study(results, figures)
 
 
 @pytest.fixture(scope="module")
@@ -82,7 +87,7 @@ def folder_with(numbers, folder):
     shutil.copytree(ARTICLE, folder)
     (folder / "figures").mkdir()
     for name in shown_figures(ARTICLE):
-        shutil.copy(ROOT / "figures" / "spmd" / f"{name}.pdf", folder / "figures")
+        write_pdf(name, folder / "figures")
     write_json(folder / "numbers.json", numbers)
     return folder
 

@@ -12,6 +12,7 @@ from accelerated_evaluation.base.errors import InputError
 from accelerated_evaluation.publishing import latex_paper as paper
 from accelerated_evaluation.publishing.figures.style import Print, paper_style, printed, save_figure
 from accelerated_evaluation.publishing.study import Study
+from printed_figures import write_pdf
 
 ROOT = Path(__file__).resolve().parents[2]
 ORIGIN = {"study": "my_study", "commit": "01" * 20, "configuration": "ab" * 32}
@@ -70,8 +71,8 @@ def test_the_example_compiles_to_two_pages(tmp_path, monkeypatch):
         assert len(notebooks) >= 8
         for folder in settings.folders.values():
             folder.mkdir(parents=True)
-            for path in figures.glob("*.pdf"):
-                shutil.copyfile(path, folder / path.name)
+            for path in figures.glob("fig*.png"):
+                write_pdf(path.stem, folder)
 
     (tmp_path / "config.json").write_text('{"study": "spmd"}')
     monkeypatch.setattr(paper, "draw", draw)

@@ -72,3 +72,10 @@ def test_codes_of_quantities_are_words():
         pd.DataFrame({"variable": ["inverse_range"], "model": ["two_pieces"], "claim": ["a_b"]})
     )
     assert table.iloc[0].tolist() == ["R⁻¹", "two pieces", "a_b"]
+
+
+@pytest.mark.parametrize("value", [1 / 8e6 * 3, 0.1234565, 79 / 2e6 * 0.9375, 2 / 3, 1 - 1e-16, 1e-300])
+def test_the_last_digits_of_a_processor_change_nothing(value):
+    rounded = reproducible_value(value)
+    assert {reproducible_value(value * (1 + k * 1e-13)) for k in (-1, 1)} == {rounded}
+    assert rounded == pytest.approx(value, rel=1e-6)

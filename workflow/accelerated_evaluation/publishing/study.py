@@ -12,7 +12,7 @@ from accelerated_evaluation.base.files import read_json
 from accelerated_evaluation.laws.files import read_law
 from accelerated_evaluation.laws.paper.models import IndependentLaw
 from accelerated_evaluation.publishing.book.catalogue import Contents
-from accelerated_evaluation.publishing.tables.display import as_markdown, display_in_notebooks
+from accelerated_evaluation.publishing.tables.display import as_markdown, display_in_notebooks, reproducible
 from accelerated_evaluation.records.segments import read_encounters
 from accelerated_evaluation.records.sources import describe
 from accelerated_evaluation.records.verdict import Verdict, read_report, summary
@@ -183,8 +183,12 @@ class Study:
         return self.__dict__[name]
 
     def table(self, name: str) -> pd.DataFrame:
-        """Read a table of results from a CSV file; InputError is raised if the file does not exist."""
-        table = pd.read_csv(self.path(name))
+        """Read a table of results from a CSV file; InputError is raised if the file does not exist.
+
+        Numbers are rounded to the digits that do not depend on the processor, so that figures, tables and
+        texts do not depend on it either.
+        """
+        table = reproducible(pd.read_csv(self.path(name)))
         if "study" in table:  # pandas would read a name such as NaN or 007 as a number
             table["study"] = self.results.name
         return table

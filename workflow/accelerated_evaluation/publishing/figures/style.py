@@ -4,6 +4,7 @@ Any two methods differ in their colour and in a further property.
 """
 
 import os
+import re
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import dataclass
@@ -24,6 +25,8 @@ from accelerated_evaluation.publishing.tables.display import reproducible
 
 COLUMN_WIDTH = 3.5  # [in], one column of an IEEE journal
 FORMATS = ("png", "pdf", "svg")
+DIGEST = 10  # number of hexadecimal digits in an identifier of Matplotlib's SVG files
+IDS = re.compile(rf"(?<=[\"#])[A-Za-z][A-Za-z0-9_]*(?<![0-9a-f])[0-9a-f]{{{DIGEST}}}(?=[\")])")
 
 # Dark to light, so that pieces can be distinguished in grey as well.
 PIECES = ("#08306b", "#4292c6", "#9ecae1")
@@ -130,6 +133,8 @@ def save_figure(
             figure.savefig(
                 temporary, format=extension, metadata={**undated[extension], **metadata.get(extension, {})}
             )
+            if extension == "svg":
+                _number_ids(temporary)
         # The layout engine computes the positions of all parts of a figure, which takes longer than drawing
         # it. They are the same in all formats, so the engine is removed after the first format. With the
         # engine "none" instead of None, Matplotlib would draw each figure twice.
@@ -138,6 +143,17 @@ def save_figure(
     write_csv(Path(folder) / f"{name}.csv", reproducible(data))
     plt.close(figure)
     return figure
+
+
+def _number_ids(path: Path) -> None:
+    """Replace the identifiers of an SVG file that Matplotlib computes from coordinates by numbers.
+
+    These are digests of coordinates with all digits, of which the last ones depend on the processor. The
+    coordinates in the file are rounded.
+    """
+    text = path.read_text(encoding="utf-8")
+    numbered = {name: f"{name[:-DIGEST]}-{k}" for k, name in enumerate(dict.fromkeys(IDS.findall(text)))}
+    path.write_text(IDS.sub(lambda found: numbered[found[0]], text), encoding="utf-8")
 
 
 def _save_widths(figure: Figure, settings: Print, name: str, metadata: Mapping[str, Any]) -> None:
