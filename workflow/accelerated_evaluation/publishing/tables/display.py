@@ -20,6 +20,7 @@ from accelerated_evaluation.base.files import write_csv, write_text
 # published estimate is larger than the sixth digit.
 DIGITS = 6
 LARGEST_COUNT = 2**53
+EXACT = 12  # significant digits that are the same on any processor, but for ties
 _SUPERSCRIPT = str.maketrans("-0123456789", "⁻⁰¹²³⁴⁵⁶⁷⁸⁹")
 # Characters that are escaped, only where they have a meaning in Markdown: tags, entities, links, emphasis,
 # cells and formulas.
@@ -70,10 +71,13 @@ def reproducible_value(value: Any, digits: int = DIGITS) -> Any:  # noqa: ANN401
     """Round a float to the given number of significant digits.
 
     Counts and values of other types are returned unchanged. A float without a fractional part is treated as a
-    count, as in `reproducible`.
+    count, as in `reproducible`. The float is first rounded to `EXACT` digits: a ratio of counts may lie just
+    in the middle between two rounded values, and its last digits must not decide between them.
     """
-    is_count = isinstance(value, float) and value.is_integer() and abs(value) < LARGEST_COUNT
-    return value if is_count or not isinstance(value, float) else float(f"{value:.{digits}g}")
+    if not isinstance(value, float):
+        return value
+    exact = float(f"{value:.{EXACT}g}")
+    return exact if exact.is_integer() and abs(exact) < LARGEST_COUNT else float(f"{exact:.{digits}g}")
 
 
 def as_markdown(text: Any) -> Any:  # noqa: ANN401
