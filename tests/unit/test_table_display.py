@@ -3,7 +3,14 @@
 import numpy as np
 import pandas as pd
 import pytest
-from accelerated_evaluation.publishing.tables.display import LONG, SHOWN, as_html, header, presented
+from accelerated_evaluation.publishing.tables.display import (
+    LONG,
+    SHOWN,
+    as_html,
+    header,
+    presented,
+    reproducible_value,
+)
 
 LENGTHY = "none, an end of the 80 % interval of 200,000 simulations is closer to the paper's number than ours"
 
