@@ -85,4 +85,4 @@ def test_codes_of_quantities_are_words():
 def test_the_last_digits_of_a_processor_change_nothing(value):
     rounded = reproducible_value(value)
     assert {reproducible_value(value * (1 + k * 1e-13)) for k in (-1, 1)} == {rounded}
-    assert rounded == pytest.approx(value, rel=1e-6)
+    assert rounded == pytest.approx(value, rel=5.1e-6)
