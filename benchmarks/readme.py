@@ -520,15 +520,14 @@ def sampler_in_words(samplers: pd.DataFrame) -> str:
     )
 
 
-def few_in_words(answers: pd.DataFrame) -> str:
+def few_in_words() -> str:
     """Return how many simulations an answer takes, and how many crude Monte Carlo would take."""
-    runs = answers.set_index("vehicle").loc["acc_aeb", "runs_mean"]
+    answers = pd.read_csv(RESULTS / "answers.csv").set_index("vehicle")
     median = of_study("answer").set_index("event").loc["crash", "median"]
     crude = float(f"{crude_simulations(median, 0.2, 0.2) / 1e6:.1g}")
-    return on_one_line(
-        f"""Such an answer takes about {round(runs, -1):.0f} simulations of a vehicle. Crude Monte Carlo
-        takes
-        about {crude:.0f} million for one law (an 80 % interval of ± 20 %)."""
+    return (
+        f"Our answer takes about {round(answers.loc['acc_aeb', 'runs_mean'], -1):.0f} simulations of a "
+        f"vehicle. Crude Monte Carlo takes {crude:.0f} million for one law (an 80 % interval of ± 20 %)."
     )
 
 
@@ -561,7 +560,7 @@ def answer_in_words(answer: pd.DataFrame) -> str:
     middle, low, high, paper = map(_one_in, (*crash[["median", "high80", "low80"]], PAPER_PROBABILITY))
     return (
         f"**The authors' car crashes in about one of {middle} cut-ins** (80 % interval: one of {low} to one "
-        f"of {high}). The paper's estimate is one of {paper}.\n"
+        f"of {high}). The paper's estimate is one of {paper}. {few_in_words()}\n"
     )
 
 
@@ -656,7 +655,6 @@ BLOCKS = {
     "answer_in_words": published(README, "spmd", "answer", answer_in_words),
     "answer": published(README, "spmd", "answer", answer_table),
     "rests": published(README, "spmd", "extrapolation", rests),
-    "few": result(README, "answers", few_in_words),
     "paper_methods": published(README, "spmd", "needed", paper_in_words),
     "sampler_in_words": result(README, "samplers", sampler_in_words),
     "left_out": published(README, "spmd", "lead_motion", left_out_in_words),

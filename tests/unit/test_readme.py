@@ -217,7 +217,7 @@ def test_readme_states_the_shares_of_the_uncertainty():
     shares = pd.read_csv(TABLES / "uncertainty.csv").set_index("source")["variance_share"]
     text = " ".join(README.read_text(encoding="utf-8").split())
     assert shares["sampling"] < 0.01
-    assert "Sampling contributes less than 1 % of the variance" in text
+    assert f"Sampling contributes {100 * shares['sampling']:.1f} % of the variance" in text
     assert f"finite data contribute {100 * shares['data']:.0f} %" in text
 
 
