@@ -9,8 +9,8 @@ from pathlib import Path
 
 import numpy as np
 import pandas as pd
+from accelerated_evaluation import read_records
 from accelerated_evaluation.answer.counted_crashes import HUNDRED_CAR_MILES, KILOMETRES_PER_MILE, cut_in_rate
-from accelerated_evaluation.answer.fitted_records import read_records
 from accelerated_evaluation.answer.law_study import LawStudy
 from accelerated_evaluation.answer.lead_motion import MovingProblem
 from accelerated_evaluation.answer.smooth_family import fit_or_read

@@ -6,7 +6,7 @@ from pathlib import Path
 import numpy as np
 import pandas as pd
 import pytest
-from accelerated_evaluation.answer.fitted_records import read_records
+from accelerated_evaluation import read_records
 from accelerated_evaluation.laws.motion.recorded import Recorded
 from accelerated_evaluation.laws.smooth.splines import Support
 from accelerated_evaluation.study.configuration import load, resolved

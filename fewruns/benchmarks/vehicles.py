@@ -12,8 +12,9 @@ from pathlib import Path
 
 import numpy as np
 import pandas as pd
-from accelerated_evaluation.answer.choice import ANSWER, PAPER, choose_draws, law_study
-from accelerated_evaluation.answer.fitted_records import FittedRecords, read_records
+from accelerated_evaluation import FittedRecords, choose_draws, read_records
+from accelerated_evaluation.answer.choice import ANSWER, PAPER, law_study
+from accelerated_evaluation.answer.settings import LawSettings
 from accelerated_evaluation.base.files import write_csv
 from accelerated_evaluation.base.randomness import child_generator
 from accelerated_evaluation.commands.export import SAFE
@@ -87,7 +88,7 @@ def single_law(choice: str, records: FittedRecords, config: Mapping) -> Law:
     """Return the paper's law, or a fitted smooth law: for ``answer``, the one with the largest weight."""
     if choice == PAPER:
         return choose_draws(choice, records, config).proposal
-    study = law_study(records, config).smooth_only()
+    study = law_study(records, LawSettings.of(config)).smooth_only()
     return study.family.law(study.heaviest if choice == ANSWER else choice)
 
 

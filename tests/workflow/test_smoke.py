@@ -35,8 +35,8 @@ RESUMED = (
 
 ANSWER = """
 import sys
-from accelerated_evaluation.answer.choice import choose_draws
-from accelerated_evaluation.answer.fitted_records import read_records
+from accelerated_evaluation import choose_draws
+from accelerated_evaluation import read_records
 from accelerated_evaluation.laws.files import write_law
 from accelerated_evaluation.study.configuration import load, resolved
 config = resolved(load(sys.argv[2:]))

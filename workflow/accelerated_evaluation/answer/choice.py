@@ -12,9 +12,9 @@ from threadpoolctl import threadpool_limits
 from accelerated_evaluation.answer.fitted_records import FittedRecords
 from accelerated_evaluation.answer.joint_family import Candidate
 from accelerated_evaluation.answer.law_study import LawStudy
+from accelerated_evaluation.answer.settings import LawSettings
 from accelerated_evaluation.answer.smooth_family import SmoothFamily, named
 from accelerated_evaluation.base.errors import InputError
-from accelerated_evaluation.base.randomness import child_generator
 from accelerated_evaluation.laws import FITS, LAWS
 from accelerated_evaluation.laws.draws import Draws, OneLaw, as_draws
 from accelerated_evaluation.laws.joint import JointLaw
@@ -38,24 +38,17 @@ for _name in PAPER_LAWS:
     FITS.add(_name)(partial(fit_paper_law, _name))
 
 
-def law_study(records: FittedRecords, config: Mapping[str, Any]) -> LawStudy:
-    """Return the study of the laws of records with the numbers of draws and the seed of a configuration.
+def law_study(records: FittedRecords, settings: LawSettings) -> LawStudy:
+    """Return the study of the laws of records.
 
     The fit of smooth laws is read from the file of the study, or written to it, so it is made once.
     """
-    store = Path("results", config["study"], "laws", "family.npz")
-    size = config["answer" if isinstance(records.data, DistinctRecords) else "scenario"]["draws"]
+    own = settings.draws, settings.streams, settings.store, settings.closing_speed_max
     with threadpool_limits(1, "blas"):  # as in the jobs of the study, so that the digits are the same
-        return LawStudy.of(
-            records,
-            size,
-            partial(child_generator, config["seed"], "laws"),
-            store,
-            config["answer"]["grid"]["closing_speed_max"],
-        )
+        return LawStudy.of(records, *own)
 
 
-def choose_draws(choice: str, records: FittedRecords, config: Mapping[str, Any]) -> Draws:
+def choose_draws(choice: str, records: FittedRecords, settings: LawSettings) -> Draws:
     """Return the draws of the law that a user names.
 
     Parameters
@@ -65,34 +58,34 @@ def choose_draws(choice: str, records: FittedRecords, config: Mapping[str, Any])
         parameters; a kind of law, or ``paper``, for one fitted law; or a law file, which ends in .json.
     records
         The records to which laws are fitted, or to which the law of a file belongs.
-    config
-        A complete configuration.
+    settings
+        Seed, number of draws and further settings of the fits.
 
     Raises
     ------
     InputError
         If there is no such law for these records.
     """
-    generator = child_generator(config["seed"], "laws", "draws")
+    generator = settings.streams("draws")
     if choice.endswith(FILE):
         if not Path(choice).is_file():
             change = "Correct the path."
             raise InputError("--law", seen=f"no file {choice}", expected="a law file", change=change)
         return as_draws(read_law_of(records.scenario, choice, records.table))
     if choice == ANSWER:
-        return law_study(records, config).draws(generator)
+        return law_study(records, settings).draws(generator)
     is_smooth = isinstance(records.data, DistinctRecords)
     if is_smooth and choice in named():
         with threadpool_limits(1, "blas"):
-            return _one_member(choice, records, config).draws(generator)
-    if is_smooth and choice in (PAPER, *FITS):
-        name = config["models"]["inverse_range"]["variant"] if choice == PAPER else choice
-        return OneLaw(FITS[name](records.table, config))
+            return _one_member(choice, records, settings).draws(generator)
+    if is_smooth and choice in (PAPER, *settings.fits):
+        fit = settings.fits[settings.paper if choice == PAPER else choice]
+        return OneLaw(fit(records.table))
     kinds = {} if is_smooth else {n: k for n, k in LAWS.items() if issubclass(k, JointLaw)}
     if choice in kinds:
-        own = child_generator(config["seed"], "laws", "fit", choice)
+        own = settings.streams("fit", choice)
         return OneLaw(Candidate(choice, kinds[choice], {}).fit(records.data, own))
-    known = (PAPER, *FITS, *named()) if is_smooth else kinds
+    known = (PAPER, *settings.fits, *named()) if is_smooth else kinds
     raise InputError(
         "--law",
         seen=repr(choice),
@@ -101,7 +94,7 @@ def choose_draws(choice: str, records: FittedRecords, config: Mapping[str, Any])
     )
 
 
-def _one_member(name: str, records: FittedRecords, config: Mapping[str, Any]) -> LawStudy:
+def _one_member(name: str, records: FittedRecords, settings: LawSettings) -> LawStudy:
     """Fit one smooth law, without scores."""
     members = tuple(dict.fromkeys((Member(), named()[name])))
     fitter = Fitter(records.data, members)
@@ -114,8 +107,7 @@ def _one_member(name: str, records: FittedRecords, config: Mapping[str, Any]) ->
             change=f"Choose a law with a lower threshold, or {ANSWER}.",
         )
     scores = np.zeros((len(members), records.size))
-    cap = config["answer"]["grid"]["closing_speed_max"]
-    smooth = SmoothFamily(fitter, family, scores, {}, records.table, cap)
-    weights = np.zeros((config["answer"]["draws"], len(members)))
+    smooth = SmoothFamily(fitter, family, scores, {}, records.table, settings.closing_speed_max)
+    weights = np.zeros((settings.draws, len(members)))
     weights[:, members.index(named()[name])] = 1.0
     return LawStudy(smooth, weights)

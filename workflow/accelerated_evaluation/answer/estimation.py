@@ -6,7 +6,7 @@ import os
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
-from functools import cached_property, partial
+from functools import cached_property
 from pathlib import Path
 from typing import Any
 
@@ -25,18 +25,16 @@ from accelerated_evaluation.answer.deciding import criteria_in_words, criteria_t
 from accelerated_evaluation.answer.estimate_tables import estimate_tables
 from accelerated_evaluation.answer.evidence import Evidence, checked_answers
 from accelerated_evaluation.answer.extrapolation import in_words
-from accelerated_evaluation.answer.fitted_records import FittedRecords, read_records, records_named
+from accelerated_evaluation.answer.fitted_records import FittedRecords, read_records
 from accelerated_evaluation.answer.posterior import LEVEL
+from accelerated_evaluation.answer.settings import RecordSettings, Settings
 from accelerated_evaluation.answer.study_tables import injured_by_level, risks_table
 from accelerated_evaluation.answer.words import answer_in_words, budget_in_words, ratio_in_words
 from accelerated_evaluation.base.errors import InputError
 from accelerated_evaluation.base.files import write_csv
-from accelerated_evaluation.base.randomness import child_generator
 from accelerated_evaluation.crash_map.mapping import map_crashes
-from accelerated_evaluation.crash_map.maps import Grid
 from accelerated_evaluation.laws.draws import Draws
 from accelerated_evaluation.laws.files import read_verdict, write_law
-from accelerated_evaluation.laws.smooth.family import DistinctRecords
 from accelerated_evaluation.methods.problem import Problem
 from accelerated_evaluation.methods.surrogate import (
     assumption_in_words,
@@ -48,12 +46,10 @@ from accelerated_evaluation.methods.surrogate import (
 )
 from accelerated_evaluation.records.checks import Records
 from accelerated_evaluation.records.verdict import Verdict, verdict_on
-from accelerated_evaluation.scenarios import SCENARIOS, Event, Scenario
+from accelerated_evaluation.scenarios import Event
 from accelerated_evaluation.vehicles.external.slow import SlowVehicle, is_slow, loaded_for
 from accelerated_evaluation.vehicles.loading import load_vehicle, vehicles_of
-from accelerated_evaluation.vehicles.protocol import event_named, events_of
-
-LIMITS = ("lead_speed_min", "lead_speed_max", "range_max")  # limits of a crash map
+from accelerated_evaluation.vehicles.protocol import event_named
 
 
 @dataclass(frozen=True)
@@ -248,69 +244,74 @@ class Estimated:
         ]
 
 
-def estimate(config: Mapping[str, Any], request: Request) -> Estimated:
-    """Estimate the probability of an event for the vehicle and the records of a complete configuration."""
-    scenario = SCENARIOS[config["scenario"]["name"]]
+def estimate(settings: Settings, request: Request) -> Estimated:
+    """Estimate the probability of an event for a vehicle, with laws of records."""
+    scenario = settings.scenario
     where, name = "--event", request.event
     if name is None:
-        where, name = "scenario.event", config["scenario"]["event"]
+        where, name = "scenario.event", settings.event
     event = event_named(name, scenario, where)
     # Before the simulations, which would otherwise be in vain.
     criteria = [
-        *criteria_of(config["criteria"], scenario),
+        *criteria_of(settings.criteria, scenario),
         *criteria_of(request.criteria, scenario, "--criterion"),
     ]
     wanted = [each.reference for each in criteria if each.reference]
     references = {
-        name: reference_section(name, scenario, config)
-        for name in dict.fromkeys([*request.reference, *wanted])
+        name: reference_section(name, settings) for name in dict.fromkeys([*request.reference, *wanted])
     }
     for other in request.compare:
         require_estimate(other)
     verdicts: list[Verdict] = []
-    with loaded_for(config["vehicle"], config["simulations"], scenario) as vehicle, _progress() as show:
-        records = read_records(config, lambda checked: verdicts.append(_verdict(checked, request, config)))
-        draws = choose_draws(request.law, records, config)
+    with loaded_for(settings.vehicle, settings.simulations, scenario) as vehicle, _progress() as show:
+        records = read_records(
+            settings.records, lambda checked: verdicts.append(_verdict(checked, request, settings.records))
+        )
+        draws = choose_draws(request.law, records, settings.laws)
         problem = Problem(scenario, vehicle, event, law=draws.proposal)
         known = None if request.predecessor is None else read_predecessor(request.predecessor, problem)
-        way = FewRuns.configured(config, share=request.sampling_share, predecessor=known, on_batch=show)
-        further = events_of(scenario, config["answer"]["events"])
-        streams = partial(child_generator, config["seed"], "laws")  # as in the study of a slow vehicle
+        way = FewRuns(
+            settings.stopping,
+            settings.batch_size,
+            share=request.sampling_share,
+            predecessor=known,
+            on_batch=show,
+        )
         answers, evidence = checked_answers(
-            problem, draws, records, way, further, streams, request.replicates
+            problem, draws, records, way, settings.events, settings.laws.streams, request.replicates
         )
     compared = {
-        name: reference_answer(name, section, event, draws, records, config)
+        name: reference_answer(name, section, event, draws, records, settings)
         for name, section in references.items()
     }
     slow = vehicle if isinstance(vehicle, SlowVehicle) else None
     return Estimated(answers, records, verdicts[0], slow, compared, request, evidence, criteria)
 
 
-def _verdict(records: Records, request: Request, config: Mapping[str, Any]) -> Verdict:
+def _verdict(records: Records, request: Request, settings: RecordSettings) -> Verdict:
     """Return the verdict on the records, or on those of a law file that contains a verdict.
 
-    Raises InputError if a check has the verdict ``stop`` that the configuration does not accept.
+    Raises InputError if a check has the verdict ``stop`` that the settings do not accept.
     """
-    accepted, scenario = config["data"]["accepted_warnings"], config["scenario"]
-    if request.law.endswith(FILE) and not SCENARIOS[scenario["name"]].has_sources:
-        return read_verdict(request.law, accepted)
-    return verdict_on(records, records_named(config), accepted)
+    if request.law.endswith(FILE) and not settings.scenario.has_sources:
+        return read_verdict(request.law, settings.accepted)
+    return verdict_on(records, settings.named, settings.accepted)
 
 
-def reference_section(name: str, scenario: Scenario, config: Mapping[str, Any]) -> dict[str, Any]:
-    """Return the section of a configuration that describes a vehicle which is fast to simulate, by its name.
+def reference_section(name: str, settings: Settings) -> dict[str, Any]:
+    """Return the section that describes a vehicle which is fast to simulate, by its name.
 
     Raises InputError if there is no such vehicle, or if it is slow.
     """
     section = {"name": name, "parameters": {}, "files": [], "deterministic": None}
-    section |= config["compared_vehicles"].get(name, {}) if scenario.has_sources else {}
+    section |= settings.compared_vehicles.get(name, {})
+    scenario = settings.scenario
     vehicles = vehicles_of(scenario)
     if ":" not in section["name"] and section["name"] not in vehicles:
         known = ", ".join(vehicles)
         expected = f"one of {known}, or path/to/file.py:ClassName"
         raise InputError("--reference", seen=repr(name), expected=expected, change="Correct the name.")
-    if is_slow(section["name"], config["simulations"], scenario):
+    if is_slow(section["name"], settings.simulations, scenario):
         change = "Estimate this vehicle under the same law, and compare the two estimates by --compare."
         raise InputError(
             "--reference", seen=name, expected="a vehicle that is fast to simulate", change=change
@@ -325,16 +326,15 @@ def reference_answer(
     event: Event,
     draws: Draws,
     records: FittedRecords,
-    config: Mapping[str, Any],
+    settings: Settings,
 ) -> Answer:
     """Return the answer of a fast vehicle, by its section, under the same draws of the law."""
-    generator = child_generator(config["seed"], "laws", "references", name)
-    scenario = records.scenario
-    with loaded_for(section, config["simulations"], scenario) as vehicle:
-        way: Way = Simulations(config["scenario"]["simulations"])
-        if isinstance(records.data, DistinctRecords):
-            grid = Grid(**{key: config["filters"][key] for key in LIMITS}, **config["answer"]["grid"])
-            way = Map(map_crashes(vehicle, grid, [event], generator), records.data)
+    generator = settings.laws.streams("references", name)
+    scenario = settings.scenario
+    with loaded_for(section, settings.simulations, scenario) as vehicle:
+        way: Way = Simulations(settings.many)
+        if settings.grid is not None:
+            way = Map(map_crashes(vehicle, settings.grid, [event], generator), records)
         return evaluate(Problem(scenario, vehicle, event), draws, way, generator=generator)
 
 

@@ -9,6 +9,7 @@ import numpy as np
 import pandas as pd
 
 from accelerated_evaluation.answer.joint_family import ClusteredRecords
+from accelerated_evaluation.answer.settings import RecordSettings
 from accelerated_evaluation.base.arrays import Array
 from accelerated_evaluation.base.errors import InputError
 from accelerated_evaluation.base.randomness import child_generator
@@ -20,7 +21,6 @@ from accelerated_evaluation.records.checks import Records
 from accelerated_evaluation.records.ingest import Account, ingest
 from accelerated_evaluation.records.segments import read_encounters, require_rows, write_encounters
 from accelerated_evaluation.records.sources import read_source
-from accelerated_evaluation.scenarios import SCENARIOS
 from accelerated_evaluation.scenarios.protocol import CLUSTER, FITTED, Scenario
 from accelerated_evaluation.scenarios.record_table import read_scenario_records, records_to_check
 from accelerated_evaluation.vehicles.loading import load_vehicle
@@ -88,26 +88,26 @@ class FittedRecords:
         return None if kilometres is None else self.size / kilometres
 
 
-def read_records(config: Mapping[str, Any], check: Callable[[Records], None] | None = None) -> FittedRecords:
-    """Read the records of a complete configuration, and filter and segment cut-ins.
+def read_records(settings: RecordSettings, check: Callable[[Records], None] | None = None) -> FittedRecords:
+    """Read records, and filter and segment cut-ins.
 
     ``check`` gets the records as the checks of records need them, and may raise an error. The lead speeds of
     cut-ins and the vehicle that is known to the scenario are used, never the vehicle under test.
     """
-    scenario = SCENARIOS[config["scenario"]["name"]]
+    scenario = settings.scenario
     if not scenario.has_sources:
-        table = read_scenario_records(scenario, config["scenario"]["records"])
+        table = read_scenario_records(scenario, settings.table)
         if check is not None:
             known = load_vehicle(scenario.default_vehicle, scenario)
             check(records_to_check(scenario, table, known.simulate))
         return FittedRecords.of(scenario, table)
-    raw = read_source(config["data"], child_generator(config["seed"], "sample"))
+    raw = read_source(settings.sections["data"], child_generator(settings.seed, "sample"))
     if check is not None:
-        check(Records.of(raw, config))
+        check(Records.of(raw, settings.sections))
     account = Account.of(raw)
-    encounters = ingest(raw, config, account)
+    encounters = ingest(raw, settings.sections, account)
     require_rows(encounters)
-    data = DistinctRecords.of(encounters, Support.configured(config))
+    data = DistinctRecords.of(encounters, settings.support)
     return FittedRecords(scenario, encounters, data, raw.attrs["exposure"], account.table())
 
 
@@ -121,14 +121,6 @@ def stored_records(
     if scenario.has_sources:
         return FittedRecords.of(scenario, read_encounters(path), Support.of(support), exposure)
     return FittedRecords.of(scenario, read_parquet(path), exposure=exposure)
-
-
-def records_named(config: Mapping[str, Any]) -> str:
-    """Return the file or folder of the records, or words for those that come with the project."""
-    scenario, data = config["scenario"], config["data"]
-    if SCENARIOS[scenario["name"]].has_sources:
-        return str(data[data["source"]]["path"])
-    return str(scenario["records"] or f"records of the scenario {scenario['name']} in the project")
 
 
 def clustered(scenario: Scenario, table: pd.DataFrame) -> ClusteredRecords:

@@ -171,6 +171,7 @@ class EstimateAlone:
     def run(arguments: argparse.Namespace) -> None:
         """Estimate the probability of the event, write the tables, and print the answer."""
         from accelerated_evaluation.answer.estimation import Request, estimate
+        from accelerated_evaluation.answer.settings import Settings
         from accelerated_evaluation.study.configuration import load, resolved
         from accelerated_evaluation.vehicles.external.workers import printed_to
 
@@ -192,7 +193,7 @@ class EstimateAlone:
         given = {name: value for name in names if (value := getattr(arguments, name)) not in (None, [])}
         # What a vehicle prints is not part of the answer.
         with open(os.dup(2), "w", buffering=1) as errors, printed_to(errors, 1):
-            found = estimate(resolved(config), Request(**given))
+            found = estimate(Settings.of(resolved(config)), Request(**given))
         folder = Path("results", config["study"], "estimate")
         compared = found.write(folder)
         if arguments.json:

@@ -10,6 +10,7 @@ from accelerated_evaluation.answer import choice as choices
 from accelerated_evaluation.answer import estimation, fitted_records
 from accelerated_evaluation.answer.estimation import Estimated, Request
 from accelerated_evaluation.answer.fitted_records import FittedRecords
+from accelerated_evaluation.answer.settings import LawSettings, RecordSettings, Settings
 from accelerated_evaluation.base.arguments import Argument, a_choice, checked, one_of
 from accelerated_evaluation.laws.draws import Draws
 from accelerated_evaluation.laws.paper.models import PAPER_LAWS, IndependentLaw
@@ -103,7 +104,7 @@ def read_records(config: Config, check: Callable[[Records], None] | None = None)
     >>> records.size, records.x.shape == (records.size, 3)
     (1028, True)
     """
-    return fitted_records.read_records(config, check)
+    return fitted_records.read_records(RecordSettings.of(config), check)
 
 
 @checked(records=RECORDS, config=A_CONFIGURATION)
@@ -137,7 +138,7 @@ def choose_draws(choice: str, records: FittedRecords, config: Config | None = No
     >>> ae.choose_draws("independent_variables", ae.read_records("left_turn")).size
     1
     """
-    return choices.choose_draws(choice, records, config or _complete(records.scenario.name))
+    return choices.choose_draws(choice, records, LawSettings.of(config or _complete(records.scenario.name)))
 
 
 @checked(
@@ -201,4 +202,4 @@ def estimate(config: Config, request: Request = Request()) -> Estimated:  # noqa
     >>> found.answers[0].converged
     True
     """
-    return estimation.estimate(config, request)
+    return estimation.estimate(Settings.of(config), request)

@@ -1,0 +1,124 @@
+"""What a configuration says about an answer, as values: made once, at the top of a command or script."""
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+from functools import partial
+from pathlib import Path
+from typing import Any, Self
+
+import pandas as pd
+
+from accelerated_evaluation.base.randomness import child_generator
+from accelerated_evaluation.crash_map.maps import Grid
+from accelerated_evaluation.laws import FITS, Law
+from accelerated_evaluation.laws.smooth.splines import Support
+from accelerated_evaluation.methods import Stopping
+from accelerated_evaluation.methods.surrogate import Surrogate
+from accelerated_evaluation.scenarios import SCENARIOS, Event, Scenario
+from accelerated_evaluation.vehicles.protocol import events_of
+
+LIMITS = ("lead_speed_min", "lead_speed_max", "range_max")  # limits of a crash map
+OF_RECORDS = ("data", "filters", "segments")  # sections that say how cut-ins are read
+
+
+@dataclass(frozen=True)
+class RecordSettings:
+    """Which records are read, and how those of cut-ins are filtered."""
+
+    scenario: Scenario
+    table: str | None  # file of the records of a scenario without sources; None for those of the project
+    sections: Mapping[str, Any]  # the sections `OF_RECORDS`
+    support: Support | None  # limits of the laws of cut-ins; None for other scenarios
+    accepted: Sequence[str]  # checks whose verdict "stop" the user accepts
+    seed: int
+
+    @classmethod
+    def of(cls, config: Mapping[str, Any]) -> Self:
+        """Return the settings of a complete configuration."""
+        scenario = SCENARIOS[config["scenario"]["name"]]
+        return cls(
+            scenario,
+            config["scenario"]["records"],
+            {name: config[name] for name in OF_RECORDS},
+            Support.configured(config) if scenario.has_sources else None,
+            config["data"]["accepted_warnings"],
+            config["seed"],
+        )
+
+    @property
+    def named(self) -> str:
+        """The file or folder of the records, or words for those that come with the project."""
+        data = self.sections["data"]
+        if self.scenario.has_sources:
+            return str(data[data["source"]]["path"])
+        return str(self.table or f"records of the scenario {self.scenario.name} in the project")
+
+
+@dataclass(frozen=True)
+class LawSettings:
+    """How laws are fitted to records, weighted and drawn."""
+
+    seed: int
+    draws: int
+    closing_speed_max: float  # cap on the closing speed of laws of cut-ins [m/s]
+    store: Path  # file in which the fit of smooth laws is kept
+    paper: str  # name of the paper's law that the study uses
+    fits: Mapping[str, Callable[[pd.DataFrame], Law]]  # functions that fit a law to an encounter table
+
+    @classmethod
+    def of(cls, config: Mapping[str, Any]) -> Self:
+        """Return the settings of a complete configuration."""
+        is_of_cut_ins = SCENARIOS[config["scenario"]["name"]].has_sources
+        return cls(
+            config["seed"],
+            config["answer" if is_of_cut_ins else "scenario"]["draws"],
+            config["answer"]["grid"]["closing_speed_max"],
+            Path("results", config["study"], "laws", "family.npz"),
+            config["models"]["inverse_range"]["variant"],
+            {name: partial(fit, config=config) for name, fit in FITS.items()},
+        )
+
+    @property
+    def streams(self) -> partial:
+        """Function that returns the random generator of a step, as in the jobs of a study."""
+        return partial(child_generator, self.seed, "laws")
+
+
+@dataclass(frozen=True)
+class Settings:
+    """The settings of an answer for one vehicle in one scenario."""
+
+    scenario: Scenario
+    event: str
+    events: Sequence[Event]  # further events
+    criteria: Sequence[str | Mapping[str, Any]]
+    records: RecordSettings
+    laws: LawSettings
+    vehicle: Mapping[str, Any]  # its section: name, parameters, files
+    compared_vehicles: Mapping[str, Mapping[str, Any]]
+    simulations: Mapping[str, Any]  # the section that says how slow vehicles are simulated
+    stopping: Stopping
+    batch_size: int
+    many: int  # number of simulations of a fast vehicle
+    grid: Grid | None  # of crash maps; None for scenarios without
+
+    @classmethod
+    def of(cls, config: Mapping[str, Any]) -> Self:
+        """Return the settings of a complete configuration."""
+        records, answer = RecordSettings.of(config), config["answer"]
+        scenario, limits = records.scenario, {key: config["filters"][key] for key in LIMITS}
+        return cls(
+            scenario,
+            config["scenario"]["event"],
+            events_of(scenario, answer["events"]),
+            config["criteria"],
+            records,
+            LawSettings.of(config),
+            config["vehicle"],
+            config["compared_vehicles"] if scenario.has_sources else {},
+            config["simulations"],
+            Surrogate.stopping(config),
+            config["surrogate"]["batch_size"],
+            config["scenario"]["simulations"],
+            Grid(**limits, **answer["grid"]) if scenario.has_sources else None,
+        )
