@@ -69,7 +69,10 @@ def run(records: str, replicates: int, output: Path) -> None:
     known_records = read_records(config)
     draws = choose_draws(ANSWER, known_records, config)
     exact = by_map(VEHICLE, config, known_records, draws)
-    problem, way = Problem(CUT_IN, draws.proposal, vehicle_named(VEHICLE, config)), FewRuns.configured(config)
+    problem, way = (
+        Problem(CUT_IN, vehicle_named(VEHICLE, config), law=draws.proposal),
+        FewRuns.configured(config),
+    )
     rows = pd.read_csv(output).to_dict("records") if output.exists() else []
     for seed in tqdm(range(len(rows), replicates), desc=records, unit=" replicates"):
         generator = child_generator(ROOT, "verify", records, seed)
