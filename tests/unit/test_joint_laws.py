@@ -14,8 +14,9 @@ from accelerated_evaluation.laws.joint.expectation_maximisation import _clustere
 from accelerated_evaluation.laws.joint.kernel import KernelLaw
 from accelerated_evaluation.laws.joint.truncated import Normals
 from accelerated_evaluation.laws.joint.truncated_normals import TruncatedNormalMixture
-from scipy.stats import ks_2samp, multivariate_normal
+from scipy.stats import ks_2samp, multivariate_normal, norm
 
+WHOLE = Box(("a", "b"), (0, 0), (35, 60))
 BOX = Box(("speed_mps", "other_mps", "distance_m"), (0.0, -3.0, 0.0), (6.0, 4.0, 50.0))
 SIGNIFICANCE = (
     1e-4  # of the tests of Kolmogorov and Smirnov; generators are fixed, so nothing fails by chance
@@ -245,3 +246,15 @@ def test_a_record_outside_the_box_is_named():
     for kind in KINDS.values():
         with pytest.raises(InputError, match=r"row 8.*other_mps = 9"):
             kind.fit(x, BOX, np.random.default_rng(0))
+
+
+def test_limits_that_are_whole_numbers_are_those_of_floats():
+    """With limits of integers, arrays of brackets would be truncated, and slow speeds drawn too often."""
+    assert Box(("a", "b"), (0.0, 0.0), (35.0, 60.0)) == WHOLE
+    mean, covariance = np.array([[14.0, 3.7]]), np.array([[[25.0, 3.0], [3.0, 7.6]]])
+    z = np.random.default_rng(1).standard_normal((200, 2))
+    law = TruncatedNormalMixture(np.ones(1), Normals(mean, covariance, WHOLE))
+    x = law.from_normal_scores(z)
+    low = np.zeros(len(x))
+    below = law.log_slice(1, x, low, x[:, 1]) - law.log_slice(1, x, low, np.full(len(x), 60.0))
+    assert below == pytest.approx(norm.logcdf(z[:, 1]), abs=1e-6)

@@ -58,6 +58,7 @@ _HOME = {
     "Posterior": "answer.posterior",
     "Replayed": "answer.answer",
     "SampledPosterior": "answer.posterior",
+    "Scan": "answer.by_scan",
     "Simulations": "answer.by_simulations",
     "Stopping": "methods",
     "compare": "answer.comparison",

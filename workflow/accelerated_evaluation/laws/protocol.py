@@ -2,13 +2,14 @@
 
 All laws of all scenarios have this interface. Some laws offer more, and whoever needs more asks for it: a
 `StratifiedLaw` of `laws.strata` has strata whose distributions can be tilted, and gives the probability of
-an interval of the closing speed; a `JointLaw` of `laws.joint` can be fitted to any records.
+an interval of the closing speed; a `JointLaw` of `laws.joint` can be fitted to any records; a `SlicedLaw`
+gives the probability of an interval of one variable for given others.
 """
 
 from abc import ABC, abstractmethod
 from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import Any, ClassVar, Self
+from typing import Any, ClassVar, Protocol, Self, runtime_checkable
 
 import numpy as np
 import pandas as pd
@@ -49,7 +50,9 @@ class Box:
     upper: tuple[float, ...]
 
     def __post_init__(self) -> None:
-        ends = np.array([self.lower, self.upper], dtype=float)
+        for name in ("lower", "upper"):  # whole numbers would make arrays of integers
+            object.__setattr__(self, name, tuple(map(float, getattr(self, name))))
+        ends = np.array([self.lower, self.upper])
         if ends.shape != (2, len(self.names)) or not (ends[0] < ends[1]).all():
             raise ValueError(f"each variable needs a lower limit below an upper limit, got {self}")
 
@@ -170,3 +173,17 @@ class Law(ABC):
     @abstractmethod
     def from_content(cls, content: Mapping[str, Any], box: Box, records: pd.DataFrame | None) -> Self:
         """Build a law from the value that `content` returned, its box, and its records if it needs them."""
+
+
+@runtime_checkable
+class SlicedLaw(Protocol):
+    """A law whose density can be integrated over any interval of one variable, with the others fixed."""
+
+    def log_slice(self, k: int, x: Array, low: Array, high: Array) -> Array:
+        """Return the log of the integral of the density over the variable with index k, shape (n,).
+
+        The other variables are those of the points x, shape (n, d); their values of the variable itself are
+        not used. The ends ``low`` and ``high`` of the intervals have the shape (n,). From its lower to its
+        upper limit, the result is the log density of the other variables, and the difference of two results
+        is the log of a conditional probability. It is accurate in far tails.
+        """

@@ -392,6 +392,9 @@ class Scenario:
     # Variable above some value of which, for given other variables, every event happens. A sampler then need
     # not look for further parts of an event. None if this is not known.
     upper_set_in: str | None = None
+    # Variable along which, for given other variables, every event happens in a few intervals, so that a scan
+    # finds them. None if this is not known. For laws that are a `SlicedLaw`, this gives exact answers.
+    scanned: str | None = None
     has_injuries: bool = False  # whether curves of the risk of injury are known for its crashes
     has_sources: bool = (
         False  # whether records come from the sources of the section `data` of a configuration
@@ -414,7 +417,7 @@ class Scenario:
     @property
     def limits(self) -> Array:
         """Smallest and largest value of each variable, shape (d, 2)."""
-        return np.array([[variable.low, variable.high] for variable in self.variables])
+        return np.array([[variable.low, variable.high] for variable in self.variables], dtype=float)
 
     @property
     def law_limits(self) -> Array:

@@ -15,7 +15,7 @@ import pandas as pd
 from accelerated_evaluation.base.arrays import Array
 from accelerated_evaluation.laws import LAWS
 from accelerated_evaluation.laws.joint import JointLaw, normalised
-from accelerated_evaluation.laws.joint.truncated import symmetric
+from accelerated_evaluation.laws.joint.truncated import log_interval_mass, symmetric
 from accelerated_evaluation.laws.joint.truncated_normals import TruncatedNormalMixture
 from accelerated_evaluation.laws.protocol import Box
 
@@ -82,6 +82,30 @@ class GaussianCopula(JointLaw):
         parts = (margin.log_density(x[inside, [j], None]) for j, margin in enumerate(self.margins))
         logs[inside] = copula + sum(parts)
         return logs
+
+    def log_slice(self, k: int, x: Array, low: Array, high: Array) -> Array:
+        """Return the log of the integral of the density over variable k; see `SlicedLaw`.
+
+        Given the other variables, the normal score of the variable is normally distributed.
+        """
+        rest = [j for j in range(self.dimension) if j != k]
+        z = _scores([self.margins[j] for j in rest], x[:, rest])
+        precision = np.linalg.inv(self.correlation)
+        deviation = 1 / np.sqrt(precision[k, k])
+        centre = -(z @ precision[rest, k]) * deviation**2
+        factor = np.linalg.cholesky(self.correlation[np.ix_(rest, rest)])
+        e = np.linalg.solve(factor, z.T)
+        others = 0.5 * ((z**2).sum(axis=1) - (e**2).sum(axis=0)) - np.log(np.diag(factor)).sum()
+        others += sum(self.margins[j].log_density(x[:, [j]]) for j in rest)
+        ends = (
+            np.select(
+                [value <= self.box.lower[k], value >= self.box.upper[k]],
+                [-np.inf, np.inf],
+                self.margins[k].normal_scores(np.clip(value, self.box.lower[k], self.box.upper[k])),
+            )
+            for value in (low, high)
+        )
+        return others + log_interval_mass(*((end - centre) / deviation for end in ends))
 
     def from_normal_scores(self, z: Array) -> Array:
         """Map independent standard normal z to points that follow the law, both of shape (n, d)."""

@@ -12,7 +12,7 @@ from functools import cached_property
 from typing import Any
 
 import numpy as np
-from scipy.special import ndtr
+from scipy.special import log_ndtr, ndtr
 
 from accelerated_evaluation.base.arrays import Array, numbers_in
 from accelerated_evaluation.laws.protocol import Box
@@ -47,6 +47,16 @@ def interval_mass(low: Array, high: Array) -> Array:
     """Return P(low < e < high) for a standard normal variable e, without cancellation in the upper tail."""
     flip = low > 0
     return np.maximum(ndtr(np.where(flip, -low, high)) - ndtr(np.where(flip, -high, low)), 0.0)
+
+
+def log_interval_mass(low: Array, high: Array) -> Array:
+    """Return log P(low < e < high) for a standard normal variable e, accurate in both tails."""
+    flip = low > 0
+    near = log_ndtr(np.where(flip, -low, high))
+    far = log_ndtr(np.where(flip, -high, low))
+    with np.errstate(divide="ignore", invalid="ignore"):
+        mass = near + np.log(-np.expm1(far - near))
+    return np.where(high > low, mass, -np.inf)
 
 
 def gauss_nodes(low: Array, high: Array) -> tuple[Array, Array]:
@@ -104,6 +114,24 @@ class Normals:
         e = self.standardised(x)
         scale = np.log(np.diagonal(self.factor, axis1=1, axis2=2)).sum(axis=1)
         return -0.5 * (e * e).sum(axis=2) - scale[:, None] - x.shape[1] * LOG_ROOT_2PI
+
+    def log_slices(self, k: int, x: Array, low: Array, high: Array) -> Array:
+        """Return the log of the integral of each density over x_k from low to high, shape (K, n).
+
+        The other variables are those of the points x, shape (n, d). Given these, x_k is normal.
+        """
+        precision = np.linalg.inv(self.covariance)
+        deviation = 1 / np.sqrt(precision[:, k, k])
+        rest = [j for j in range(x.shape[1]) if j != k]
+        difference = x[:, rest] - self.mean[:, None, rest]
+        shift = np.einsum("knj,kj->kn", difference, precision[:, k, rest]) * deviation[:, None] ** 2
+        centre = self.mean[:, k, None] - shift
+        ends = ((end - centre) / deviation[:, None] for end in (low, high))
+        others = Box(
+            *(tuple(part[j] for j in rest) for part in (self.box.names, self.box.lower, self.box.upper))
+        )
+        marginal = Normals(self.mean[:, rest], self.covariance[:, rest][:, :, rest], others)
+        return marginal.log_densities(x[:, rest]) + log_interval_mass(*ends)
 
     def next_standardised(self, e: Array, value: Array | float) -> Array:
         """Return e_(j+1), shape (K, n), from x_(j+1), shape (n,), and the earlier e, shape (K, n, j)."""

@@ -95,6 +95,16 @@ class TruncatedNormalMixture(JointLaw):
             logs[part] = logsumexp(self.normals.log_densities(x[part]) + self.log_scale[:, None], axis=0)
         return logs
 
+    def log_slice(self, k: int, x: Array, low: Array, high: Array) -> Array:
+        """Return the log of the integral of the density over variable k; see `SlicedLaw`."""
+        low, high = (np.clip(end, self.box.lower[k], self.box.upper[k]) for end in (low, high))
+        logs, size = np.empty(len(x)), max(PAIRS_AT_ONCE // self.components, 1)
+        for first in range(0, len(x), size):
+            part = slice(first, first + size)
+            slices = self.normals.log_slices(k, x[part], low[part], high[part])
+            logs[part] = logsumexp(slices + self.log_scale[:, None], axis=0)
+        return logs
+
     def draw(self, n: int, generator: np.random.Generator) -> Array:
         """Draw n independent points, shape (n, d); points outside the box are rejected and drawn again."""
         missing = generator.multinomial(n, self.shares)

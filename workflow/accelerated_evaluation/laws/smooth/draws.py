@@ -319,7 +319,7 @@ def solve(
     the others. ``score(points, indices)`` returns values and derivatives. All functions have reached their
     levels at ``largest``.
     """
-    low, high, value = np.zeros(level.size), np.full(level.size, largest), np.array(start, dtype=float)
+    low, high, value = np.zeros(level.size), np.full(level.size, float(largest)), np.array(start, dtype=float)
     row = np.arange(level.size)
     for _ in range(STEPS):
         at, wanted = value[row], level[row]

@@ -53,6 +53,7 @@ LEFT_TURN = SCENARIOS.add("left_turn")(
         reported_rules=reported_rules,
         panels=PANELS,
         records=Path("data/left_turn/records.parquet"),
+        scanned="distance_to_conflict_m",
         divided_by=("turning_speed_mps", (0.2, 1.0, 5.0)),
         verdicts=Path("data/left_turn/verdicts.csv.gz"),
         restrictions={"turning speed 0.2 m/s or more": lambda x: x[:, 1] >= SLOWEST},

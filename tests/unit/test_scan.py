@@ -1,0 +1,188 @@
+"""Exact answers from scans of one variable: slices of laws, a toy with a closed form, and the left turn."""
+
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+import accelerated_evaluation as ae
+import numpy as np
+import pandas as pd
+import pytest
+from accelerated_evaluation.answer import by_scan
+from accelerated_evaluation.base.arrays import Array
+from accelerated_evaluation.laws.joint.copula import GaussianCopula, IndependentVariables
+from accelerated_evaluation.laws.joint.kernel import KernelLaw
+from accelerated_evaluation.laws.joint.truncated import log_interval_mass
+from accelerated_evaluation.laws.joint.truncated_normals import TruncatedNormalMixture
+from accelerated_evaluation.laws.protocol import SlicedLaw
+from accelerated_evaluation.scenarios.protocol import FLAG, outcome
+from normal_law import normal_law
+from scipy.stats import norm
+
+ROOT = Path(__file__).parents[2]
+BOX = ae.Box(("a", "b", "c"), (0.0, 0.0, 0.0), (10.0, 10.0, 10.0))
+NODES, WEIGHTS = np.polynomial.legendre.leggauss(200)
+LEFT_TURN = ae.SCENARIOS["left_turn"]
+
+
+def fitted(kind, **settings):
+    generator = np.random.default_rng(3)
+    covariance = [[1, 0.6, 0.2], [0.6, 2, -0.5], [0.2, -0.5, 1.5]]
+    x = generator.multivariate_normal([3, 4, 5], covariance, 80).clip(0.01, 9.99)
+    return kind.fit(x, BOX, generator, **settings)
+
+
+@pytest.mark.parametrize(
+    ("kind", "settings"),
+    [
+        (GaussianCopula, {}),
+        (IndependentVariables, {}),
+        (TruncatedNormalMixture, {"components": 2}),
+        (KernelLaw, {}),
+    ],
+)
+def test_a_slice_is_the_integral_of_the_density(kind, settings):
+    law, generator = fitted(kind, **settings), np.random.default_rng(4)
+    assert isinstance(law, SlicedLaw)
+    for k in range(3):
+        x = law.draw(6, generator)
+        low = np.append(0.0, generator.uniform(0, 5, 5))
+        high = np.append(low[:5] + generator.uniform(0.1, 4, 5), 10.0)
+        values = (high - low)[:, None] / 2 * NODES + (high + low)[:, None] / 2
+        points = np.repeat(x, NODES.size, axis=0)
+        points[:, k] = values.ravel()
+        density = np.exp(law.log_density(points)).reshape(values.shape)
+        integral = (density @ WEIGHTS) * (high - low) / 2
+        assert law.log_slice(k, x, low, high) == pytest.approx(np.log(integral), abs=1e-6)
+        x[:, k] = np.nan  # the variable itself is not used
+        assert law.log_slice(k, x, low, high) == pytest.approx(np.log(integral), abs=1e-6)
+
+
+def test_intervals_in_far_tails_keep_their_digits():
+    low, high = np.array([30.0, -31.0, 9.0, 2.0]), np.array([31.0, -30.0, np.inf, 2.0])
+    expected = [norm.logsf(30), norm.logcdf(-30), norm.logsf(9), -np.inf]
+    assert log_interval_mass(low, high) == pytest.approx(expected, rel=1e-12)
+
+
+@dataclass(frozen=True)
+class Outcomes:
+    crash: Array = outcome(FLAG, "whether")
+    distance: Array = outcome("", "how near")
+
+
+@dataclass
+class Stripes:
+    """A car that crashes for two stripes of b, whose place depends on a."""
+
+    deterministic: bool | None = True
+
+    def simulate(self, a, b):
+        crash = ((b > a) & (b < a + 1)) | (b > 8)
+        return Outcomes(crash, np.where(crash, 0.0, 1.0))
+
+
+TOY = ae.Scenario(
+    "stripes",
+    "Two variables.",
+    [ae.Variable(name, "", 0, 10, "modelled", "") for name in "ab"],
+    Outcomes,
+    [ae.Event.flag("crash", scored_by="distance")],
+    {},
+    "none",
+    scanned="b",
+)
+PLANE = ae.Box(("a", "b"), (0.0, 0.0), (10.0, 10.0))
+
+
+def toy_problem(means, **changes):
+    laws = [normal_law(mean, np.diag([1.0, 4.0]), PLANE) for mean in means]
+    draws = ae.DrawnLaws.of(laws, ["toy"] * len(laws), np.random.default_rng(2))
+    return ae.Problem(replace(TOY, **changes), draws.proposal, Stripes()), draws
+
+
+def exact(law):
+    """Return the probability of the two stripes under a law with independent variables."""
+    (mean,) = law.normals.mean
+    a = np.linspace(0, 10, 4001)
+    density = norm.pdf(a, mean[0], 1)
+
+    def below(b):
+        return norm.cdf(np.minimum(b, 10), mean[1], 2)
+
+    union = below(a + 1) - below(a) + below(10) - below(8)
+    union -= np.maximum(below(np.minimum(a + 1, 10)) - below(np.maximum(a, 8)), 0)
+    whole = norm.cdf(10, mean[1], 2) - norm.cdf(0, mean[1], 2)
+    return np.trapezoid(density * union, a) / np.trapezoid(density, a) / whole
+
+
+def test_a_scan_gives_the_probability_of_two_stripes_under_every_draw(monkeypatch):
+    problem, draws = toy_problem([(4.0, 5.0), (3.0, 4.0), (5.0, 7.0)])
+    truth = np.array([exact(law) for law in draws.laws])
+    answer = ae.evaluate(problem, draws, ae.Scan(1024, 60), generator=np.random.default_rng(5))
+    deviation = (answer.posterior.probabilities / truth - 1) / answer.posterior.errors
+    assert np.abs(deviation).max() < 5  # of 16 batches
+    assert (answer.posterior.errors < 0.02).all()
+    assert answer.crash_weights.sum(axis=1) == pytest.approx(answer.posterior.probabilities)
+    monkeypatch.setattr(by_scan, "_stretches", one_step_wider(by_scan._stretches))
+    wrong = ae.evaluate(problem, draws, ae.Scan(1024, 60), generator=np.random.default_rng(5))
+    assert np.abs((wrong.posterior.probabilities / truth - 1) / wrong.posterior.errors).max() > 10
+
+
+def one_step_wider(right):
+    """Return a wrong variant, whose intervals begin a step of the scan too early."""
+
+    def wrong(*arguments):
+        found = right(*arguments)
+        return replace(found, start=np.maximum(found.start - 10 / 59, 0))
+
+    return wrong
+
+
+@pytest.mark.parametrize(
+    ("changes", "message"),
+    [
+        ({"scanned": None}, "scenario stripes: seen no variable along which every event happens in a few"),
+        ({}, "scan of b: seen a law of the class Without, without a method log_slice; expected laws that"),
+        ({"deterministic": False}, "scan of b: seen a vehicle whose outcomes are random; expected"),
+    ],
+)
+def test_what_a_scan_needs_is_said_with_another_way(changes, message):
+    changes = dict(changes)
+    deterministic = changes.pop("deterministic", True)
+    problem, draws = toy_problem([(4.0, 5.0)], **changes)
+    problem = replace(problem, vehicle=Stripes(deterministic))
+    if not changes and deterministic:
+        draws = replace(draws, laws=[Without()])
+    with pytest.raises(ae.InputError) as error:
+        ae.evaluate(problem, draws, ae.Scan(), generator=np.random.default_rng(1))
+    assert str(error.value).startswith(message)
+    assert str(error.value).endswith("Use Simulations, or FewRuns for a slow vehicle.")
+
+
+class Without:
+    """A law without slices."""
+
+
+def test_the_left_turn_agrees_with_its_many_simulations():
+    """Three laws of different kinds are fitted to the records; both ways have the same draws."""
+    records = pd.read_parquet(ROOT / LEFT_TURN.records)[list(LEFT_TURN.names)].to_numpy()[::4]
+    limits, generator = LEFT_TURN.law_limits, np.random.default_rng(6)
+    box = ae.Box(LEFT_TURN.names, tuple(limits[:, 0]), tuple(limits[:, 1]))
+    x = LEFT_TURN.as_in_law(records)
+    laws = [GaussianCopula.fit(x, box, generator), KernelLaw.fit(x, box, generator)]
+    laws.append(TruncatedNormalMixture.fit(x, box, generator, components=2))
+    draws = ae.DrawnLaws.of(laws, ["copula", "kernel", "normals"], generator)
+    vehicle = ae.load_vehicle(LEFT_TURN.default_vehicle, LEFT_TURN)
+    problem = ae.Problem(LEFT_TURN, draws.proposal, vehicle)
+    events = [LEFT_TURN.event("impact_speed", 5.0), LEFT_TURN.event("post_encroachment_time", 1.0)]
+    scanned, many = (
+        ae.evaluate(problem, draws, way, events, generator=np.random.default_rng(seed))
+        for way, seed in ((ae.Scan(2048, 60), 7), (ae.Simulations(100_000), 8))
+    )
+    for event in (problem.event, *events):
+        one, other = scanned.posteriors[event], many.posteriors[event]
+        error = np.hypot(one.errors * one.probabilities, other.errors * other.probabilities)
+        assert np.abs((one.probabilities - other.probabilities) / error).max() < 4, event
+        assert (one.errors < 0.12).all(), event
+    found = scanned.notes["found"][problem.event]
+    counts = np.bincount(found.line, minlength=2048)
+    assert np.mean(counts == 1) > 0.9  # most lines have a single interval
