@@ -1,7 +1,6 @@
 """Extensions of a study: the toys of tests/toys, which are in a folder of their user, in a study."""
 
 import json
-import re
 import subprocess
 import sys
 
@@ -73,15 +72,3 @@ def test_a_new_source_is_read_and_a_new_law_fitted_and_simulated(finished, tmp_p
     inverse_range = ranges["lower"] * u ** (-1 / ranges["shape"])
     exact = np.exp(-speeds["rate"] * np.sqrt(6 * inverse_range)).mean()
     assert 0.5 < estimate["probability"].item() / exact < 2  # the interval is one of 50 % on both sides
-
-
-def test_jobs_run_again_if_a_module_changes_that_they_may_use(finished, tmp_path):
-    project = finished.copied(tmp_path)
-    assert "Nothing to be done" in project.run("--dry-run").stdout
-    with open(project.folder / "mine/toy_exponential.py", "a") as file:
-        file.write("# changed\n")
-    planned = project.run("--dry-run").stdout
-    rules = set(re.findall(r"^rule (\w+):|^localrule (\w+):", planned, flags=re.MULTILINE))
-    rules = {name for pair in rules for name in pair if name}
-    assert "fit_models" in rules
-    assert not {"ingest_encounters", "inspect_records"} & rules  # which use no laws

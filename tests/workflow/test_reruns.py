@@ -44,6 +44,20 @@ def test_an_edited_module_reruns_its_room_and_those_after_it(studied):
     assert planned - notebooks == METHODS | ANSWER | ALWAYS
 
 
+def test_an_edited_extension_reruns_the_rooms_to_which_it_adds_and_those_after_them(studied):
+    path = studied.folder / "mine/toy_exponential.py"
+    text, status = path.read_text(), path.stat()
+    try:
+        path.write_text(text + EDIT)
+        run = studied.run("--dry-run")
+    finally:
+        path.write_text(text)
+        os.utime(path, ns=(status.st_atime_ns, status.st_mtime_ns))
+    planned = planned_rules(run.stdout + run.stderr)
+    assert METHODS | ANSWER | {"fit_models"} <= planned
+    assert not planned & {"ingest_encounters", "inspect_records", "record_configuration"}  # no laws
+
+
 def backwards(section):
     """Return a section of a configuration, and those in it, with its keys in the opposite order."""
     if not isinstance(section, dict):
