@@ -96,7 +96,7 @@ PLANE = ae.Box(("a", "b"), (0.0, 0.0), (10.0, 10.0))
 def toy_problem(means, **changes):
     laws = [normal_law(mean, np.diag([1.0, 4.0]), PLANE) for mean in means]
     draws = ae.DrawnLaws.of(laws, ["toy"] * len(laws), np.random.default_rng(2))
-    return ae.Problem(replace(TOY, **changes), draws.proposal, Stripes()), draws
+    return ae.Problem(replace(TOY, **changes), Stripes()), draws
 
 
 def exact(law):
@@ -172,7 +172,7 @@ def test_the_left_turn_agrees_with_its_many_simulations():
     laws.append(TruncatedNormalMixture.fit(x, box, generator, components=2))
     draws = ae.DrawnLaws.of(laws, ["copula", "kernel", "normals"], generator)
     vehicle = ae.load_vehicle(LEFT_TURN.default_vehicle, LEFT_TURN)
-    problem = ae.Problem(LEFT_TURN, draws.proposal, vehicle)
+    problem = ae.Problem(LEFT_TURN, vehicle)
     events = [LEFT_TURN.event("impact_speed", 5.0), LEFT_TURN.event("post_encroachment_time", 1.0)]
     scanned, many = (
         ae.evaluate(problem, draws, way, events, generator=np.random.default_rng(seed))

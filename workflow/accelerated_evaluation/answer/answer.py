@@ -209,7 +209,7 @@ class Answer:
 
 @runtime_checkable
 class Way(Protocol):
-    """A way to compute an answer: `Map`, `Simulations` or `FewRuns`."""
+    """A way to compute an answer: `Map`, `Scan`, `Simulations` or `FewRuns`."""
 
     def answer(
         self, problem: Problem, draws: Draws, events: Sequence[Event], generator: np.random.Generator
@@ -257,8 +257,8 @@ def evaluate(
     draws
         Draws of the law of the encounters, or one law.
     by
-        The way: `Map` for a fast vehicle in cut-ins, `Simulations` for any other fast vehicle, `FewRuns` for
-        a slow vehicle.
+        The way: `Map` for a fast vehicle in cut-ins, `Scan` for one in the left turn, `Simulations` for any
+        other fast vehicle, `FewRuns` for a slow vehicle.
     events
         Further events, or texts such as ``impact_speed=5``, whose probability is given, if the way allows it.
     generator
