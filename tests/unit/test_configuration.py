@@ -45,8 +45,6 @@ def parts_of(schema, path=()):
         yield from parts_of(part, (*path, name))
     for name, part in schema.get("$defs", {}).items():
         yield from parts_of(part, ("$defs", name))
-    if schema.get("additionalProperties"):
-        yield from parts_of(schema["additionalProperties"], (*path, "others"))
     if "items" in schema:
         yield from parts_of(schema["items"], (*path, "items"))
 

@@ -229,7 +229,7 @@ def test_values_that_are_constant_or_heaped_are_reported(equal, verdict):
                 "--event",
                 "min_ttc=1",
             ],
-            "expected crash, or impact_speed with a threshold, such as impact_speed=1",
+            "expected crash, or impact_speed or post_encroachment_time with a threshold, such as",
         ),
     ],
 )
