@@ -439,7 +439,7 @@ def test_draws_with_a_fixed_far_tail_differ_by_it_alone(crash_map, records, fitt
         fast = [law.given(places).cumulative(40 * slow) for law in (one, other)]
         assert not np.allclose(*fast, rtol=1e-3)
     answer = ae.evaluate(
-        ae.Problem(ae.CUT_IN, draws.proposal, RateCar()),
+        ae.Problem(ae.CUT_IN, RateCar(), law=draws.proposal),
         draws,
         ae.Map(crash_map, records),
         generator=np.random.default_rng(9),
