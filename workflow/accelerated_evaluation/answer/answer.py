@@ -9,7 +9,7 @@ import pandas as pd
 from numpy.typing import NDArray
 
 from accelerated_evaluation.answer.calibration import mid_p
-from accelerated_evaluation.answer.posterior import Posterior, SampledPosterior, answer_row, budget
+from accelerated_evaluation.answer.posterior import Posterior, answer_row, budget
 from accelerated_evaluation.answer.words import answer_in_words, budget_in_words
 from accelerated_evaluation.base.arguments import A_GENERATOR, Argument, checked, one_of
 from accelerated_evaluation.base.arrays import Array
@@ -148,7 +148,7 @@ class Answer:
     @property
     def sampled(self) -> bool:
         """Whether the answer has a sampling error."""
-        return isinstance(self.posterior, SampledPosterior) or self.posterior is None
+        return self.posterior is None or self.posterior.is_sampled
 
     @property
     def posterior(self) -> Posterior | None:

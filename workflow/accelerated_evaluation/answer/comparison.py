@@ -117,7 +117,7 @@ def draws_table(answer: Answer) -> pd.DataFrame:
     if own is None:
         return pd.DataFrame(columns=[*columns, "probability"])
     columns["probability"] = own.probabilities
-    if isinstance(own, SampledPosterior):
+    if own.is_sampled:
         parts = {"error": own.errors, "shared_error": own.shared, "own_error": own.own}
         columns |= parts | {"batches": own.batches, "unseen_lapses": own.unseen_lapses}
         columns["simulations"] = answer.simulations

@@ -45,6 +45,7 @@ class Posterior:
     probabilities: Array  # shape (K,)
     member: NDArray[np.intp]  # number of the candidate from which each law was drawn, shape (K,)
 
+    is_sampled = False  # whether the probabilities have sampling errors
     unseen_lapses = 0.0  # bound on the probability that failures which no run has shown may add
 
     @property
@@ -111,6 +112,7 @@ class SampledPosterior(Posterior):
     (True, (1,))
     """
 
+    is_sampled = True
     errors: Array  # relative standard error of each estimate, shape (K,)
     batches: int  # number of independent batches of runs
     shared: float = math.nan

@@ -266,7 +266,6 @@ def _new(arguments: argparse.Namespace) -> None:
 
 
 def _ask(arguments: argparse.Namespace) -> None:
-    from accelerated_evaluation.scenarios.cut_in import CUT_IN
     from accelerated_evaluation.track.campaign_file import law_of, read_campaign, write_campaign
     from accelerated_evaluation.track.results import write_table
     from accelerated_evaluation.track.scenarios import (
@@ -276,7 +275,7 @@ def _ask(arguments: argparse.Namespace) -> None:
     )
 
     campaign = read_campaign(arguments.campaign)
-    writes_files = campaign.scenario is CUT_IN and not arguments.no_scenarios
+    writes_files = campaign.scenario.has_scenario_files and not arguments.no_scenarios
     if writes_files:
         require_scenariogeneration()
     elif not arguments.no_scenarios:

@@ -8,7 +8,6 @@ from accelerated_evaluation.base.errors import InputError
 from accelerated_evaluation.base.randomness import child_generator
 from accelerated_evaluation.commands import COMMANDS, add_scenario, add_seed, refuse_options, require_seed
 from accelerated_evaluation.scenarios import SCENARIOS
-from accelerated_evaluation.scenarios.cut_in import CUT_IN
 from accelerated_evaluation.scenarios.protocol import Scenario
 from accelerated_evaluation.vehicles.lead_motion import lead_speeds_of
 from accelerated_evaluation.vehicles.replay import trace_encounter, write_trace
@@ -90,7 +89,7 @@ class Replay:
 
 def _lead_speeds(arguments: argparse.Namespace, scenario: Scenario) -> Array:
     """Return the lead speeds over time [m/s] that the option ``--motion`` specifies."""
-    if scenario is not CUT_IN:
+    if "lead_speed" not in scenario.names:
         refuse_options(arguments, scenario.name, "motion")
     require_seed(arguments.seed)
     encounter = scenario.checked(*([value] for value in arguments.values))[:, 0]

@@ -149,7 +149,7 @@ class Simulate:
         scenario = SCENARIOS[arguments.scenario]
         name = arguments.vehicle or scenario.default_vehicle
         caps = {} if arguments.closing_speed_max is None else {"closing_speed": arguments.closing_speed_max}
-        if caps and scenario is not CUT_IN:
+        if not {*caps} <= {*scenario.names}:
             change = "Leave the option out, because it limits the closing speeds of cut-ins."
             raise InputError(
                 "--closing-speed-max", seen=f"the scenario {scenario.name}", expected="cut_in", change=change
@@ -263,7 +263,7 @@ def simulate_table(
 
 def _courses(header: list[str], scenario: Scenario, source: Path) -> list[int]:
     """Return the places of the columns with lead speeds over time; an empty list if there are none."""
-    if scenario is not CUT_IN:
+    if "lead_speed" not in scenario.names:
         return []
     return [header.index(name) for name in course_columns(header, str(source))]
 

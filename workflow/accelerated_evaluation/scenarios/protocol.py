@@ -395,6 +395,7 @@ class Scenario:
     # Variable along which, for given other variables, every event happens in a few intervals, so that a scan
     # finds them. None if this is not known. For laws that are a `SlicedLaw`, this gives exact answers.
     scanned: str | None = None
+    has_scenario_files: bool = False  # whether OpenSCENARIO files of its encounters can be written
     has_injuries: bool = False  # whether curves of the risk of injury are known for its crashes
     has_sources: bool = (
         False  # whether records come from the sources of the section `data` of a configuration

@@ -107,11 +107,11 @@ def _is_scenario(name: str) -> bool:
 
 
 def _are_events(scenario: str, events: Mapping[str, Sequence[float]]) -> bool:
-    """Return whether names are those of events of a scenario, or of cut-ins, which have defaults."""
+    """Return whether names are those of events of a scenario, or of those that have defaults."""
     from accelerated_evaluation.scenarios import SCENARIOS
 
-    known = [each.quantity for name in {scenario, "cut_in"} & {*SCENARIOS} for each in SCENARIOS[name].events]
-    return {*events} <= {*known}
+    own = {each.quantity for each in SCENARIOS[scenario].events} if scenario in SCENARIOS else set()
+    return {*events} <= own | {*schema()["$defs"]["events"]["properties"]}
 
 
 def _mean_what_they_say(compared: Mapping[str, Mapping]) -> bool:
@@ -200,7 +200,7 @@ CHECKS = (
     ),
     Check(
         ("crash_map.events",),
-        lambda events: _are_events("cut_in", events),
+        lambda events: {*events} <= {*schema()["$defs"]["events"]["properties"]},
         "thresholds of outcomes by which cut-ins define events",
     ),
     Check(

@@ -51,7 +51,7 @@ def write_set(
     set, which the page lists by name. InputError is raised if the folder is not empty, and StudyError if the
     library scenariogeneration is needed but not installed.
     """
-    if scenario is CUT_IN:
+    if scenario.has_scenario_files:
         require_scenariogeneration()
     folder = Path(folder)
     if folder.exists() and (not folder.is_dir() or any(folder.iterdir())):
@@ -63,7 +63,7 @@ def write_set(
     temporary = Path(tempfile.mkdtemp(prefix=f".{folder.name}.", dir=folder.parent))
     try:
         names = [f"scenario_{number:03d}" for number in drawn.table["scenario"]]
-        if scenario is CUT_IN:
+        if scenario.has_scenario_files:
             write_scenarios(temporary, map(_scenario, names, drawn.table.to_dict("records")))
         write_csv(temporary / TABLE, table_of(drawn, names, scenario))
         if drawn.draws is not None:
@@ -81,7 +81,7 @@ def table_of(drawn: WeightedSet, names: list[str], scenario: Scenario = CUT_IN) 
     It has the derived quantities of the scenario, such as the host speed, and for cut-ins the column
     ``file``; the names of the scenarios are those of their files without the ending.
     """
-    files = {"file": [f"{name}.xosc" for name in names]} if scenario is CUT_IN else {}
+    files = {"file": [f"{name}.xosc" for name in names]} if scenario.has_scenario_files else {}
     return drawn.table.assign(**scenario.derived, **files)
 
 
@@ -159,4 +159,4 @@ def _parts_of(drawn: WeightedSet, scenario: Scenario) -> dict[str, str]:
         "score_meaning": score.description,
     }
     parts = {name: part.format(**known) for name, part in ENCOUNTERS.items()}
-    return parts | (_cut_ins_in_words(drawn) if scenario is CUT_IN else {})
+    return parts | (_cut_ins_in_words(drawn) if scenario.has_scenario_files else {})
