@@ -247,7 +247,7 @@ def test_the_map_of_a_reference_gives_the_mean_of_the_draws_and_each_of_them(law
     by_draw, errors = weighted.sum(axis=1) / crash.size, np.sqrt((weighted**2).sum(axis=1)) / crash.size
     apart = np.abs(found.probabilities - by_draw) / errors
     assert np.all(apart < 4)
-    assert np.mean(apart < 2) > 0.95
+    assert np.mean(apart < 2) > 0.9  # 95 % on average; all draws are compared with the same cut-ins
     assert np.mean(np.abs(found.probabilities[::-1] - by_draw) / errors < 2) < 0.9  # of other draws: wrong
 
 
