@@ -8,6 +8,7 @@ import numpy as np
 import pandas as pd
 import pytest
 from accelerated_evaluation.answer import by_scan
+from accelerated_evaluation.answer.by_scan import exact_probability
 from accelerated_evaluation.base.arrays import Array
 from accelerated_evaluation.laws.joint.copula import GaussianCopula, IndependentVariables
 from accelerated_evaluation.laws.joint.kernel import KernelLaw
@@ -156,6 +157,15 @@ def test_what_a_scan_needs_is_said_with_another_way(changes, message):
         ae.evaluate(problem, draws, ae.Scan(), generator=np.random.default_rng(1))
     assert str(error.value).startswith(message)
     assert str(error.value).endswith("Use Simulations, or FewRuns for a slow vehicle.")
+
+
+def test_the_judge_of_methods_is_the_scan_where_there_is_one():
+    problem, draws = toy_problem([(4.0, 5.0)])
+    probability, error = exact_probability(replace(problem, law=draws.laws[0]), np.random.default_rng(3))
+    assert 0 < error < 0.01
+    assert probability == pytest.approx(exact(draws.laws[0]), rel=5 * error)
+    other, _ = toy_problem([(4.0, 5.0)], scanned=None)
+    assert np.isnan(exact_probability(replace(other, law=draws.laws[0]), np.random.default_rng(3))).all()
 
 
 class Without:

@@ -20,7 +20,7 @@ from accelerated_evaluation.answer.answer import Answer, Crashes
 from accelerated_evaluation.answer.posterior import SampledPosterior
 from accelerated_evaluation.base.arrays import Array
 from accelerated_evaluation.base.errors import InputError
-from accelerated_evaluation.laws.draws import Draws, single_laws
+from accelerated_evaluation.laws.draws import Draws, OneLaw, single_laws
 from accelerated_evaluation.laws.protocol import Box, SlicedLaw
 from accelerated_evaluation.methods.problem import Problem
 from accelerated_evaluation.scenarios.protocol import Event
@@ -120,6 +120,20 @@ class Scan:
 
 
 NAMES = ("line", "start", "end")
+
+
+def exact_probability(problem: Problem, generator: np.random.Generator) -> tuple[float, float]:
+    """Return the probability of the event under the law of a problem, with its relative standard error.
+
+    Both are NaN if the scenario, the law or the vehicle has no scans.
+    """
+    law = OneLaw(problem.law)
+    try:
+        _capable(problem, law)
+    except InputError:
+        return math.nan, math.nan
+    found = Scan().answer(problem, law, (), generator).posterior
+    return (0.0, 0.0) if found is None else (float(found.probabilities[0]), float(found.errors[0]))
 
 
 def _scores(lines: int, dimension: int, generator: np.random.Generator) -> Array:

@@ -8,6 +8,7 @@ import numpy as np
 import pandas as pd
 
 from accelerated_evaluation.answer.answer import Answer, Crashes
+from accelerated_evaluation.answer.by_scan import exact_probability
 from accelerated_evaluation.answer.posterior import SampledPosterior
 from accelerated_evaluation.base.arguments import a_number, checked
 from accelerated_evaluation.base.errors import InputError
@@ -110,12 +111,14 @@ def compare_methods(
     """Estimate the probability of an event under single laws by several methods.
 
     The result has ``estimates``, with a row for each law, method and replicate, and ``runs``, with a row for
-    each simulation of the surrogate-guided method.
+    each simulation of the surrogate-guided method. The columns ``exact`` and ``exact_error`` of the estimates
+    have the probability from a scan and its relative standard error, NaN if the scenario has no scans.
     """
     event = event_named(config["scenario"]["event"], scenario)
     parts: dict[str, list[pd.DataFrame]] = {"estimates": [], "runs": []}
     for law_name, law in laws.items():
         problem = Problem(scenario, vehicle, event, law=law)
+        known = exact_probability(problem, child_generator(config["seed"], "scenario", "exact", law_name))
         for name in METHODS_OF_SCORES:
             method = METHODS[name].configured(config)
             count = method.replicates(config) or 1
@@ -123,6 +126,7 @@ def compare_methods(
             generators = [child_generator(*stream, replicate) for replicate in range(count)]
             labels = {"study": config["study"], "law": law_name, "method": name}
             made = study_method(method, problem, method.stopping(config), generators, labels)
+            made["estimates"] = made["estimates"].assign(exact=known[0], exact_error=known[1])
             for table, rows in made.items():
                 parts[table].append(rows)
     made = {name: pd.concat(rows, ignore_index=True) for name, rows in parts.items() if rows}

@@ -37,7 +37,10 @@ crash_shares_table = result_table("scenario_crash_shares", result="crash_shares"
 
 @table("scenario_methods", digits=DIGITS)
 def methods_table(scenario_estimates: pd.DataFrame) -> pd.DataFrame:
-    """Summarise the replicates of each law and method. The simulations include those for learning."""
+    """Summarise the replicates of each law and method. The simulations include those for learning.
+
+    The exact probability and its relative error are from a scan, where the scenario has one.
+    """
     rows = scenario_estimates.assign(
         simulations=scenario_estimates["learning"] + scenario_estimates["estimating"]
     )
@@ -51,6 +54,8 @@ def methods_table(scenario_estimates: pd.DataFrame) -> pd.DataFrame:
             highest=("probability", "max"),
             simulations=("simulations", "mean"),
             events=("events", "mean"),
+            exact=("exact", "first"),
+            exact_error=("exact_error", "first"),
         )
         .reset_index()
     )
