@@ -206,6 +206,14 @@ FINE_NOISE = 0.03, 0.3
 # grows exponentially with the inputs.
 MOST_INPUTS_OF_FLAGS, MOST_INPUTS_OF_SCORES = 2, 6
 
+# Scores are assumed to decrease towards an unknown part of the event at most this many times as steeply as
+# towards a known one.
+STEEPER = 1.5
+
+# Number of balls that are tried in one round, and number of rounds; number of radii, and of steps that find the
+# distance of the ball of each radius.
+TRIED_BALLS, ROUNDS, RADII, BISECTIONS = 2000, 3, 50, 40
+
 # Number of blocks in which pairs of points are examined that may belong to the same part of the event.
 BLOCKS = 20
 

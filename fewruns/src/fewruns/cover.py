@@ -65,7 +65,8 @@ class Cover:
     def unseen(self, z: Array) -> float:
         """Return the probability of the farthest modes up to which all but `COVER_MISSED` contain a run."""
         dimension = z.shape[1]
-        u, b = modes(dimension, FARTHEST, np.random.Generator(np.random.PCG64(dimension)))
+        generator = np.random.Generator(np.random.PCG64(dimension))
+        u, b = draw_modes(MODES, dimension, FARTHEST, generator)
         b = np.sort(b)
         missed = np.cumsum(~self._met(z, u, b)) > COVER_MISSED * np.arange(1, MODES + 1)
         return float(ndtr(-b[missed.argmax()] if missed.any() else -FARTHEST))
@@ -76,7 +77,7 @@ class Cover:
         # The near modes come first. They are a small share of all modes, but none of them may be missed.
         farthest = min(farthest, max(1.0, -2 * float(ndtri(self.unseen(z)))))
         # Other modes than those of `unseen`, which would otherwise be excluded better than all others.
-        u, b = modes(dimension, farthest, generator)
+        u, b = draw_modes(MODES, dimension, farthest, generator)
         if (met := self._met(z, u, b)).all():
             met[:] = False
         u, b = u[~met], b[~met]
@@ -102,7 +103,9 @@ class Cover:
         return np.vstack(points).T @ np.vstack(planes) >= k * b * b / 2 + b
 
 
-def modes(dimension: int, farthest: float, generator: np.random.Generator) -> tuple[Array, Array]:
-    """Return random modes, more of them the farther out: directions, (`MODES`, d), and distances."""
-    u = generator.normal(size=(MODES, dimension))
-    return u / np.linalg.norm(u, axis=1)[:, None], farthest * np.sqrt(generator.random(MODES))
+def draw_modes(
+    n: int, dimension: int, farthest: float, generator: np.random.Generator
+) -> tuple[Array, Array]:
+    """Return n random modes, more of them the farther out: directions, shape (n, d), and distances."""
+    u = generator.normal(size=(n, dimension))
+    return u / np.linalg.norm(u, axis=1)[:, None], farthest * np.sqrt(generator.random(n))

@@ -11,8 +11,10 @@ from fewruns.arrays import Array
 from fewruns.certificate import Certificate, Unseen, look_beyond
 from fewruns.combining import BatchEstimate, Combined, anytime_interval, combine, counted_batches
 from fewruns.constants import AGREEMENT, COVERED, FEW, NOISY_USABLE, SURROUNDED, UNSEEN_ALPHA, USABLE
+from fewruns.clearance import points_in_open_balls
 from fewruns.cover import Cover
 from fewruns.estimates import Estimate, Stopping, effective_number, largest_pareto_k, pareto_k
+from fewruns.graded import say_more
 from fewruns.parts import draw_in_balls_together, open_balls, open_basins, open_minima, probe
 from fewruns.progress import Progress
 from fewruns.two_phase import reach_of
@@ -157,11 +159,15 @@ def runs_of_cover(
         balls = open_balls(z, happened, centres, probability, cover.share)
         if len(balls):
             return draw_in_balls_together(n, balls, generator), False
+    known = z, happened, progress.score
+    if can_see and happened.any() and say_more(happened, progress.score):
+        points = points_in_open_balls(n, *known, centres, cover.share * probability, 1 / cover.curvature)
+        if len(points):
+            return points, False
     if is_open:
         return cover.next_runs(n, z, cover.share * probability, generator), False
-    known = z, happened, progress.score
-    if can_see and z.shape[1] <= SURROUNDED and len(basins := open_basins(*known, reach)):
-        return probe(n, basins, *known, reach, generator), False
+    if z.shape[1] <= MINIMA_OFF:
+        return z[:0], False
     # A part of this probability has points that are not in the tail of the same probability.
     begins = max(-math.log(cover.share * probability), 0.0)
     return open_minima(n, *known, centres, reach, begins) if can_see else z[:0], True

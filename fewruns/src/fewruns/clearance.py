@@ -1,0 +1,99 @@
+"""Where the scores leave room for another part of the event: how far around it a run excludes the event.
+
+A score says how close a run came to the event. How far from the event a run with such a score can be is learnt
+from the known parts: no run with at least the score s is nearer to a known event than the distance rho(s). If
+the scores decrease towards an unknown part at most `STEEPER` times as steeply, no point of this part is within
+the *clearance* rho(s) / `STEEPER` of the run. Only the order of the scores matters. If they jump, or are the
+same next to the event and far from it, rho is 0 or small, and the runs exclude little around them.
+
+The parts in question are balls of a given probability, which are the smaller the nearer they are to the
+origin. A ball is *open* if it is outside the clearances of all runs, and contains no run and no known event.
+"""
+
+import numpy as np
+from scipy.spatial import cKDTree
+from scipy.spatial.distance import cdist
+from scipy.special import chndtr
+
+from fewruns.arrays import Array, Flags
+from fewruns.constants import BISECTIONS, CANDIDATES, FARTHEST, RADII, ROUNDS, STEEPER, TRIED_BALLS
+from fewruns.cover import draw_modes
+from fewruns.two_phase import choose_covering
+
+
+def clearances(z: Array, happened: Flags, score: Array, known: Array) -> Array:
+    """Return the clearance of each of n runs, shape (n,), given points of known parts, shape (k, d)."""
+    clearance, others = np.zeros(len(z)), ~happened
+    distance, score = cKDTree(known).query(z[others])[0], score[others]
+    order = np.argsort(score)
+    least = np.minimum.accumulate(distance[order][::-1])[::-1]  # of all runs with at least this score
+    clearance[others] = least[np.searchsorted(score[order], score)] / STEEPER
+    return clearance
+
+
+def balls_with(probability: float, largest: float, d: int) -> tuple[Array, Array]:
+    """Return radii up to ``largest``, and how far from the origin the balls of a probability begin, (k,)."""
+    radius = largest * (np.arange(RADII) + 1) / RADII
+    low, high = np.zeros(RADII), np.full(RADII, FARTHEST)
+    for _ in range(BISECTIONS):
+        middle = (low + high) / 2
+        is_near = chndtr(radius**2, d, (middle + radius) ** 2) > probability
+        low, high = np.where(is_near, middle, low), np.where(is_near, high, middle)
+    return radius, low
+
+
+def find_open_balls(
+    z: Array, clearance: Array, known: Array, probability: float, largest: float, generator: np.random.Generator
+) -> Array:
+    """Return open balls of a probability with radii up to ``largest``: centres and radii, shape (m, d + 1).
+
+    Random balls are tried first, and then others around those that are most nearly open.
+    """
+    d = z.shape[1]
+    radius, begin = balls_with(probability, largest, d)
+    u, b = draw_modes(TRIED_BALLS, d, begin[-1], generator)
+    centre = u * (b + np.interp(b, begin, radius))[:, None]
+    points, clear, found = np.vstack([z, known]), np.append(clearance, np.zeros(len(known))), np.empty((0, d + 1))
+    for _ in range(ROUNDS):
+        own = np.interp(np.linalg.norm(centre, axis=1), begin + radius, radius)
+        room = (cdist(centre, points) - clear).min(axis=1) - own
+        found = np.vstack([found, np.column_stack([centre, own])[room > 0]])
+        best = np.resize(np.argsort(-room)[: TRIED_BALLS // 10], TRIED_BALLS)
+        centre = centre[best] + generator.normal(size=centre.shape) * (own[best] / np.sqrt(d))[:, None]
+        length = np.linalg.norm(centre, axis=1)
+        centre *= np.minimum((begin + radius)[-1] / length, 1.0)[:, None]
+    return found
+
+
+def points_in_open_balls(
+    n: int, z: Array, happened: Flags, score: Array, centres: Array, probability: float, largest: float
+) -> Array:
+    """Return up to n points, shape (m, d), that close most open balls; none if there is no open ball.
+
+    Parameters
+    ----------
+    n
+        Number of points.
+    z, happened, score
+        The runs.
+    centres
+        Important points of known parts, in addition to the events, shape (k, d).
+    probability, largest
+        Probability of the balls, and their largest radius.
+    """
+    d, known = z.shape[1], np.vstack([z[happened], centres])
+    generator = np.random.Generator(np.random.PCG64(len(z)))
+    clearance = clearances(z, happened, score, known)
+    balls = find_open_balls(z, clearance, known, probability, largest, generator)
+    if not len(balls):
+        return z[:0]
+    tried = balls[generator.integers(len(balls), size=CANDIDATES)]
+    step = generator.normal(size=(CANDIDATES, d))
+    step *= (tried[:, -1] * generator.random(CANDIDATES) / np.linalg.norm(step, axis=1))[:, None]
+    points, balls = tried[:, :-1] + step, balls[generator.permutation(len(balls))[:TRIED_BALLS]]
+    # Clearances change at most by 1 / `STEEPER` per unit of length. Those of new runs are expected midway.
+    apart, own = cdist(points, z[~happened]) / STEEPER, clearance[~happened]
+    most = np.minimum((own + apart).min(axis=1), cKDTree(known).query(points)[0] / STEEPER)
+    expected = (most + np.clip((own - apart).max(axis=1), 0.0, most)) / 2
+    inside = cdist(points, balls[:, :-1]) <= balls[:, -1] + expected[:, None]
+    return points[choose_covering(inside, min(n, len(balls)))]
