@@ -69,11 +69,11 @@ def parts() -> Iterator[Trial]:
     beside = norm.sf(4.2) + in_ball(0.3, math.hypot(2.6, 2.3), 2)
     yield Trial(union("disc_beside", 2, beside, plane, disc))
     yield Trial(
-        union("disc_beside_cubed", 2, beside, lambda z: plane(z) ** 3, lambda z: disc(z) * np.abs(disc(z)) ** 2)
+        union(
+            "disc_beside_cubed", 2, beside, lambda z: plane(z) ** 3, lambda z: disc(z) * np.abs(disc(z)) ** 2
+        )
     )
-    yield Trial(
-        union("disc_beside_root", 2, beside, lambda z: np.cbrt(plane(z)), lambda z: np.cbrt(disc(z)))
-    )
+    yield Trial(union("disc_beside_root", 2, beside, lambda z: np.cbrt(plane(z)), lambda z: np.cbrt(disc(z))))
     exact = norm.sf(4.2) + in_ball(0.25, 3.2, 2)
     yield Trial(union("disc_between", 2, exact, plane, ball(0.25, 3.2, 0.0)))
     exact = norm.sf(4.2) + in_ball(0.3, math.hypot(3.1, 1.0), 2)
@@ -96,7 +96,11 @@ def batches() -> Iterator[Trial]:
         yield Trial(plane, {"batch_size": size}, seeds=20)
     for size in (20, 64):
         regions = union(
-            f"two_regions_by_{size}", 2, norm.sf(4.2) + norm.sf(4.5), half_space(4.2, 1, 1), half_space(4.5, -1, -1)
+            f"two_regions_by_{size}",
+            2,
+            norm.sf(4.2) + norm.sf(4.5),
+            half_space(4.2, 1, 1),
+            half_space(4.5, -1, -1),
         )
         yield Trial(regions, {"batch_size": size}, seeds=20)
     yield Trial(
@@ -187,8 +191,7 @@ def summary(runs: pd.DataFrame) -> pd.DataFrame:
     """Return a row for each problem."""
     is_off = ~runs["ratio"].between(*OFF) & runs["ratio"].notna()
     runs = runs.assign(claimed_off=is_off & runs["converged"], rest=runs["runs"] - runs["narrow"])
-    covered = (runs["low"] <= 1) & (1 <= runs["high"])
-    runs = runs.assign(covered=covered)
+    runs = runs.assign(covered=(runs["low"] <= 1) & (runs["high"] >= 1))
     groups = runs.groupby(["kind", "problem"], sort=False)
     return groups.agg(
         seeds=("seed", "size"),
@@ -206,7 +209,9 @@ def summary(runs: pd.DataFrame) -> pd.DataFrame:
 
 def main() -> None:
     """Run all trials, and write the table."""
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser = argparse.ArgumentParser(
+        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
+    )
     parser.add_argument("output", type=Path, help="where to write the table")
     parser.add_argument("--kinds", nargs="+", choices=KINDS, default=[*KINDS])
     parser.add_argument("--problems", nargs="+", help="default: all")

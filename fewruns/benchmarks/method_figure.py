@@ -1,4 +1,4 @@
-"""Draw the course of one estimate for fewruns/method.md: its runs, surrogate, minima and intervals.
+"""Draw the course of one estimate for fewruns/method.md: its runs, surrogate, clearances and intervals.
 
 python fewruns/benchmarks/method_figure.py
 """
@@ -11,12 +11,11 @@ import numpy as np
 from accelerated_evaluation.publishing.figures.style import COLUMN_WIDTH, paper_style
 from fewruns import Estimate, Sampler, Stopping
 from fewruns.arrays import Array, Flags
-from fewruns.graded import GradedSurrogate, end_of_events, graded
-from fewruns.parts import open_minima
+from fewruns.clearance import clearances, find_open_balls
 from fewruns.running import run_batches, sampler_for
-from fewruns.two_phase import reach_of
 from hidden_problems import hidden_problems
 from matplotlib.axes import Axes
+from matplotlib.patches import Circle
 from public_problems import PublicProblem
 
 PATH = Path(__file__).resolve().parents[1] / "method_course.svg"
@@ -43,26 +42,23 @@ class Moment:
     happened: Flags
     probability: Array  # predicted by the surrogate on the grid
     batch: Array  # the runs of the last batch
-    mean: Array  # of the regression of the scores, on the grid
-    level: float  # of the regression at the boundary of the event
-    minima: Array  # that are not known, shape (k, d)
+    clearance: Array  # of the runs
+    balls: Array  # that are open: centres and radii, shape (k, d + 1)
 
 
 def moment(sampler: Sampler) -> Moment:
     """Return what a sampler knows now."""
-    progress, regression = sampler.progress, GradedSurrogate(2)
-    outcome = graded(progress.happened, progress.score)
-    regression.fit(progress.z, outcome, learn=True)
-    known = progress.z, progress.happened, progress.score, progress.centres
-    reach = reach_of(sampler.estimate(GOAL).probability)
+    progress, required = sampler.progress, sampler.required
+    known = np.vstack([progress.z[progress.happened], progress.centres])
+    clearance = clearances(progress.z, progress.happened, progress.score, known)
+    asked = required.share * sampler.estimate(GOAL).probability, 1 / required.curvature
     return Moment(
         progress.z,
         progress.happened,
         sampler.belief.probability(POINTS).reshape(GRID[0].shape),
         progress.z[-sampler.batch_size :],
-        regression.expect(POINTS)[0].reshape(GRID[0].shape),
-        end_of_events(outcome, progress.happened),
-        open_minima(sampler.batch_size, *known, reach),
+        clearance,
+        find_open_balls(progress.z, clearance, known, *asked, np.random.default_rng(0)),
     )
 
 
@@ -94,12 +90,12 @@ def draw_surrogate(axes: Axes, now: Moment) -> None:
     axes.legend(**LEGEND)
 
 
-def draw_minima(axes: Axes, now: Moment) -> None:
-    """Draw the regression of the scores, and its minima that are not known."""
-    axes.contour(*GRID, now.mean, levels=12, colors="#888888", linewidths=0.5, linestyles="solid")
-    axes.contour(*GRID, now.mean, levels=[now.level], colors="#08306b", linewidths=1.6, linestyles="solid")
+def draw_clearances(axes: Axes, now: Moment) -> None:
+    """Draw how far around each run the event is excluded, and the centres of open balls."""
+    for point, radius in zip(now.z, now.clearance, strict=True):
+        axes.add_patch(Circle(point, radius, color="#4292c6", alpha=0.15, linewidth=0))
     axes.plot(*now.z.T, ".", color="black", markersize=2, label="run")
-    axes.plot(*now.minima.T, "^", color="#d94801", markersize=5, label="minimum that is not known")
+    axes.plot(*now.balls[:, :2].T, ",", color="#d94801", label="centre of an open ball")
     axes.legend(**LEGEND)
 
 
@@ -131,11 +127,11 @@ def main() -> None:
     found = sampler.estimate(GOAL)
     with paper_style():
         figure, axes = plt.subplots(2, 2, figsize=(2 * COLUMN_WIDTH, 7.4), layout="constrained")
-        titles = "(a) first estimate", "(b) scores", "(c) all runs"
+        titles = "(a) first estimate", "(b) clearances", "(c) all runs"
         for each, title in zip(axes.flat, titles, strict=False):
             draw_event(each, problem, title)
         draw_surrogate(axes[0, 0], moments["first"])
-        draw_minima(axes[0, 1], moments["last"])
+        draw_clearances(axes[0, 1], moments["last"])
         draw_runs(axes[1, 0], found)
         draw_course(axes[1, 1], course, problem.exact)
         figure.savefig(PATH, metadata={"Date": None})

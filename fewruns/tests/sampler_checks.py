@@ -46,7 +46,7 @@ def drive(sampler, event, stopping=STOPPING):
     flags, twice = [], []
     while not sampler.has_converged(stopping) and sampler.simulations < stopping.maximum_simulations:
         z = sampler.ask(certify=sampler.is_narrow(stopping))
-        assert z.shape == (sampler.batch_size, sampler.dimension)
+        assert 0 < len(z) <= sampler.batch_size
         batch = sampler.progress.pending
         happened, score = event.evaluate(z)
         sampler.tell(happened, score)

@@ -221,3 +221,29 @@ def test_a_constant_and_a_discrete_input_are_points_of_the_function():
     exact = stats.poisson.sf(15, 3) * stats.norm.sf(2)
     assert 0.5 < found.probability / exact < 2
     assert not 0.5 < found.probability / (exact * stats.norm.sf(2)) < 2  # of another event
+
+
+def test_an_estimate_says_why_it_has_converged_and_what_is_excluded():
+    found = estimate(lambda z: (z[:, 0] > 4, 4 - z[:, 0]), 2, 1, deterministic=True)
+    assert found.converged
+    assert found.reason == "the interval is narrow, and the certificate is met"
+    assert "parts of the event with more than 0.5 times its probability" in found.excluded
+    assert "smaller ones to which the scores lead" in found.excluded
+    assert str(found).startswith(f"{found.probability:.3g} (80 % interval")
+    short = estimate(lambda z: (z[:, 0] > 4, 4 - z[:, 0]), 2, 1, stopping=Stopping(maximum_simulations=20))
+    assert short.reason in ("the interval is wider than required", "no run has met the event")
+    assert short.excluded == "no other part of the event"
+    assert f"not converged ({short.reason})" in str(short)
+
+
+def test_a_seed_is_a_generator_and_names_of_arguments_are_checked():
+    def plane(z):
+        return z[:, 0] > 2, 2 - z[:, 0]
+
+    few = Stopping(maximum_simulations=40)
+    found = estimate(plane, 2, 3, stopping=few)
+    assert numbers(found) == numbers(estimate(plane, 2, np.random.default_rng(3), stopping=few))
+    with pytest.raises(InputError, match="maximum_simulations: seen an unknown argument"):
+        estimate(plane, 2, 3, maximum_simulations=100)
+    with pytest.raises(InputError, match=r"expected \d+ flags and \d+ scores, each as an array of the shape"):
+        estimate(lambda z: (z > 2, z), 2, 3)

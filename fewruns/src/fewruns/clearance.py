@@ -1,10 +1,11 @@
 """Where the scores leave room for another part of the event: how far around it a run excludes the event.
 
-A score says how close a run came to the event. How far from the event a run with such a score can be is learnt
-from the known parts: no run with at least the score s is nearer to a known event than the distance rho(s). If
-the scores decrease towards an unknown part at most `STEEPER` times as steeply, no point of this part is within
-the *clearance* rho(s) / `STEEPER` of the run. Only the order of the scores matters. If they jump, or are the
-same next to the event and far from it, rho is 0 or small, and the runs exclude little around them.
+A score says how close a run came to the event. How far from the event a run with such a score can be is
+learnt from the known parts: no run with at least the score s is nearer to a known event than the distance
+rho(s). If the scores decrease towards an unknown part at most `STEEPER` times as steeply, no point of this
+part is within the *clearance* rho(s) / `STEEPER` of the run. Only the order of the scores matters. If they
+jump, or are the same next to the event and far from it, rho is small, and the runs exclude little around
+them.
 
 The parts in question are balls of a given probability, which are the smaller the nearer they are to the
 origin. A ball is *open* if it is outside the clearances of all runs, and contains no run and no known event.
@@ -16,24 +17,38 @@ from scipy.spatial.distance import cdist
 from scipy.special import chndtr
 
 from fewruns.arrays import Array, Flags
-from fewruns.constants import BISECTIONS, CANDIDATES, FARTHEST, RADII, ROUNDS, STEEPER, TRIED_BALLS
+from fewruns.constants import (
+    BISECTIONS,
+    CANDIDATES,
+    FARTHEST,
+    RADII,
+    ROUNDS,
+    SMALLEST_BALL,
+    STEEPER,
+    TRIED_BALLS,
+)
 from fewruns.cover import draw_modes
 from fewruns.two_phase import choose_covering
 
 
 def clearances(z: Array, happened: Flags, score: Array, known: Array) -> Array:
-    """Return the clearance of each of n runs, shape (n,), given points of known parts, shape (k, d)."""
+    """Return the clearance of each of n runs, shape (n,), given points of known parts, shape (k, d).
+
+    It is 0 for events. The scores of distant runs may be larger than those of all runs around a known part.
+    But no run is farther from the event than another one is, and the distance between the two.
+    """
     clearance, others = np.zeros(len(z)), ~happened
     distance, score = cKDTree(known).query(z[others])[0], score[others]
     order = np.argsort(score)
     least = np.minimum.accumulate(distance[order][::-1])[::-1]  # of all runs with at least this score
-    clearance[others] = least[np.searchsorted(score[order], score)] / STEEPER
+    least = least[np.searchsorted(score[order], score)]
+    clearance[others] = (least + cdist(z[others], z[others])).min(axis=1) / STEEPER
     return clearance
 
 
 def balls_with(probability: float, largest: float, d: int) -> tuple[Array, Array]:
     """Return radii up to ``largest``, and how far from the origin the balls of a probability begin, (k,)."""
-    radius = largest * (np.arange(RADII) + 1) / RADII
+    radius = np.geomspace(SMALLEST_BALL, 1.0, RADII) * largest
     low, high = np.zeros(RADII), np.full(RADII, FARTHEST)
     for _ in range(BISECTIONS):
         middle = (low + high) / 2
@@ -43,7 +58,12 @@ def balls_with(probability: float, largest: float, d: int) -> tuple[Array, Array
 
 
 def find_open_balls(
-    z: Array, clearance: Array, known: Array, probability: float, largest: float, generator: np.random.Generator
+    z: Array,
+    clearance: Array,
+    known: Array,
+    probability: float,
+    largest: float,
+    generator: np.random.Generator,
 ) -> Array:
     """Return open balls of a probability with radii up to ``largest``: centres and radii, shape (m, d + 1).
 
@@ -53,7 +73,11 @@ def find_open_balls(
     radius, begin = balls_with(probability, largest, d)
     u, b = draw_modes(TRIED_BALLS, d, begin[-1], generator)
     centre = u * (b + np.interp(b, begin, radius))[:, None]
-    points, clear, found = np.vstack([z, known]), np.append(clearance, np.zeros(len(known))), np.empty((0, d + 1))
+    points, clear, found = (
+        np.vstack([z, known]),
+        np.append(clearance, np.zeros(len(known))),
+        np.empty((0, d + 1)),
+    )
     for _ in range(ROUNDS):
         own = np.interp(np.linalg.norm(centre, axis=1), begin + radius, radius)
         room = (cdist(centre, points) - clear).min(axis=1) - own

@@ -28,6 +28,10 @@ CANDIDATES = 1000
 # exp(STEP).
 STEP = 1 / 2.75
 
+# Largest number of runs in a batch of the search. Larger batches would take more runs, because every batch of
+# the search follows what the one before it has shown.
+SEARCHED = 10
+
 # If the search has no event after this number of runs per unit of rarity, half of its further runs follow the
 # surrogate of the flags.
 PATIENCE = 1.0
@@ -170,36 +174,14 @@ MODES, FARTHEST, COVER_MISSED = 10_000, 11.0, 0.005
 # Largest rarity of the runs that exclude modes.
 COVER_REACH = 30.0
 
-# A local minimum of the scores is followed until there is a later run at this distance, in normal scores.
-BASIN_CLOSED = 0.5
+# Number of runs that are sampled in a batch after the interval has become narrow, if none are needed to
+# exclude other parts of the event.
+CERTIFIED = 5
 
-# With at most this number of inputs, the nearest runs surround a run. With more, some run is always lower
-# than its nearest runs by chance, and there are no runs in large parts of the space.
-SURROUNDED = 3
-
-# Largest number of runs of one batch for each basin or minimum. In large batches, the others are sampled.
-PROBES = 5
-
-# The minima of the regression of the scores are the ends of this number of descents. The steps have these
-# lengths, in normal scores, and the best of several proposals is taken if it is lower.
-DESCENTS, PROPOSALS = 300, 6
-DESCENT_LENGTHS = 1.5 * 0.8 ** np.arange(14)
-
-# A minimum is known if a run is within this distance times sqrt(d), or a centre of the pool within the second
-# distance, in normal scores. Distances between neighbours grow like sqrt(d).
-MINIMUM_CLOSED, CENTRE_NEAR = 0.25, 1.0
-
-# It is also known if the regression does not rise by more than `FLAT` on the way to one of this number of
-# centres, at this number of points between them.
-FLAT, WAYS, POINTS_OF_WAY = 0.25, 8, 10
-
-# With more than `SURROUNDED` inputs, an event must also be impossible at the mean of the regression less this
-# number of standard deviations, except near the known event and where only small parts can be.
-DOUBT = 2.5
-
-# Prior of the noise of this regression with more than `SURROUNDED` inputs. With `NOISE`, runs whose scores
-# decrease towards an unknown part were taken for noise about a smoother function.
-FINE_NOISE = 0.03, 0.3
+# After its interval has become narrow, an estimate takes at most this share of its runs in addition, or
+# LONGEST runs if these are more, to meet the default certificate, with more than three inputs LONGEST / 3 for
+# each input. With scores that jump, it would take thousands.
+LONGEST_SHARE, LONGEST = 0.5, 80
 
 # With more inputs than the first number, flags alone do not show that there are no other parts, and with more
 # than the second one, scores do not: the number of runs that exclude parts of the size of one normal score
@@ -210,15 +192,15 @@ MOST_INPUTS_OF_FLAGS, MOST_INPUTS_OF_SCORES = 2, 6
 # towards a known one.
 STEEPER = 1.5
 
-# Number of balls that are tried in one round, and number of rounds; number of radii, and of steps that find the
-# distance of the ball of each radius.
+# Number of balls that are tried in one round, and number of rounds; number of radii, and of steps that find
+# the distance of the ball of each radius.
 TRIED_BALLS, ROUNDS, RADII, BISECTIONS = 2000, 3, 50, 40
+
+# Ratio of the smallest to the largest of these radii.
+SMALLEST_BALL = 1e-3
 
 # Number of blocks in which pairs of points are examined that may belong to the same part of the event.
 BLOCKS = 20
-
-# Need to exclude a mode once more, in choosing the runs of a batch, where 1 is the need to exclude it once.
-COVERED_AGAIN = 0.1
 
 # ---- the Gaussian process
 

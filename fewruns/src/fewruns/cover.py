@@ -21,7 +21,6 @@ from fewruns.constants import (
     COVER_MISSED,
     COVER_REACH,
     COVER_SHARE,
-    COVERED_AGAIN,
     FARTHEST,
     MODES,
     ROUNDEST,
@@ -89,7 +88,7 @@ class Cover:
         radius = np.minimum(np.sqrt(b[mode] ** 2 + 2 * b[mode] / self.curvature), longest)
         points = u[mode] + step
         points *= (radius / np.linalg.norm(points, axis=1))[:, None]
-        return points[choose_covering(self._contain(points, u, b), n, COVERED_AGAIN)]
+        return points[choose_covering(self._contain(points, u, b), n)]
 
     def _met(self, z: Array, u: Array, b: Array) -> Flags:
         """Return whether each of t modes contains a run, shape (t,)."""

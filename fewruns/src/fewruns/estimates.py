@@ -82,12 +82,18 @@ class Estimate:
     tables
         Tables by name, each with columns by name. The table ``runs`` of a sampler is a structured array, a
         row for each simulation; ``pandas.DataFrame(found.tables["runs"])`` makes a data frame of it.
+    reason
+        Why the estimate has converged, or why it has not, in one sentence.
+    excluded
+        What other parts of the event the runs exclude, and what outcomes by chance.
 
     Examples
     --------
     >>> found = Estimate(2e-6, 1.6e-6, 2.6e-6, 0.2, learning=60, estimating=90, events=40, converged=True)
     >>> found.simulations, found.covers(1.9e-6)
     (150, True)
+    >>> print(found)
+    2e-06 (80 % interval 1.6e-06 to 2.6e-06) from 150 runs, converged
     """
 
     probability: float
@@ -100,6 +106,16 @@ class Estimate:
     converged: bool
     diagnostics: Mapping[str, float] = field(default_factory=dict)
     tables: Mapping[str, Any] = field(default_factory=dict)
+    reason: str = ""
+    excluded: str = ""
+
+    def __str__(self) -> str:
+        """Return the estimate, its interval and what it is based on, in one line."""
+        interval = f"{100 * (1 - self.alpha):g} % interval {self.low:.2g} to {self.high:.2g}"
+        verdict = "converged" if self.converged else "not converged"
+        verdict += f" ({self.reason})" * bool(self.reason and not self.converged)
+        excluded = f"; excluded: {self.excluded}" * bool(self.excluded)
+        return f"{self.probability:.3g} ({interval}) from {self.simulations} runs, {verdict}{excluded}"
 
     @property
     def simulations(self) -> int:

@@ -55,10 +55,10 @@ def end_of_events(outcome: Array, happened: Flags) -> float:
 class GradedSurrogate:
     """Gaussian process regression of the graded outcome, with the covariance of `kernel`."""
 
-    def __init__(self, dimension: int, noise: tuple[float, float] = NOISE) -> None:
-        """Set the priors; that of the noise has a median and a standard deviation of the logarithm."""
-        self._centre = np.log([*[LENGTH * math.sqrt(dimension)] * dimension, 1.0, noise[0]])
-        self._scale = np.array([*[LENGTH_SPREAD] * dimension, AMPLITUDE_SPREAD, noise[1]])
+    def __init__(self, dimension: int) -> None:
+        """Set the priors of the logarithms of the lengths, of the amplitude and of the noise."""
+        self._centre = np.log([*[LENGTH * math.sqrt(dimension)] * dimension, 1.0, NOISE[0]])
+        self._scale = np.array([*[LENGTH_SPREAD] * dimension, AMPLITUDE_SPREAD, NOISE[1]])
         self._bounds = [LOG_LENGTH_BOUNDS] * dimension + [LOG_AMPLITUDE_BOUNDS, LOG_NOISE_BOUNDS]
         self.theta = self._centre.copy()  # logarithms of the lengths, of the amplitude and of the noise
 

@@ -61,13 +61,13 @@ class PlainBatch:
     """A batch of n runs without an estimate: wide draws, a part of the search, or draws of the law itself."""
 
     z: Annotated[Array, "batch", "dimension"]  # normal scores
-    phase: str  # WIDE, SEARCH or LAW
+    phase: str  # WIDE, SEARCH, PLAIN (draws of the law in the search) or LAW (draws that are no runs)
 
 
 # A number of runs that is never reached, so that lengths and axes are not learnt again.
 NEVER = 10**9
 
-WIDE, SEARCH, LAW = "wide", "search", "law"
+WIDE, SEARCH, PLAIN, LAW = "wide", "search", "plain", "law"
 Batch = PlainBatch | RepeatBatch | TwoPhaseBatch
 
 
@@ -94,6 +94,11 @@ class Progress:
     chance: bool = False  # whether an outcome may be random
     # Number of estimates when the verdict whether most outcomes are random last changed; they are not used.
     chance_since: int = 0
+    sizes: Annotated[Indices, "sizes"] = field(
+        default_factory=lambda: np.empty(0, np.int64)
+    )  # of the batches
+    plain: int = 0  # number of the runs that the search has drawn from the law itself
+    narrow_at: int | None = None  # number of runs when the interval last became narrow; None if it is not
     pending: Batch | None = None  # the batch that was requested and whose outcomes have not been received
     centres: Annotated[Array, "centres", "dimension"] | None = None  # of the next pool
     searched: float = 0.0  # runs of the search per unit of rarity, up to the rarity ``rarest`` + `BEYOND`

@@ -9,13 +9,13 @@ from numpy.typing import NDArray
 
 from fewruns.arrays import Array
 from fewruns.certificate import Certificate, Unseen, look_beyond
-from fewruns.combining import BatchEstimate, Combined, anytime_interval, combine, counted_batches
-from fewruns.constants import AGREEMENT, COVERED, FEW, NOISY_USABLE, SURROUNDED, UNSEEN_ALPHA, USABLE
 from fewruns.clearance import points_in_open_balls
+from fewruns.combining import BatchEstimate, Combined, anytime_interval, combine, counted_batches
+from fewruns.constants import AGREEMENT, COVERED, FEW, NOISY_USABLE, UNSEEN_ALPHA, USABLE
 from fewruns.cover import Cover
 from fewruns.estimates import Estimate, Stopping, effective_number, largest_pareto_k, pareto_k
 from fewruns.graded import say_more
-from fewruns.parts import draw_in_balls_together, open_balls, open_basins, open_minima, probe
+from fewruns.parts import draw_in_balls_together, open_balls
 from fewruns.progress import Progress
 from fewruns.two_phase import reach_of
 from fewruns.wide_laws import bound_without_event
@@ -30,8 +30,8 @@ def estimate(
 
     Without an event the estimate is 0, and the upper end of the interval is the bound for an event that no
     run has met; if all runs are events, the complement is treated like this. Before two batches can be used,
-    the estimate is NaN and the interval is [0, 1]. If the events are counted, the estimate is their share in
-    the draws of the law itself.
+    the estimate is NaN, and the interval is that of the draws of the law, or [0, 1] if there are none. If the
+    events are counted, the estimate is their share in the draws of the law itself.
     """
     events, (combined, ends) = int(np.count_nonzero(progress.happened)), combined_estimate(progress, stopping)
     draws, by_draws = progress.law_draws, is_counted(progress)
@@ -42,9 +42,10 @@ def estimate(
         probability = min(combined.probability, 1.0)
         interval = min(ends[0], 1.0), min(ends[1], 1.0)
     elif 0 < events < progress.happened.size:
-        probability, interval = math.nan, (0.0, 1.0)
+        probability, interval = math.nan, draws.interval(stopping.alpha) if len(draws) else (0.0, 1.0)
     else:
         bound = bound_without_event(progress.wide_draws[:, 0].sum(), stopping.alpha)
+        bound = min(bound, 1 - stopping.alpha ** (1 / max(progress.plain, 1)))
         probability, interval = (1.0, (1 - bound, 1.0)) if events else (0.0, (0.0, bound))
     estimating = len(draws) if by_draws else sum(batch.runs for batch in _that_count(progress))
     return Estimate(
@@ -110,9 +111,9 @@ def is_narrow(progress: Progress, stopping: Stopping) -> bool:
 def is_certified(progress: Progress, certificate: Certificate | Cover) -> bool:
     """Return whether the bound on an unobserved mode is at most ``certificate.share`` times the estimate.
 
-    If this is to be shown by a cover, no known part may be larger than estimated, and all basins and minima
-    of the scores must be known. If a whole batch was spent on them, one more is sampled, because the
-    surrogate has learnt from them.
+    If this is to be shown by a cover, no known part may be larger than estimated, and the scores may leave no
+    room for another part. If a whole batch was spent on them, one more is sampled, because the surrogate has
+    learnt from them.
     """
     probability = _mean(progress)
     if _unseen(progress, probability, certificate).mode > certificate.share * probability:
@@ -120,10 +121,8 @@ def is_certified(progress: Progress, certificate: Certificate | Cover) -> bool:
     if isinstance(certificate, Certificate):
         return True
     generator = np.random.Generator(np.random.PCG64(0))  # it does not matter whether runs are needed
-    # The search for minima takes long, so the simple condition comes first.
-    if not progress.estimates[-1].runs:
-        return False
-    return not len(runs_of_cover(progress, certificate, 1, generator)[0])
+    # The search for open balls takes long, so the simple condition comes first.
+    return progress.estimates[-1].runs > 0 and not len(runs_of_cover(progress, certificate, 1, generator))
 
 
 def where_to_search(progress: Progress, certificate: Certificate | Cover) -> float:
@@ -139,38 +138,27 @@ def where_to_search(progress: Progress, certificate: Certificate | Cover) -> flo
     return look_beyond(*known, share)
 
 
-def runs_of_cover(
-    progress: Progress, cover: Cover, n: int, generator: np.random.Generator
-) -> tuple[Array, bool]:
+def runs_of_cover(progress: Progress, cover: Cover, n: int, generator: np.random.Generator) -> Array:
     """Return up to n runs, shape (m, d), that exclude other parts of the event; none if none are needed.
-
-    The second value is whether they are at minima of the scores, where no pool has points.
 
     Known parts come first, because the estimate begins again if they are larger than it knows; but with at
     most two inputs the runs of the cover are everywhere. With many inputs no run is near another one, and if
-    outcomes may be random, only the cover can be checked. With more than three inputs, runs with smaller
-    scores than their nearest runs are frequent and say nothing.
+    outcomes may be random, only the cover can be checked.
     """
     z, happened, probability = progress.z, progress.happened, _mean(progress)
-    reach, can_see = reach_of(probability), not progress.chance and z.shape[1] <= FEW
+    can_see = not progress.chance and z.shape[1] <= FEW
     centres = z[:0] if progress.centres is None else progress.centres
     is_open = cover.unseen(z) > cover.share * probability
     if can_see and not (is_open and z.shape[1] <= COVERED):
         balls = open_balls(z, happened, centres, probability, cover.share)
         if len(balls):
-            return draw_in_balls_together(n, balls, generator), False
-    known = z, happened, progress.score
+            return draw_in_balls_together(n, balls, generator)
     if can_see and happened.any() and say_more(happened, progress.score):
-        points = points_in_open_balls(n, *known, centres, cover.share * probability, 1 / cover.curvature)
+        asked = centres, cover.share * probability, 1 / cover.curvature
+        points = points_in_open_balls(n, z, happened, progress.score, *asked)
         if len(points):
-            return points, False
-    if is_open:
-        return cover.next_runs(n, z, cover.share * probability, generator), False
-    if z.shape[1] <= MINIMA_OFF:
-        return z[:0], False
-    # A part of this probability has points that are not in the tail of the same probability.
-    begins = max(-math.log(cover.share * probability), 0.0)
-    return open_minima(n, *known, centres, reach, begins) if can_see else z[:0], True
+            return points
+    return cover.next_runs(n, z, cover.share * probability, generator) if is_open else z[:0]
 
 
 def _mean(progress: Progress) -> float:
@@ -250,8 +238,11 @@ def event_ratios(progress: Progress) -> Array:
 def tabulate_runs(progress: Progress, batch_size: int) -> NDArray[np.void]:
     """Return all simulations, with fields ``run`` and ``batch`` from 1, ``phase``, ``z_1`` ..., ``event``."""
     run = np.arange(len(progress.z)) + 1
-    batch = (run - 1) // batch_size + 1
-    batches = len(run) // batch_size
+    # The sizes of the batches before a sampler was rebuilt are not known.
+    batch = np.repeat(np.arange(len(progress.sizes)), progress.sizes)
+    earlier = np.arange(len(run) - len(batch)) // batch_size
+    batch = np.append(earlier, batch + len(np.unique(earlier))) + 1
+    batches = int(batch.max(initial=0))
     searched = batches - len(progress.estimates)
     learnt = batches - len(counted(progress))
     weight = np.concatenate([np.empty(0), *(each.weight for each in progress.batches)])

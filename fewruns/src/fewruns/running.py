@@ -3,6 +3,7 @@
 import os
 from collections.abc import Callable, Iterator, Sequence
 from functools import partial
+from inspect import signature
 from pathlib import Path
 from typing import Any
 
@@ -17,6 +18,11 @@ from fewruns.sampler import Sampler
 from fewruns.state import read_state, write_state
 
 GOAL = Stopping(maximum_simulations=1000)
+
+# Names of the arguments of `Sampler` that may be passed to `estimate`.
+SETTINGS = sorted(
+    {*signature(Sampler).parameters} - {"dimension", "generator", "fingerprint", "deterministic"}
+)
 
 
 def run_batches(
@@ -66,7 +72,7 @@ def run_batches(
 def estimate(
     function: Callable[[Array], Flags | Response],
     inputs: int | Sequence[Marginal],
-    generator: np.random.Generator,
+    generator: np.random.Generator | int,
     *,
     stopping: Stopping = GOAL,
     deterministic: bool | None = None,
@@ -86,7 +92,7 @@ def estimate(
         Distributions of the d inputs, for example frozen distributions of `scipy.stats`; or the number d of
         standard normal inputs.
     generator
-        Source of all randomness. If a saved state is resumed, its own generator is used instead.
+        Source of all randomness, or its seed. If a saved state is resumed, its own generator is used instead.
     stopping
         The stopping rule. By default, the half-width of the 80 % interval is at most a fifth of the estimate,
         and there are at most 1,000 points.
@@ -125,6 +131,15 @@ def estimate(
     (True, True, True)
     """
     dimension, marginals = _dimension_of(inputs)
+    if isinstance(generator, int) and not isinstance(generator, bool) and generator >= 0:
+        generator = np.random.Generator(np.random.PCG64(generator))
+    for name in settings:
+        if name not in SETTINGS:
+            expected = f"one of {', '.join(SETTINGS)}"
+            change = (
+                "Correct the name. Limits belong to the rule: stopping=Stopping(maximum_simulations=500)."
+            )
+            raise InputError(name, seen="an unknown argument", expected=expected, change=change)
     if state_file is not None and not fingerprint:
         expected = "a text that identifies the function and its inputs, because a state is saved"
         change = "State one, such as fingerprint='overload, normal inputs', and change it with the function."

@@ -25,6 +25,7 @@ from fewruns.certificate import BY_DEFAULT, Certificate
 from fewruns.combining import estimate_batch
 from fewruns.constants import (
     BEYOND,
+    CERTIFIED,
     CORE,
     COVERED,
     DEFENCE,
@@ -39,6 +40,8 @@ from fewruns.constants import (
     FREQUENT_REACH,
     FREQUENT_START,
     LARGEST_SCORE,
+    LONGEST,
+    LONGEST_SHARE,
     MOST_INPUTS_OF_FLAGS,
     MOST_INPUTS_OF_SCORES,
     PATIENCE,
@@ -46,10 +49,12 @@ from fewruns.constants import (
     REACH,
     REACHED,
     RELEARN,
+    SEARCHED,
     SHORT_START,
     SHORT_STEP,
     START,
     STEP,
+    UNSEEN_ALPHA,
 )
 from fewruns.cover import Cover
 from fewruns.directions import learn_directions
@@ -58,7 +63,7 @@ from fewruns.estimates import Estimate, Stopping
 from fewruns.graded import say_more
 from fewruns.pools import Defence, WholeSpace, space_along
 from fewruns.problems import Predecessor
-from fewruns.progress import LAW, SEARCH, WIDE, Batch, PlainBatch, Progress
+from fewruns.progress import LAW, PLAIN, SEARCH, WIDE, Batch, PlainBatch, Progress
 from fewruns.repeats import RepeatBatch, choose_repeats, end_differently
 from fewruns.second_phase import SecondPhase, draw_approach
 from fewruns.two_phase import TwoPhaseBatch
@@ -166,7 +171,8 @@ class Sampler:
     def ask(self, *, certify: bool = False) -> Array:
         """Return the normal scores to simulate next, shape (n, d), until `tell` has received their outcomes.
 
-        The array is a copy, which may be changed.
+        The array is a copy, which may be changed. The batches of the search, and those that only exclude
+        unobserved parts of the event, may be smaller than ``batch_size``.
 
         With ``certify``, most runs exclude unobserved parts of the event, as needed when the interval is
         narrow. For a deterministic system with at most two inputs, such runs begin earlier.
@@ -194,6 +200,7 @@ class Sampler:
             progress.z = np.vstack([progress.z, batch.z])
             progress.happened = np.append(progress.happened, happened)
             progress.score = np.append(progress.score, score)
+            progress.sizes = np.append(progress.sizes, len(batch.z))
             self._take_runs(batch, happened)
 
     def _take_runs(self, batch: PlainBatch | TwoPhaseBatch, happened: Flags) -> None:
@@ -210,7 +217,9 @@ class Sampler:
             return
         events = self.belief.space.coordinates(batch.z[happened])
         rarest = min(rarity(events).min(initial=REACH), progress.rarest)
-        if batch.phase == WIDE:
+        if batch.phase == PLAIN:
+            progress.plain += len(batch.z)
+        elif batch.phase == WIDE:
             progress.wide_draws = np.vstack([progress.wide_draws, [len(batch.z), 0.0, self._first[1]]])
         else:
             progress.searched += len(batch.z) / self._search_reach
@@ -262,10 +271,25 @@ class Sampler:
         return excluded and not self.may_lapse and not self.progress.repeats.drift
 
     def has_ended(self, *, is_narrow: bool) -> bool:
-        """Return whether the estimate has converged, or no further runs would help it to converge."""
+        """Return whether the estimate has converged, or no further runs would help it to converge.
+
+        They would not help if the interval has been narrow for so many runs that the scores, or the shape of
+        the event, do not allow the default certificate to be met.
+        """
         if self.may_lapse:
             return is_narrow and self.is_counted
-        return self.progress.repeats.drift or (is_narrow and self._has_excluded_all_else())
+        return self.progress.repeats.drift or (
+            is_narrow and (self._gives_up or self._has_excluded_all_else())
+        )
+
+    @property
+    def _gives_up(self) -> bool:
+        """Whether the default certificate has taken as many runs as it may since the interval was narrow."""
+        narrow_at = self.progress.narrow_at
+        if self.certificate is not None or narrow_at is None:
+            return False
+        longest = max(LONGEST_SHARE * narrow_at, LONGEST, LONGEST * self.dimension / 3)
+        return len(self.progress.z) >= narrow_at + longest
 
     @property
     def may_lapse(self) -> bool:
@@ -337,15 +361,16 @@ class Sampler:
         a system that may lapse they are at least half of the runs, and all that are left then.
         """
         progress = self.progress
+        unlearnt = len(progress.foreseen) >= ENOUGH_UNLEARNT and not results.counted(progress)
         if not self.may_lapse and not self._draws_wanted():
-            return False
+            return unlearnt
         is_last = certify and results.is_certified(progress, self.required)
-        unlearnt = sum(batch.surprising for batch in progress.estimates) >= ENOUGH_UNEXPECTED
-        unlearnt |= len(progress.foreseen) >= ENOUGH_UNLEARNT and not results.counted(progress)
+        unlearnt |= sum(batch.surprising for batch in progress.estimates) >= ENOUGH_UNEXPECTED
         if not self.may_lapse:
             return is_last or unlearnt
         few = 2 * len(progress.law_draws) < self.simulations
-        return len(progress.repeats) > 0 and (is_last or unlearnt or few or self.is_counted)
+        is_checked = self.deterministic is True or len(progress.repeats) > 0
+        return is_checked and (is_last or unlearnt or few or self.is_counted)
 
     def _has_excluded_all_else(self) -> bool:
         """Return whether the certificate is met and all checks are made; only lapses may then remain."""
@@ -362,13 +387,60 @@ class Sampler:
         (`Certificate`).
         """
         found = results.estimate(self.progress, self.batch_size, stopping, self.required)
-        found = replace(found, converged=self.has_converged(stopping))
+        known = {"converged": self.has_converged(stopping), "reason": self._reason(stopping)}
+        found = replace(found, **known, excluded=self._excluded())
         return results.with_lapses(found, self.progress, stopping)
+
+    def _reason(self, stopping: Stopping) -> str:
+        """Return in one sentence why the estimate has converged, or why it has not."""
+        progress, missing = self.progress, self.repeats_wanted(certify=True) + self._draws_wanted()
+        if progress.repeats.drift:
+            return "the system drifts: repetitions of the same runs differ in one direction"
+        if self.may_lapse and not self.is_counted:
+            return "outcomes may be random in a few of the runs, which the runs cannot exclude"
+        if not progress.happened.any() and not progress.law_draws.events:
+            return "no run has met the event"
+        if not self.is_narrow(stopping):
+            return "the interval is wider than required"
+        if self.is_settled():
+            return "the interval is narrow, and the certificate is met"
+        if not results.is_certified(progress, self.required):
+            further = (
+                f"after {len(progress.z) - progress.narrow_at} further runs" if self._gives_up else "yet"
+            )
+            return f"the interval is narrow, but other parts of the event are not excluded {further}"
+        if missing:
+            return f"the interval is narrow, but {missing} checks for random outcomes are missing"
+        if not self._can_exclude:
+            return "with so many inputs, only a stated certificate excludes other parts of the event"
+        return (
+            "the surrogate predicts more than the estimate, which may have missed a part that was found late"
+        )
+
+    def _excluded(self) -> str:
+        """Return what other parts of the event the runs exclude, and what outcomes by chance."""
+        progress, required, parts = self.progress, self.required, "no other part of the event"
+        if required == BY_DEFAULT:
+            parts = "other parts of the event, because it was stated that there are none"
+        elif results.is_certified(progress, required):
+            parts = f"parts of the event with more than {required.share:g} times its probability"
+            if required.curvature:
+                parts += f" and a radius of at least {1 / required.curvature:.2g} normal scores"
+            by_scores = isinstance(required, Cover) and self._has_scores and self.dimension <= FEW
+            parts += ", and smaller ones to which the scores lead" * by_scores
+        if self.deterministic is not None or progress.chance or not len(progress.repeats):
+            return parts
+        rate = 1 - UNSEEN_ALPHA ** (1 / len(progress.repeats))
+        return f"{parts}; other outcomes in more than {100 * rate:.2g} % of repeated runs near the event"
 
     # ---- design of a batch
 
     def _pending_batch(self, *, certify: bool = False) -> Batch:
         if self.progress.pending is None:
+            if not certify:
+                self.progress.narrow_at = None
+            elif self.progress.narrow_at is None:
+                self.progress.narrow_at = len(self.progress.z)
             with BLAS.limit(limits=1):
                 beyond = results.where_to_search(self.progress, self.required)
                 by_draws = certify and isinstance(self.required, Certificate)
@@ -404,29 +476,42 @@ class Sampler:
         if self.predecessor is None:
             happened, score = progress.happened, progress.score
             start, reach = self._first
-            few = self.simulations < (start if self.dimension <= FEW else max(start, self.dimension))
+            first = start if self.dimension <= FEW else max(start, self.dimension)
+            few = self.simulations < first
             if few or happened.all() or not (happened.any() or np.ptp(score) > 0):  # all outcomes are equal
-                return PlainBatch(draw_wide(self.batch_size, self.dimension, generator, reach), WIDE)
+                count = min(self.batch_size, first)
+                return PlainBatch(draw_wide(count, self.dimension, generator, reach), WIDE)
             self._learn_directions()
             if self._is_searching():
-                space = self.belief.space
-                known, reach = (space.coordinates(progress.z), happened, score), self._search_reach
-                in_vain = not happened.any() and progress.searched >= PATIENCE
-                z = draw_approach(self.batch_size, reach, *known, generator, in_vain=in_vain)
-                return PlainBatch(space.draw(z, generator), SEARCH)
+                return self._search()
         self.belief.fit(progress)
-        cover, at_minima = np.empty((0, self.dimension)), False
-        certify |= self._relies_on_cover and results.can_cover(progress)
-        if certify and isinstance(required := self.required, Cover):
-            cover, at_minima = results.runs_of_cover(progress, required, self.batch_size, generator)
-        sampled, known = self.batch_size - len(cover), self.belief
+        cover, required = np.empty((0, self.dimension)), self.required
+        if isinstance(required, Cover) and (
+            certify or (self._relies_on_cover and results.can_cover(progress))
+        ):
+            cover = results.runs_of_cover(progress, required, self.batch_size, generator)
+        # If the interval is narrow, few runs are sampled, from which the surrogate learns what a cover shows.
+        few = min(self.batch_size, CERTIFIED) if certify and isinstance(required, Cover) else self.batch_size
+        sampled, known = max(few - len(cover), 0), self.belief
         if len(cover) and len(since := progress.cover_runs):
             # The estimate does not know a part that only the last runs of the cover have shown.
             known = self.belief.refitted(progress.without(since))
-        # No pool has points near an unknown minimum, whatever the surrogate expects there.
-        aimed = (known.probability(cover) >= CORE) & (not at_minima)
-        given = self.belief, progress, sampled, cover, aimed
+        given = self.belief, progress, sampled, cover, known.probability(cover) >= CORE
         return SecondPhase(*given, defence, self.emphasis, generator).batch()
+
+    def _search(self) -> PlainBatch:
+        """Choose the next batch of the search; if it is in vain, also among draws of the law, or such draws.
+
+        They find events in the bulk of the law, where the search has few runs, and bound their probability.
+        """
+        progress, space, n = self.progress, self.belief.space, min(self.batch_size, SEARCHED)
+        in_vain = not progress.happened.any() and progress.searched >= PATIENCE
+        turn = len(progress.sizes) % 3 if in_vain else 0
+        if turn == 1:
+            return PlainBatch(self.generator.standard_normal((n, self.dimension)), PLAIN)
+        known = space.coordinates(progress.z), progress.happened, progress.score
+        z = draw_approach(n, self._search_reach, *known, self.generator, in_vain=in_vain, in_bulk=turn == 2)
+        return PlainBatch(space.draw(z, self.generator), SEARCH)
 
     def _learn_directions(self) -> None:
         """If there are many normal scores and enough new runs, learn the directions of the event again."""
@@ -491,6 +576,7 @@ def _outcomes(happened: ArrayLike, score: ArrayLike | None, n: int) -> tuple[Fla
         raise InputError("the outcomes", seen=seen, expected=expected, change=change)
     if happened.shape != (n,) or score.shape != (n,) or np.isnan(score).any():
         seen = f"{happened.shape} flags and {score.shape} scores, {np.isnan(score).sum()} of them NaN"
-        change = "Report the outcomes of all runs of the batch, in their order."
-        raise InputError("the outcomes", seen=seen, expected=f"{n} of each, and numbers", change=change)
+        expected = f"{n} flags and {n} scores, each as an array of the shape ({n},), and numbers"
+        change = "Return one outcome for each of the points, in their order."
+        raise InputError("the outcomes", seen=seen, expected=expected, change=change)
     return happened, np.clip(score.astype(float), -LARGEST_SCORE, LARGEST_SCORE)

@@ -45,17 +45,19 @@ def draw_approach(
     generator: np.random.Generator,
     *,
     in_vain: bool = False,
+    in_bulk: bool = False,
 ) -> Array:
     """Draw the n points of a batch of the search: one in each step of rarity up to ``rarest``, (n, d).
 
     The steps become narrower as the rarity increases, because runs far out can find all parts of the event,
     but runs near the origin only the nearest ones. If the search was ``in_vain`` for long, scores may be
-    misleading, and half of the runs follow a surrogate of the flags instead.
+    misleading, and half of the runs follow a surrogate of the flags instead. With ``in_bulk``, the steps of
+    rarity are equally probable under the law.
     """
     each = max(CANDIDATES // runs, 2)
     steps = np.repeat(np.arange(runs), each) + generator.random(runs * each)
     # The square root makes the density of the runs grow like the rarity.
-    at = np.sqrt(steps / runs) * rarest
+    at = -np.log1p(-steps / runs) if in_bulk else np.sqrt(steps / runs) * rarest
     candidates = draw_at(at, z.shape[1], generator)
     outcome = graded(happened, score)
     surrogate = GradedSurrogate(z.shape[1])

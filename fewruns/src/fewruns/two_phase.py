@@ -79,18 +79,13 @@ def spread_by_mass(z: Array, mass: Array, count: int) -> Indices:
     return order[np.searchsorted(marks / marks[-1] * count, np.arange(count) + 0.5)]
 
 
-def choose_covering(inside: Flags, n: int, again: float = 0.0) -> Indices:
-    """Return n of m points of which most of t sets contain one, given what they contain, shape (m, t).
-
-    The need of a set that contains a chosen point is multiplied by ``again``.
-    """
-    need, chosen = np.ones(inside.shape[1]), []
-    for _ in range(n):
-        gain = inside @ need
-        gain[chosen] = -1.0
+def choose_covering(inside: Flags, n: int) -> Indices:
+    """Return up to n of m points such that most of t sets contain one, given what they contain, (m, t)."""
+    open_sets, chosen = np.ones(inside.shape[1]), []
+    while len(chosen) < n and (gain := inside @ open_sets).any():
         chosen.append(gain.argmax())
-        need[inside[chosen[-1]]] *= again
-    return np.array(chosen)
+        open_sets[inside[chosen[-1]]] = 0.0
+    return np.array(chosen, dtype=np.intp)
 
 
 @dataclass(frozen=True)
