@@ -124,7 +124,7 @@ def test_large_batches_end_with_an_estimate(size, dimension, certificate):
     most = replace(STOPPING, maximum_simulations=4000)
     found = estimate(event, 1, most, batch_size=size, certificate=certificate)
     assert found.converged
-    assert found.simulations % size == 0
+    assert found.simulations % size  # batches that exclude other parts are smaller
     assert found.low / 1.5 < HALF_PLANE < found.high * 1.5
 
 
@@ -173,7 +173,7 @@ def test_the_estimate_tells_of_all_runs(half_planes):
         runs = pd.DataFrame(result.tables["runs"])
         assert list(runs) == ["run", "batch", "phase", "z_1", "z_2", "event"]
         assert runs["run"].tolist() == list(range(1, result.simulations + 1))
-        assert (runs.groupby("batch").size() == 10).all()
+        assert runs.groupby("batch").size().tolist() == progress.sizes.tolist()
         np.testing.assert_array_equal(runs[["z_1", "z_2"]], progress.z)
         assert runs["event"].sum() == result.events
         phases = runs["phase"].drop_duplicates().tolist()

@@ -333,8 +333,9 @@ CONTRADICTION = 0.01
 # a surrogate does not learn where lapses happen.
 ENOUGH_UNEXPECTED = 5
 
-# Surrogates do not learn the event if there is no estimate after this number of runs of the second phase.
-ENOUGH_UNLEARNT = 300
+# Surrogates do not learn the event if there is no estimate after this number of runs of the second phase, and
+# after this number of batches.
+ENOUGH_UNLEARNT, ENOUGH_BATCHES = 300, 20
 
 # If at least this share of the repetitions differ from their runs, the outcomes of most runs are random.
 OFTEN = 0.5

@@ -45,7 +45,8 @@ def estimate(
         probability, interval = math.nan, draws.interval(stopping.alpha) if len(draws) else (0.0, 1.0)
     else:
         bound = bound_without_event(progress.wide_draws[:, 0].sum(), stopping.alpha)
-        bound = min(bound, 1 - stopping.alpha ** (1 / max(progress.plain, 1)))
+        if progress.plain:
+            bound = min(bound, 1 - stopping.alpha ** (1 / progress.plain))
         probability, interval = (1.0, (1 - bound, 1.0)) if events else (0.0, (0.0, bound))
     estimating = len(draws) if by_draws else sum(batch.runs for batch in _that_count(progress))
     return Estimate(
@@ -109,20 +110,25 @@ def is_narrow(progress: Progress, stopping: Stopping) -> bool:
 
 
 def is_certified(progress: Progress, certificate: Certificate | Cover) -> bool:
-    """Return whether the bound on an unobserved mode is at most ``certificate.share`` times the estimate.
+    """Return whether the runs exclude all other parts of the event that the certificate speaks of.
 
     If this is to be shown by a cover, no known part may be larger than estimated, and the scores may leave no
     room for another part. If a whole batch was spent on them, one more is sampled, because the surrogate has
     learnt from them.
     """
-    probability = _mean(progress)
-    if _unseen(progress, probability, certificate).mode > certificate.share * probability:
+    if not is_covered(progress, certificate):
         return False
     if isinstance(certificate, Certificate):
         return True
     generator = np.random.Generator(np.random.PCG64(0))  # it does not matter whether runs are needed
     # The search for open balls takes long, so the simple condition comes first.
     return progress.estimates[-1].runs > 0 and not len(runs_of_cover(progress, certificate, 1, generator))
+
+
+def is_covered(progress: Progress, certificate: Certificate | Cover) -> bool:
+    """Return whether the bound on an unobserved mode is at most ``certificate.share`` times the estimate."""
+    probability = _mean(progress)
+    return _unseen(progress, probability, certificate).mode <= certificate.share * probability
 
 
 def where_to_search(progress: Progress, certificate: Certificate | Cover) -> float:
@@ -138,7 +144,9 @@ def where_to_search(progress: Progress, certificate: Certificate | Cover) -> flo
     return look_beyond(*known, share)
 
 
-def runs_of_cover(progress: Progress, cover: Cover, n: int, generator: np.random.Generator) -> Array:
+def runs_of_cover(
+    progress: Progress, cover: Cover, n: int, generator: np.random.Generator, *, by_cover_alone: bool = False
+) -> Array:
     """Return up to n runs, shape (m, d), that exclude other parts of the event; none if none are needed.
 
     Known parts come first, because the estimate begins again if they are larger than it knows; but with at
@@ -146,7 +154,7 @@ def runs_of_cover(progress: Progress, cover: Cover, n: int, generator: np.random
     outcomes may be random, only the cover can be checked.
     """
     z, happened, probability = progress.z, progress.happened, _mean(progress)
-    can_see = not progress.chance and z.shape[1] <= FEW
+    can_see = not progress.chance and z.shape[1] <= FEW and not by_cover_alone
     centres = z[:0] if progress.centres is None else progress.centres
     is_open = cover.unseen(z) > cover.share * probability
     if can_see and not (is_open and z.shape[1] <= COVERED):

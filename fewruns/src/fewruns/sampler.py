@@ -32,6 +32,7 @@ from fewruns.constants import (
     DEFENCE_ALONE,
     DRIFT_LAG,
     DRIFT_PAIRS,
+    ENOUGH_BATCHES,
     ENOUGH_REPEATS,
     ENOUGH_UNEXPECTED,
     ENOUGH_UNLEARNT,
@@ -274,7 +275,7 @@ class Sampler:
         """Return whether the estimate has converged, or no further runs would help it to converge.
 
         They would not help if the interval has been narrow for so many runs that the scores, or the shape of
-        the event, do not allow the default certificate to be met.
+        the event, do not allow the default certificate to be met. Only the cover is then completed.
         """
         if self.may_lapse:
             return is_narrow and self.is_counted
@@ -284,6 +285,14 @@ class Sampler:
 
     @property
     def _gives_up(self) -> bool:
+        """Whether other parts of the event are not excluded, although that has taken as long as it may."""
+        known = self.progress, self.required
+        if not self._is_late or not self.progress.estimates[-1].runs or not results.is_covered(*known):
+            return False
+        return not results.is_certified(*known)
+
+    @property
+    def _is_late(self) -> bool:
         """Whether the default certificate has taken as many runs as it may since the interval was narrow."""
         narrow_at = self.progress.narrow_at
         if self.certificate is not None or narrow_at is None:
@@ -361,7 +370,8 @@ class Sampler:
         a system that may lapse they are at least half of the runs, and all that are left then.
         """
         progress = self.progress
-        unlearnt = len(progress.foreseen) >= ENOUGH_UNLEARNT and not results.counted(progress)
+        enough = max(ENOUGH_UNLEARNT, ENOUGH_BATCHES * self.batch_size)
+        unlearnt = len(progress.foreseen) >= enough and not results.counted(progress)
         if not self.may_lapse and not self._draws_wanted():
             return unlearnt
         is_last = certify and results.is_certified(progress, self.required)
@@ -489,7 +499,8 @@ class Sampler:
         if isinstance(required, Cover) and (
             certify or (self._relies_on_cover and results.can_cover(progress))
         ):
-            cover = results.runs_of_cover(progress, required, self.batch_size, generator)
+            given = progress, required, self.batch_size, generator
+            cover = results.runs_of_cover(*given, by_cover_alone=self._is_late)
         # If the interval is narrow, few runs are sampled, from which the surrogate learns what a cover shows.
         few = min(self.batch_size, CERTIFIED) if certify and isinstance(required, Cover) else self.batch_size
         sampled, known = max(few - len(cover), 0), self.belief
