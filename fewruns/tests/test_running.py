@@ -62,7 +62,7 @@ def test_a_function_with_other_outcomes_is_refused(answer, seen):
         {"inputs": 2.0},
         {"inputs": [stats.norm(), "normal"]},
         {"inputs": stats.norm()},
-        {"generator": 1},
+        {"generator": "1"},
         {"batch_size": 2.5},
         {"batch_size": True},
         {"certificate": 0.5},

@@ -103,7 +103,7 @@ def checksum(plain: Any) -> str:  # noqa: ANN401
     return hashlib.sha256(text.encode()).hexdigest()
 
 
-FORMAT, VERSION = "fewruns sampler", 4
+FORMAT, VERSION = "fewruns sampler", 5
 RESTART = "Name the state of a sampler, or a path where there is no file yet, to begin a new run."
 
 # What is kept of the progress of another version. Only the runs are required.
