@@ -209,7 +209,7 @@ def test_a_part_that_only_the_cover_has_found_restarts_the_estimate(monkeypatch)
     direction = isotropic(np.random.default_rng(1), 20, 2)
     approach, inside = disc + direction[:10] * np.linspace(1.5, 0.0, 10)[:, None], disc + 0.4 * direction[10:]
     covers = iter([approach, inside])
-    monkeypatch.setattr(results, "runs_of_cover", lambda *_: next(covers))
+    monkeypatch.setattr(results, "runs_of_cover", lambda *_, **__: next(covers))
     for points in (approach, inside):
         assert (sampler.ask(certify=True) == points).all()
         assert not progress.pending.aimed.any()

@@ -68,7 +68,7 @@ def test_a_batch_is_asked_for_until_it_is_told():
 def test_other_shapes_are_refused(reported):
     sampler = new_sampler()
     asked = sampler.ask()
-    with pytest.raises(InputError, match="expected 10 of each"):
+    with pytest.raises(InputError, match="expected 10 flags and 10 scores"):
         sampler.tell(*reported)
     assert sampler.simulations == 0
     np.testing.assert_array_equal(sampler.ask(), asked)

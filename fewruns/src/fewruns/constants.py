@@ -164,7 +164,7 @@ UNSEEN_ALPHA = 0.05
 # An estimate that is 20 % too high then still finds a part as large as the known one. Their curvature is at
 # most ROUNDNESS / d^2.5 in d dimensions, because 20 to 60 further runs then exclude them if d is at most 10.
 # With flags alone, only the cover can find a part, and the factor is ROUNDNESS_OF_FLAGS. With scores, the
-# curvature is at most ROUNDEST, because minima of the scores lead to smaller parts.
+# curvature is at most ROUNDEST, because the scores exclude smaller parts.
 COVER_SHARE, ROUNDNESS, ROUNDNESS_OF_FLAGS, ROUNDEST = 0.5, 6.4, 9.6, 0.8
 
 # Number of random modes that are checked, their largest distance from the origin in normal scores, and the
