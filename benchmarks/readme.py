@@ -27,8 +27,9 @@ SAMPLERS = ROOT / "fewruns" / "benchmarks" / "README.md"
 WORLDS, ANSWERS, MOTORWAY = (
     BENCHMARKS / folder / "README.md" for folder in ("worlds", "answers", "motorway")
 )
-JOINT_LAWS, YOUR_RECORDS, EXPORT = (
-    ROOT / f"docs/{name}.md" for name in ("joint_laws", "your_records", "export")
+JOINT_LAWS, FORMATS, EUROPE, EXPORT = (
+    ROOT / f"docs/{name}.md"
+    for name in ("joint_laws", "formats_of_recordings", "records_from_europe", "export")
 )
 OURS = "surrogate"
 LEARNERS = ("ak_mcs", "ak_is", "two_stage", "kde_ais")  # as in fewruns/benchmarks/methods.py
@@ -674,8 +675,8 @@ BLOCKS = {
     "worlds": result(WORLDS, "worlds", worlds_table),
     "beyond": result(WORLDS, "worlds_beyond", beyond_table),
     "causes": result(WORLDS, "worlds_causes", causes_table),
-    "size": result(YOUR_RECORDS, "recordings", recordings_table),
-    "europe": result(YOUR_RECORDS, "europe", europe_table),
+    "size": result(FORMATS, "recordings", recordings_table),
+    "europe": result(EUROPE, "europe", europe_table),
     "certificates": result(SAMPLERS, "certificates", certificates_table),
     "chance": result(SAMPLERS, "chance", chance_table),
     "checks": result(SAMPLERS, "checks", checks_table),

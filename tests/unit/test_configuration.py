@@ -10,7 +10,7 @@ import yaml
 from accelerated_evaluation.base.errors import InputError
 from accelerated_evaluation.base.sections import default_of
 from accelerated_evaluation.study import configuration
-from accelerated_evaluation.study.configuration import ConfigurationError, load, parameter_table, validate
+from accelerated_evaluation.study.configuration import ConfigurationError, load, tables_of_keys, validate
 from accelerated_evaluation.study.consistency import own_sections, schema
 from jsonschema import Draft202012Validator
 
@@ -65,21 +65,33 @@ def test_shipped_configurations_are_valid_studies_of_their_own(name):
     assert (config["data"]["sample"] is None) == (name == "config")
 
 
-def test_table_in_the_readme_is_that_of_the_schema():
-    readme = (REPOSITORY / "config" / "README.md").read_text()
+def test_tables_on_the_page_of_keys_are_those_of_the_schema():
+    page = configuration.PAGE_OF_KEYS.read_text()
     start, end = configuration.MARKS
-    assert readme.split(start)[1].split(end)[0] == parameter_table(), (
+    assert page.split(start)[1].split(end)[0] == tables_of_keys(), (
         "run: python -m accelerated_evaluation.study.configuration"
     )
 
 
-def test_command_restores_the_table_in_the_readme(tmp_path, monkeypatch):
-    readme = tmp_path / "README.md"
+def test_each_key_is_in_one_table_of_its_section():
+    listed = [
+        (section.split("\n")[0], line.split("`")[1])
+        for section in tables_of_keys().split("\n## ")[1:]
+        for line in section.splitlines()
+        if line.startswith("| `")
+    ]
+    leaves = [key for key, part in configuration.keys() if "properties" not in part]
+    assert sorted(key for _, key in listed) == sorted(leaves)
+    assert all(section == "general" or key.startswith(f"{section}.") for section, key in listed)
+
+
+def test_command_restores_the_tables_on_the_page_of_keys(tmp_path, monkeypatch):
+    page = tmp_path / "keys.md"
     start, end = configuration.MARKS
-    readme.write_text(f"before\n{start}stale\n{end}after\n")
-    monkeypatch.setattr(configuration, "README", readme)
+    page.write_text(f"before\n{start}stale\n{end}after\n")
+    monkeypatch.setattr(configuration, "PAGE_OF_KEYS", page)
     configuration.main()
-    assert readme.read_text() == f"before\n{start}{parameter_table()}{end}after\n"
+    assert page.read_text() == f"before\n{start}{tables_of_keys()}{end}after\n"
 
 
 # ---------------------------------------------------------------- the schema

@@ -1,4 +1,4 @@
-"""The guide docs/your_records.md: its commands run, its settings are those of the configuration."""
+"""The guides to records: their commands run, their settings are those of the configuration."""
 
 import re
 import shlex
@@ -12,6 +12,7 @@ from accelerated_evaluation.study.configuration import load
 
 ROOT = Path(__file__).resolve().parents[2]
 GUIDE = (ROOT / "docs" / "your_records.md").read_text(encoding="utf-8")
+FORMATS = (ROOT / "docs" / "formats_of_recordings.md").read_text(encoding="utf-8")
 COMMANDS = {
     "python": [sys.executable],
     "accelerated-evaluation": [sys.executable, "-m", "accelerated_evaluation.cli"],
@@ -91,4 +92,4 @@ def test_every_setting_of_the_rule_is_explained():
         names = set(data[section]) - {"description", "path", "outlier_rows", "rule"} | set(
             data[section]["rule"]
         )
-        assert all(f"| `{name}` |" in GUIDE for name in names)
+        assert all(f"| `{name}` |" in FORMATS for name in names)

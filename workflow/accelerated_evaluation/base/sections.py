@@ -2,7 +2,7 @@
 
 Each source of records and each method states the keys of its section in its own module. Each key is a part of
 a JSON Schema: type, limits, a description with the unit, and ``default``. The schema of the whole
-configuration, its defaults and the table in ``config/README.md`` are generated from these sections.
+configuration, its defaults and the tables in ``config/keys.md`` are generated from these sections.
 """
 
 from collections.abc import Callable, Iterable, Mapping, Sequence

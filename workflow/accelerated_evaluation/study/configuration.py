@@ -1,6 +1,6 @@
 """Load, validate and document the configuration by the schema ``workflow/schemas/config.schema.yaml``.
 
-``python -m accelerated_evaluation.study.configuration`` updates the table of keys in ``config/README.md``.
+``python -m accelerated_evaluation.study.configuration`` updates the tables of keys in ``config/keys.md``.
 """
 
 import math
@@ -35,7 +35,7 @@ with without("rfc3987_syntax"):
     from jsonschema import Draft202012Validator, ValidationError, validators
 
 DEFAULTS = WORKFLOW.parent / "config" / "config.yaml"
-README = WORKFLOW.parent / "config" / "README.md"
+PAGE_OF_KEYS = WORKFLOW.parent / "config" / "keys.md"
 MARKS = ("<!-- parameters: made from the schema -->\n", "<!-- end of parameters -->\n")
 
 LARGEST = 1_000_000  # largest size of a file in bytes; reading more would take minutes
@@ -232,17 +232,32 @@ def validate(config: Mapping[str, Any]) -> None:
         raise ConfigurationError(*dict.fromkeys(lines))
 
 
-def parameter_table() -> str:
-    """Return the Markdown table of all keys, with their defaults, allowed values and meanings."""
+def tables_of_keys() -> str:
+    """Return Markdown with a table for each section: its keys, their defaults, allowed values and meanings.
+
+    Links to the sections come first.
+    """
     defaults = default_configuration()
-    rows = ["| key | default | allowed | meaning |", "| --- | --- | --- | --- |"]
+    rows: dict[str, list[str]] = {}
     for key, part in keys():
         if "properties" in part:
             continue
         default = reduce(getitem, key.split("."), defaults)
         cells = (f"`{key}`", f"`{shown(default)}`", in_words(part), part["description"])
-        rows.append(f"| {' | '.join(cell.replace('|', '&#124;') for cell in cells)} |")
-    return "\n".join(rows) + "\n"
+        row = f"| {' | '.join(cell.replace('|', '&#124;') for cell in cells)} |"
+        rows.setdefault(_section(key), []).append(row)
+    head = ["| key | default | allowed | meaning |", "| --- | --- | --- | --- |"]
+    links = [f"- [{section}](#{section.replace('.', '')})" for section in rows]
+    tables = ["\n".join([f"## {section}\n", *head, *found]) for section, found in rows.items()]
+    return "\n\n".join(["\n".join(links), *tables]) + "\n"
+
+
+def _section(key: str) -> str:
+    """Return the section under which a key is listed; each source of records has a section of its own."""
+    top, *below = key.split(".")
+    if not below:
+        return "general"
+    return f"{top}.{below[0]}" if top == "data" and len(below) > 1 else top
 
 
 def read_yaml(path: Path) -> dict[str, Any]:
@@ -327,10 +342,10 @@ def _suggestion(path: Sequence[str | int], name: str, siblings: Iterable[str]) -
 
 
 def main() -> None:
-    """Update the table of keys in ``config/README.md``."""
-    before, rest = README.read_text(encoding="utf-8").split(MARKS[0])
+    """Update the tables of keys in ``config/keys.md``."""
+    before, rest = PAGE_OF_KEYS.read_text(encoding="utf-8").split(MARKS[0])
     after = rest.split(MARKS[1])[1]
-    write_text(README, before + MARKS[0] + parameter_table() + MARKS[1] + after)
+    write_text(PAGE_OF_KEYS, before + MARKS[0] + tables_of_keys() + MARKS[1] + after)
 
 
 if __name__ == "__main__":
