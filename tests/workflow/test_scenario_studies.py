@@ -2,6 +2,7 @@
 
 import json
 import os
+import re
 import shutil
 import subprocess
 import sys
@@ -74,18 +75,21 @@ def run(tmp_path, environment, *commands):
 def test_a_scenario_a_law_and_a_check_of_a_users_folder_are_used_by_all_commands(tmp_path):
     """Commands without a configuration find the modules by the environment variable."""
     shutil.copytree(ROOT / "tests/toys/mine", tmp_path / "mine")
-    files = [str(tmp_path / f"mine/{name}.py") for name in ("backing_out", "toy_copula", "toy_check")]
+    guide = (ROOT / "docs/your_scenario.md").read_text(encoding="utf-8")
+    blocks = dict(re.findall(r"```python\n# (\S+)\n(.*?)```", guide, re.DOTALL))
+    (tmp_path / "mine/stopped_car.py").write_text(blocks["stopped_car.py"])
+    files = [str(tmp_path / f"mine/{name}.py") for name in ("stopped_car", "toy_copula", "toy_check")]
     environment = os.environ | {VARIABLE: os.pathsep.join(files)}
     generator = np.random.default_rng(1)
     records = pd.DataFrame({"speed_mps": generator.normal(9, 2, 400), "gap_m": generator.normal(35, 8, 400)})
     records.clip([1, 1], [19, 99], axis=1).assign(driver=np.arange(400) % 40).to_csv(tmp_path / "records.csv")
     settings = {
         "study": "toy",
-        "scenario": {"name": "backing_out", "records": "records.csv"},
+        "scenario": {"name": "stopped_car", "records": "records.csv"},
         "modules": files,
     }
     (tmp_path / "toy.yaml").write_text(json.dumps(settings))
-    here = ["--scenario", "backing_out"]
+    here = ["--scenario", "stopped_car"]
     law = [*here, "--law", "results/toy/estimate/law.json"]
     printed = run(
         tmp_path,

@@ -23,7 +23,7 @@ if SLOW:
     )
 PATHS = {path.stem: path for path in CHAPTERS}
 # The guides of the study, and those of the sampler, which is a package of its own.
-FOLDERS_OF_GUIDES = [PROJECT / "docs", PROJECT / "fewruns"] if IS_CUT_IN else []
+FOLDERS_OF_GUIDES = [PROJECT / "docs", PROJECT / "fewruns"]
 GUIDES = [
     str(path) for folder in FOLDERS_OF_GUIDES for path in sorted(folder.glob("*.md"))
 ]

@@ -79,6 +79,37 @@ def _checksum(path: Path) -> str:
     return file_digest(path) if path.is_file() else "no such file"
 
 
+# Guides in the order in which a reader needs them; the last group takes those that are not listed.
+GUIDES = {
+    "Your records and your vehicle": (
+        "your_records",
+        "records_report",
+        "formats_of_recordings",
+        "records_from_europe",
+        "your_vehicle",
+        "the_explorer",
+    ),
+    "Proving ground and safety case": ("campaign", "export", "safety_case"),
+    "Methods": (
+        "fewruns",
+        "method",
+        "law_of_cut_ins",
+        "joint_laws",
+        "human_driver",
+        "left_turn_and_pedestrian",
+    ),
+    "Extend and publish": (
+        "your_scenario",
+        "extensions",
+        "interface",
+        "cluster",
+        "book",
+        "article",
+        "provenance",
+        "glossary",
+    ),
+}
+
 FIGURE_FILES = {"PDF": "pdf", "SVG": "svg", "PNG": "png", "data": "csv"}
 TABLE_FILES = {"CSV": "csv", "Markdown": "md", "LaTeX": "tex"}
 PARAMETERS = {
@@ -174,7 +205,7 @@ def _write_sources(parts: Parts, sources: Path, names: dict[str, Any]) -> None:
         nbformat.write(notebook, sources / path.name)
     known = names | {"study": parts.study, "figure": parts.figure}
     known |= {"notebooks": [path.stem for path in parts.notebooks]}
-    known |= {"guides": sorted(map(page_of, parts.guides))}
+    known |= {"guides": grouped(map(page_of, parts.guides))}
     for template in parts.pages.glob("*.md"):
         page = sources / template.name
         page.write_text(fill(page.read_text(encoding="utf-8"), known), encoding="utf-8")
@@ -183,6 +214,17 @@ def _write_sources(parts: Parts, sources: Path, names: dict[str, Any]) -> None:
 def page_of(guide: Path) -> str:
     """Return the name of the page of a guide in the book: that of its file, or of the folder of a README."""
     return guide.parent.name if guide.stem == "README" else guide.stem
+
+
+def grouped(pages: Iterable[str]) -> dict[str, list[str]]:
+    """Return the pages of guides by the caption of their group, in the order of `GUIDES`."""
+    left = set(pages)
+    groups = {}
+    for group, names in GUIDES.items():
+        groups[group] = [name for name in names if name in left]
+        left -= set(names)
+    groups[group] += sorted(left)
+    return {group: names for group, names in groups.items() if names}
 
 
 def in_one_folder(text: str) -> str:
