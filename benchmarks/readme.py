@@ -23,7 +23,7 @@ from tables import MOTORWAY_TABLES
 
 README = ROOT / "README.md"
 BENCHMARKS = ROOT / "benchmarks"
-SAMPLERS = ROOT / "fewruns" / "benchmarks" / "README.md"
+SAMPLERS, DETAILS = (ROOT / f"fewruns/benchmarks/{name}.md" for name in ("README", "details"))
 WORLDS, ANSWERS, MOTORWAY = (
     BENCHMARKS / folder / "README.md" for folder in ("worlds", "answers", "motorway")
 )
@@ -667,20 +667,20 @@ BLOCKS = {
     "answers": result(ANSWERS, "answers", answers_table),
     "sampling": result(ANSWERS, "answers_sampling", sampling_table),
     "samplers": result(SAMPLERS, "samplers", samplers_table),
-    "learners": result(SAMPLERS, "samplers", learners_table),
-    "public": result(SAMPLERS, "public", public_table),
-    "hidden": result(SAMPLERS, "hidden", hidden_table),
-    "vehicles": result(SAMPLERS, "vehicles", vehicles_table),
+    "learners": result(DETAILS, "samplers", learners_table),
+    "public": result(DETAILS, "public", public_table),
+    "hidden": result(DETAILS, "hidden", hidden_table),
+    "vehicles": result(DETAILS, "vehicles", vehicles_table),
     "exported": result(EXPORT, "exported", exported_table),
     "worlds": result(WORLDS, "worlds", worlds_table),
     "beyond": result(WORLDS, "worlds_beyond", beyond_table),
     "causes": result(WORLDS, "worlds_causes", causes_table),
     "size": result(FORMATS, "recordings", recordings_table),
     "europe": result(EUROPE, "europe", europe_table),
-    "certificates": result(SAMPLERS, "certificates", certificates_table),
-    "chance": result(SAMPLERS, "chance", chance_table),
-    "checks": result(SAMPLERS, "checks", checks_table),
-    "successors": result(SAMPLERS, "successors", successors_table),
+    "certificates": result(DETAILS, "certificates", certificates_table),
+    "chance": result(DETAILS, "chance", chance_table),
+    "checks": result(DETAILS, "checks", checks_table),
+    "successors": result(DETAILS, "successors", successors_table),
 } | {name: result(MOTORWAY, name, make) for name, make in MOTORWAY_TABLES.items()}
 
 if __name__ == "__main__":

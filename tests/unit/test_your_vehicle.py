@@ -1,4 +1,4 @@
-"""The guide docs/your_vehicle.md: each of its three examples is run as it stands, on fewer records."""
+"""The guides to vehicles: each of its three examples is run as it stands, on fewer records."""
 
 import re
 import shutil
@@ -14,7 +14,9 @@ from accelerated_evaluation.study.configuration import read_yaml
 from accelerated_evaluation.vehicles.protocol import OUTCOMES
 
 ROOT = Path(__file__).resolve().parents[2]
-GUIDE = (ROOT / "docs" / "your_vehicle.md").read_text()
+GUIDE = "\n".join(
+    (ROOT / "docs" / f"{name}.md").read_text() for name in ("your_vehicle", "vehicle_reference")
+)
 BLOCKS = re.findall(r"^```(\w*)\n(.*?)^```$", GUIDE, re.DOTALL | re.MULTILINE)
 COMMANDS = [content for language, content in BLOCKS if not language]
 FILES = dict(re.findall(r"^File `([^`]+)`:\n\n```\w+\n(.*?)^```$", GUIDE, re.DOTALL | re.MULTILINE))

@@ -104,7 +104,7 @@ def motion_error(name: str) -> InputError:
         f"vehicle {name}, lead speeds over time",
         seen="a vehicle for lead vehicles that keep their speed",
         expected="a method simulate_moving of a class, or a command with the parameter lead_motion: true",
-        change="Leave the lead motion out, or extend the vehicle as in docs/your_vehicle.md.",
+        change="Leave the lead motion out, or extend the vehicle as in docs/vehicle_reference.md.",
     )
 
 

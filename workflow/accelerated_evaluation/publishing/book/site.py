@@ -87,6 +87,7 @@ GUIDES = {
         "formats_of_recordings",
         "records_from_europe",
         "your_vehicle",
+        "vehicle_reference",
         "the_explorer",
     ),
     "Proving ground and safety case": ("campaign", "export", "safety_case"),
