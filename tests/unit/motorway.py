@@ -5,7 +5,7 @@ from pathlib import Path
 import numpy as np
 import pandas as pd
 import pytest
-from accelerated_evaluation import load
+from accelerated_evaluation.study.configuration import load
 
 CONFIGURATION = """\
 study: motorway

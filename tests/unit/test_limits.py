@@ -55,8 +55,8 @@ def test_the_estimate_alone_has_the_limits_of_the_records(motorway, monkeypatch)
     """The command ``estimate`` is given them in place of ``auto``, as the study is."""
     seen = []
 
-    def stop(config, request):
-        seen.append(config["filters"])
+    def stop(settings, request):
+        seen.append(settings.records.sections["filters"])
         raise InputError("here", seen="enough", expected="no more", change="Nothing.")
 
     monkeypatch.setattr(alone, "estimate", stop)
