@@ -83,6 +83,9 @@ def test_an_estimate_reports_the_health_of_its_weights():
     assert found["pareto_k"] == pytest.approx(pareto_k(ratios), nan_ok=True)
     assert found["pareto_k_limit"] == largest_pareto_k(len(ratios))
     # A single event with a dominating weight makes the effective number 1.
-    place = int(np.flatnonzero(progress.happened[-10 * len(progress.batches) :])[-1])
-    progress.batches[place // 10].weight[place % 10] *= 1e6
+    place = max(k for k, batch in enumerate(progress.batches) if batch.weight.any())
+    batch = progress.batches[place]
+    end = len(progress.z) - sum(len(each.z) for each in progress.batches[place + 1 :])
+    counted = progress.happened[end - len(batch.z) : end] & (batch.weight > 0)
+    batch.weight[np.flatnonzero(counted)[-1]] *= 1e6
     assert effective_number(event_ratios(progress)) == pytest.approx(1, rel=1e-3)
