@@ -511,13 +511,13 @@ class Sampler:
         return SecondPhase(*given, defence, self.emphasis, generator).batch()
 
     def _search(self) -> PlainBatch:
-        """Choose the next batch of the search; if it is long in vain, also among draws of the law, or such draws.
+        """Choose the next batch of the search; if it is long in vain, some are draws of the law.
 
         They find events in the bulk of the law, where the search has few runs, and bound their probability.
         """
         progress, space, n = self.progress, self.belief.space, min(self.batch_size, SEARCHED)
         in_vain = not progress.happened.any() and progress.searched >= PATIENCE
-        turn = len(progress.sizes) % 3 if in_vain and progress.searched >= 2 * PATIENCE else 0
+        turn = len(progress.sizes) % 3 if in_vain and progress.searched >= 4 * PATIENCE else 0
         if turn == 1:
             return PlainBatch(self.generator.standard_normal((n, self.dimension)), PLAIN)
         known = space.coordinates(progress.z), progress.happened, progress.score
