@@ -83,9 +83,11 @@ def test_an_estimate_reports_the_health_of_its_weights():
     assert found["pareto_k"] == pytest.approx(pareto_k(ratios), nan_ok=True)
     assert found["pareto_k_limit"] == largest_pareto_k(len(ratios))
     # A single event with a dominating weight makes the effective number 1.
-    place = max(k for k, batch in enumerate(progress.batches) if batch.weight.any())
-    batch = progress.batches[place]
-    end = len(progress.z) - sum(len(each.z) for each in progress.batches[place + 1 :])
-    counted = progress.happened[end - len(batch.z) : end] & (batch.weight > 0)
-    batch.weight[np.flatnonzero(counted)[-1]] *= 1e6
+    end = len(progress.z)
+    for batch in reversed(progress.batches):
+        events = np.flatnonzero(progress.happened[end - len(batch.z) : end] & (batch.weight > 0))
+        end -= len(batch.z)
+        if len(events):
+            batch.weight[events[-1]] *= 1e6
+            break
     assert effective_number(event_ratios(progress)) == pytest.approx(1, rel=1e-3)
