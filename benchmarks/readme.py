@@ -13,6 +13,7 @@ import numpy as np
 import pandas as pd
 from accelerated_evaluation.methods import METHODS
 from accelerated_evaluation.methods.importance_sampling import crude_simulations
+from accelerated_evaluation.publishing.tables.claims import UNTESTED
 from accelerated_evaluation.publishing.tables.paper_claims import PAPER_PROBABILITY, PAPER_RATIOS
 from accelerated_evaluation.publishing.tables.spreads import rests_in_words
 
@@ -226,27 +227,20 @@ def beyond_table(beyond: pd.DataFrame) -> str:
     )
 
 
-def covers_in_words(worlds: pd.DataFrame) -> str:
-    """Return a paragraph that says in which kinds of worlds the 80 % intervals cover the truth."""
+def coverage_in_words(worlds: pd.DataFrame) -> str:
+    """Return in which kinds of worlds the 80 % intervals cover the truth, and in which they rarely do."""
     worlds = worlds[worlds["procedure"] == "map"].sort_values("coverage80", kind="stable")
     is_family = worlds["kind"].isin(FAMILY)
     like, others = (f"{covered(own)} of {len(own)} kinds" for own in (worlds[is_family], worlds[~is_family]))
-    few, many = worlds["worlds"].min(), worlds["worlds"].max()
-    error = 100 * math.sqrt(0.8 * 0.2 / few)
-    size = (
-        f"Each kind has {few if few == many else f'{few} to {many}'} worlds, so that a share of 80 % has a "
-        f"standard error of up to {error:.0f} points."
-    )
+    error = 100 * math.sqrt(0.8 * 0.2 / worlds["worlds"].min())
     first, second = (
-        f"*{row.kind}* ({covered(worlds[worlds['kind'] == row.kind])}, and the answer is "
+        f"*{row.kind}* ({covered(worlds[worlds['kind'] == row.kind])}; the answer is "
         f"{row.median_ratio:.1f} times the truth)"
         for row in worlds.head(2).itertuples()
     )
     return (
-        "**How far it can be trusted.** On synthetic records whose true crash probability is known, the "
-        f"80 % intervals cover the truth in {like} that resemble the models, and in {others} that break an "
-        f"assumption. {size} The worst kinds are {first} and {second} "
-        "([worlds](benchmarks/worlds/README.md)).\n"
+        f"{like} that resemble the models; {others} that break an assumption. The worst kinds are {first} and "
+        f"{second}. The standard error of the share of a kind is up to {error:.0f} points."
     )
 
 
@@ -460,11 +454,6 @@ def experiments_table(experiments: pd.DataFrame) -> str:
     )
 
 
-def on_one_line(text: str) -> str:
-    """Return a text without its line breaks and indentation, and with one line break at its end."""
-    return " ".join(text.split()) + "\n"
-
-
 def of_study(name: str) -> pd.DataFrame:
     """Return a published table of the default study."""
     return pd.read_csv(ROOT / "figures" / "spmd" / "tables" / f"{name}.csv")
@@ -475,9 +464,19 @@ def rests(extrapolation: pd.DataFrame) -> str:
     return rests_in_words(extrapolation, of_study("data_quality")) + "\n"
 
 
-def paper_in_words(needed: pd.DataFrame) -> str:
-    """Return what was found about the paper's methods and about the interval of its estimate, as a list."""
-    simulations = needed.set_index(["scope", "method"])["simulations"]
+def score_in_words(claims: pd.DataFrame) -> str:
+    """Return how many numbers and statements of the paper agree with ours, of those that can be compared."""
+    verdicts = (
+        claims["verdict"].value_counts().reindex(["agrees", "differs", "undecided", UNTESTED]).fillna(0)
+    )
+    agree, differ, open_, untested = verdicts.astype(int)
+    others = [f"{open_} undecided"] * bool(open_) + [f"{untested} not testable"] * bool(untested)
+    return ", ".join([f"{agree} agree with ours", f"{differ} differ", *others])
+
+
+def piecewise_in_words() -> str:
+    """Return how many times as many simulations a single distribution needs, without and with the search."""
+    simulations = of_study("needed").set_index(["scope", "method"])["simulations"]
     single, piecewise = simulations["all", "single"], simulations["all", "piecewise"]
     repeated = of_study("repeated_searches")
     shortest = repeated[repeated["crash_updates"] == repeated["crash_updates"].min()]
@@ -487,38 +486,104 @@ def paper_in_words(needed: pd.DataFrame) -> str:
     search = search.set_index("method")["ours"]
     everywhere = (search["single"] + single) / (search["piecewise"] + piecewise)
     rarest = of_study("exact").query("segment != 'all'")["probability"].min()
+    return (
+        f"{single / piecewise:.2f} (paper: {PAPER_RATIOS['single']:.2f}); with the search "
+        f"{slow['single'] / slow['piecewise']:.2f} in slow traffic, where nearly all crashes happen, and "
+        f"{everywhere:.2f} if crashes are also searched in fast traffic, where their probability is "
+        f"{rarest:.0e}"
+    )
+
+
+def shares_in_words() -> str:
+    """Return the shares of the sources of uncertainty in the variance of the paper's estimate."""
     shares = 100 * of_study("uncertainty").set_index("source")["variance_share"]
-    return on_one_line(
-        f"""- Piecewise mixtures need fewer simulations than single distributions, as the paper says. By the
-        exact variances, a single distribution needs {single / piecewise:.2f} times as many (paper:
-        {PAPER_RATIOS["single"]:.2f}). If the search is counted, it needs
-        {slow["single"] / slow["piecewise"]:.2f} times as many in the slow traffic where nearly all crashes
-        happen, and {everywhere:.2f} times as many if crashes are also searched in fast traffic, where their
-        probability is {rarest:.0e}."""
-    ) + on_one_line(
-        f"""- The narrow interval of importance sampling is not the uncertainty of the answer. Sampling
-        contributes {shares["sampling"]:.1f} % of the variance of the paper's estimate, finite data
-        contribute
-        {shares["data"]:.0f} %, and the choice among two or three pieces and three knots contributes
-        {shares["choice of model"]:.0f} %. The cap of the closing speed is not among these choices."""
+    return (
+        f"sampling {shares['sampling']:.1f} %, finite data {shares['data']:.0f} %, the choice among two or "
+        f"three pieces and three knots {shares['choice of model']:.0f} % (the cap of the closing speed is not "
+        "among these choices)"
     )
 
 
 def sampler_in_words(samplers: pd.DataFrame) -> str:
-    """Return how many simulations the sampler takes on the main problem, like for like, as a list of one."""
+    """Return how many simulations the sampler takes on the main problem, like for like."""
     rows = samplers[samplers["problem"] == "segment_5_15"].set_index("method")
     ours, equal = rows.loc[OURS], rows["effective_calls"]
     public = rows.drop(index=[OURS, *METHODS], errors="ignore").query("failed <= @RELIABLE")
-    return on_one_line(
-        f"""- For a crash in the segment from 5 to 15 m/s, our sampler takes {ours["calls_mean"]:,.0f}
-        simulations on average, with its search. At equal error, it takes {equal[OURS]:,.0f}, the paper's
-        piecewise method with a search of 300 draws an iteration {equal["piecewise"]:,.0f}, and the best
-        public tool {public["effective_calls"].min():,.0f}. Our sampler may assume that a crash also
-        happens at every
-        larger closing speed, which is nearly always so ([benchmarks](benchmarks/README.md)). It is a
-        package
-        of its own, for any function or simulator ([guide](fewruns/README.md))."""
+    return (
+        f"at equal error {equal[OURS]:,.0f} with our sampler, {equal['piecewise']:,.0f} with the paper's "
+        f"piecewise method (300 draws an iteration), {public['effective_calls'].min():,.0f} with the best "
+        f"public tool; our sampler takes {ours['calls_mean']:,.0f} on average, and may assume that a crash "
+        "also happens at every larger closing speed"
     )
+
+
+def motion_in_words(motion: pd.DataFrame) -> str:
+    """Return by how much lead vehicles that change their speed change the crash probability."""
+    closing = motion[motion["gap"] == "closing"].set_index("vehicle")["factor"]
+    europe = pd.read_csv(RESULTS / "europe.csv")
+    europe = europe[europe["what"] == "factor of the European lead motion"].set_index("group")["value"]
+    return (
+        f"× {closing['under test']:.1f} with American and × {europe['acc_aeb']:.2f} with European motion; "
+        f"for the careful human × {closing['cc_human']:.1f} and × {europe['cc_human']:.2f}"
+    )
+
+
+def counted_in_words(counted: pd.DataFrame) -> str:
+    """Return which predicted crash rates the count of two million miles contradicts."""
+    predicted = counted[(counted["kind"] == "predicted") & counted["what"].str.startswith("crash: closing")]
+    known = predicted["verdict"].eq("compatible with the count")
+    fine, bad = (predicted.loc[each, "who"].unique() for each in (known, ~known))
+    return f"compatible: {', '.join(fine)}; contradicted: {', '.join(bad) or 'none'}"
+
+
+def findings(claims: pd.DataFrame) -> str:
+    """Return a table of what else was found: a question, the numbers, and where the details are."""
+    motorway = pd.read_csv(RESULTS / "motorway.csv").query("host == 'acc_aeb'")
+    crashes = motorway.groupby("gap")["counted"].sum()
+    notebooks = "figures/spmd/notebooks"
+    rows = [
+        (
+            "the paper's numbers and statements that can be compared",
+            score_in_words(claims),
+            "[claims](figures/spmd/tables/claims.md)",
+        ),
+        (
+            "simulations: single distribution / piecewise mixture, by exact variances",
+            piecewise_in_words(),
+            f"[notebook 7]({notebooks}/07_conclusions.ipynb)",
+        ),
+        (
+            "variance of the paper's estimate",
+            shares_in_words(),
+            f"[notebook 9]({notebooks}/09_honest_intervals.ipynb)",
+        ),
+        (
+            "synthetic records with a known truth: 80 % intervals that cover it",
+            coverage_in_words(pd.read_csv(RESULTS / "worlds_beyond.csv")),
+            "[worlds](benchmarks/worlds/README.md)",
+        ),
+        (
+            "simulations for a crash at 5 to 15 m/s, with the search",
+            sampler_in_words(pd.read_csv(RESULTS / "samplers.csv")),
+            "[benchmarks](benchmarks/README.md), [guide](fewruns/README.md)",
+        ),
+        (
+            "crash probability if the lead vehicle changes its speed",
+            motion_in_words(of_study("lead_motion")),
+            f"[notebook 14]({notebooks}/14_agreement_with_the_world.ipynb)",
+        ),
+        (
+            "crashes after a gap that opens, on a simulated motorway",
+            f"{crashes['opening']:.0f} of the {crashes.sum():.0f} crashes of the car under test",
+            "[motorway](benchmarks/motorway/README.md)",
+        ),
+        (
+            "crash rates predicted for closing cut-ins, and the count of the 100-Car study",
+            counted_in_words(of_study("counted_crashes")),
+            f"[notebook 14]({notebooks}/14_agreement_with_the_world.ipynb)",
+        ),
+    ]
+    return markdown(("question", "finding", "details"), rows)
 
 
 def few_in_words() -> str:
@@ -529,29 +594,6 @@ def few_in_words() -> str:
     return (
         f"Our answer takes about {round(answers.loc['acc_aeb', 'runs_mean'], -1):.0f} simulations of a "
         f"vehicle. Crude Monte Carlo takes {crude:.0f} million for one law (an 80 % interval of ± 20 %)."
-    )
-
-
-def left_out_in_words(motion: pd.DataFrame) -> str:
-    """Return what the answer does not include, as a paragraph."""
-    closing = motion[motion["gap"] == "closing"].set_index("vehicle")["factor"]
-    europe = pd.read_csv(RESULTS / "europe.csv")
-    europe = europe[europe["what"] == "factor of the European lead motion"].set_index("group")["value"]
-    counted = pd.read_csv(RESULTS / "motorway.csv").query("host == 'acc_aeb'")
-    crashes = counted.groupby("gap")["counted"].sum()
-    return on_one_line(
-        f"""**What is not included.** The answer is for cut-ins whose gap closes, recorded on roads in the
-        United States in 2012 and 2013, with the other car up to 75 m ahead at 5 to 35 m/s. The other
-        car keeps its
-        speed, and nobody steers. With lead vehicles that change their speed, the crash probability is
-        {closing["under test"]:.1f} times as large with American and {europe["acc_aeb"]:.2f} times with
-        European motion, and for the careful human {closing["cc_human"]:.1f} and
-        {europe["cc_human"]:.2f} times. Crashes also happen after gaps that open (notebook 14). On a
-        simulated motorway, the only world whose
-        crashes are counted, these are {crashes["opening"]:.0f} of the {crashes.sum():.0f} crashes of
-        the car
-        under test ([motorway](benchmarks/motorway/README.md)). Weather and the second vehicle ahead are
-        unknown. For other countries and years, use [your own records](docs/your_records.md)."""
     )
 
 
@@ -656,10 +698,7 @@ BLOCKS = {
     "answer_in_words": published(README, "spmd", "answer", answer_in_words),
     "answer": published(README, "spmd", "answer", answer_table),
     "rests": published(README, "spmd", "extrapolation", rests),
-    "paper_methods": published(README, "spmd", "needed", paper_in_words),
-    "sampler_in_words": result(README, "samplers", sampler_in_words),
-    "left_out": published(README, "spmd", "lead_motion", left_out_in_words),
-    "covers": result(README, "worlds_beyond", covers_in_words),
+    "findings": published(README, "spmd", "claims", findings),
     "left_turn": published(JOINT_LAWS, "left_turn", "scenario_answer", scenario_answers),
     "pedestrian": published(JOINT_LAWS, "pedestrian", "scenario_answer", scenario_answers),
     "experiments": result(JOINT_LAWS, "stored_experiments", experiments_table),

@@ -212,15 +212,6 @@ def test_the_benchmarks_are_of_the_present_laws():
     assert f'support best, "{heaviest}"' in DETAILS.read_text(encoding="utf-8")
 
 
-@pytest.mark.skipif(not TABLES.exists(), reason="the tables of the real events are not in this copy")
-def test_readme_states_the_shares_of_the_uncertainty():
-    shares = pd.read_csv(TABLES / "uncertainty.csv").set_index("source")["variance_share"]
-    text = " ".join(README.read_text(encoding="utf-8").split())
-    assert shares["sampling"] < 0.01
-    assert f"Sampling contributes {100 * shares['sampling']:.1f} % of the variance" in text
-    assert f"finite data contribute {100 * shares['data']:.0f} %" in text
-
-
 def test_the_readme_is_two_screens():
     assert len(README.read_text(encoding="utf-8").splitlines()) <= LINES
 
