@@ -239,8 +239,8 @@ def coverage_in_words(worlds: pd.DataFrame) -> str:
         for row in worlds.head(2).itertuples()
     )
     return (
-        f"{like} that resemble the models; {others} that break an assumption. The worst kinds are {first} and "
-        f"{second}. The standard error of the share of a kind is up to {error:.0f} points."
+        f"{like} that resemble the models; {others} that break an assumption. The worst kinds are "
+        f"{first} and {second}. The standard error of the share of a kind is up to {error:.0f} points."
     )
 
 
@@ -499,8 +499,8 @@ def shares_in_words() -> str:
     shares = 100 * of_study("uncertainty").set_index("source")["variance_share"]
     return (
         f"sampling {shares['sampling']:.1f} %, finite data {shares['data']:.0f} %, the choice among two or "
-        f"three pieces and three knots {shares['choice of model']:.0f} % (the cap of the closing speed is not "
-        "among these choices)"
+        f"three pieces and three knots {shares['choice of model']:.0f} % (the cap of the closing speed is "
+        "not among these choices)"
     )
 
 
