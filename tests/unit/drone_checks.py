@@ -5,7 +5,8 @@ from itertools import pairwise
 
 import numpy as np
 import pandas as pd
-from accelerated_evaluation import SOURCES, load
+from accelerated_evaluation import SOURCES
+from accelerated_evaluation.study.configuration import load
 
 RATE = 25
 MOMENT = 75  # frame of the change of lane

@@ -5,7 +5,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from accelerated_evaluation import CUT_IN, Problem, Stopping, load, map_crashes
+from accelerated_evaluation import CUT_IN, Problem, Stopping, map_crashes
 from accelerated_evaluation.crash_map.exact import ALL, exact_probabilities
 from accelerated_evaluation.crash_map.exact_variance import exact_variation
 from accelerated_evaluation.laws import Factors
@@ -13,6 +13,7 @@ from accelerated_evaluation.laws.distributions import BoundedExponential
 from accelerated_evaluation.methods import METHODS
 from accelerated_evaluation.methods.cross_entropy.method import CrossEntropyMethod
 from accelerated_evaluation.methods.importance_sampling import Sample
+from accelerated_evaluation.study.configuration import load
 from dependent_law import PIECES, UNIT, crash_probability, dependent_law
 from wall_car import GRID, WallCar
 

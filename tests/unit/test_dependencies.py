@@ -2,9 +2,10 @@
 
 import hashlib
 
-from accelerated_evaluation import SOURCES, load
+from accelerated_evaluation import SOURCES
 from accelerated_evaluation.base.files import content_digest, value_digest
 from accelerated_evaluation.study import dependencies
+from accelerated_evaluation.study.configuration import load
 from accelerated_evaluation.study.dependencies import code_up_to, in_order, without_unused
 
 

@@ -5,7 +5,7 @@ from pathlib import Path
 import numpy as np
 import pandas as pd
 import pytest
-from accelerated_evaluation import SOURCES, InputError, load
+from accelerated_evaluation import SOURCES, InputError
 from accelerated_evaluation.base.sections import default_of, number
 from accelerated_evaluation.base.tables import read_csv
 from accelerated_evaluation.records.ingest import Account, drop_invalid, ingest, opening_cut_ins
@@ -24,7 +24,7 @@ from accelerated_evaluation.records.segments import (
     write_encounters,
 )
 from accelerated_evaluation.records.sources import describe, read_source, source, spmd, table
-from accelerated_evaluation.study.configuration import ConfigurationError
+from accelerated_evaluation.study.configuration import ConfigurationError, load
 from scipy.stats import binom, kendalltau
 
 REPOSITORY = Path(__file__).resolve().parents[2]

@@ -5,7 +5,6 @@ from functools import cache
 import numpy as np
 import pandas as pd
 import pytest
-from accelerated_evaluation import load
 from accelerated_evaluation.records.checks import CHECKS, FINE, STOP, WARNING, Records
 from accelerated_evaluation.records.checks.known import (
     FACTOR,
@@ -13,6 +12,7 @@ from accelerated_evaluation.records.checks.known import (
     Picture,
     known_cut_ins,
 )
+from accelerated_evaluation.study.configuration import load
 
 NAMES = ["lead_speed", "range", "closing_speed"]
 FEET = 1 / 0.3048

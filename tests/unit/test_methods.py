@@ -7,12 +7,13 @@ import re
 import numpy as np
 import pandas as pd
 import pytest
-from accelerated_evaluation import CUT_IN, Problem, Stopping, load
+from accelerated_evaluation import CUT_IN, Problem, Stopping
 from accelerated_evaluation.laws.distributions import BoundedExponential, Empirical, PiecewiseMixture
 from accelerated_evaluation.laws.paper.models import IndependentLaw
 from accelerated_evaluation.methods import METHODS, Estimate, Method, configured_stopping
 from accelerated_evaluation.methods.cross_entropy.method import CrossEntropyMethod
 from accelerated_evaluation.methods.importance_sampling import draw_weights, estimate_from_weights
+from accelerated_evaluation.study.configuration import load
 from accelerated_evaluation.vehicles import Outcomes
 from fewruns import SystemProblem
 from scipy.stats import binom

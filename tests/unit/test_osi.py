@@ -7,8 +7,9 @@ from pathlib import Path
 import numpy as np
 import pandas as pd
 import pytest
-from accelerated_evaluation import SOURCES, InputError, cli, load
+from accelerated_evaluation import SOURCES, InputError, cli
 from accelerated_evaluation.records.sources import record_files
+from accelerated_evaluation.study.configuration import load
 
 betterosi = pytest.importorskip("betterosi", reason="betterosi, the extra 'osi', is not installed")
 ROOT = Path(__file__).resolve().parents[2]

@@ -4,7 +4,8 @@ import copy
 from pathlib import Path
 
 import pytest
-from accelerated_evaluation import InputError, load
+from accelerated_evaluation import InputError
+from accelerated_evaluation.study.configuration import load
 from accelerated_evaluation.study.preflight import require_cores, require_named, require_places, require_plain
 
 ROOT = Path(__file__).resolve().parents[2]

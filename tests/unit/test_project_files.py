@@ -3,9 +3,10 @@
 from pathlib import Path
 
 import pytest
-from accelerated_evaluation import SCENARIOS, load
+from accelerated_evaluation import SCENARIOS
 from accelerated_evaluation.base.files import PROJECT, project_file
 from accelerated_evaluation.scenarios.record_table import read_scenario_records
+from accelerated_evaluation.study.configuration import load
 
 RECORDS = "data/spmd/cut_ins.parquet"
 

@@ -9,10 +9,11 @@ from pathlib import Path
 import numpy as np
 import pandas as pd
 import pytest
-from accelerated_evaluation import SOURCES, InputError, load
+from accelerated_evaluation import SOURCES, InputError
 from accelerated_evaluation.cli import main
 from accelerated_evaluation.records.ingest import Account
 from accelerated_evaluation.records.sources import UNKNOWN, read_source, spmd_raw, table
+from accelerated_evaluation.study.configuration import load
 
 ROOT = Path(__file__).resolve().parents[2]
 HEADS = ROOT / "tests" / "data" / "safety_pilot"  # the first rows of the real files

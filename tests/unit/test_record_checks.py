@@ -6,7 +6,7 @@ from pathlib import Path
 import numpy as np
 import pandas as pd
 import pytest
-from accelerated_evaluation import SOURCES, InputError, load, load_vehicle
+from accelerated_evaluation import SOURCES, InputError, load_vehicle
 from accelerated_evaluation.base.tables import CLUSTER
 from accelerated_evaluation.records.checks import (
     CHECKS,
@@ -18,6 +18,7 @@ from accelerated_evaluation.records.checks import (
     inspect_records,
 )
 from accelerated_evaluation.records.segments import complete
+from accelerated_evaluation.study.configuration import load
 
 ROOT = Path(__file__).resolve().parents[2]
 PART = slice(30_000, 60_000)  # a part of the record, in its order

@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from accelerated_evaluation import CUT_IN, Box, InputError, Problem, Stopping, load, write_law
+from accelerated_evaluation import CUT_IN, Box, InputError, Problem, Stopping, write_law
 from accelerated_evaluation.laws.joint.truncated_normals import folded
 from accelerated_evaluation.methods import METHODS
 from accelerated_evaluation.methods.normal_mixture import DEFENSIVE, NormalMixture
@@ -10,6 +10,7 @@ from accelerated_evaluation.methods.problem import read_law_of
 from accelerated_evaluation.methods.study import study_method
 from accelerated_evaluation.scenarios.left_turn import LEFT_TURN
 from accelerated_evaluation.scenarios.pedestrian import PEDESTRIAN
+from accelerated_evaluation.study.configuration import load
 from law_folder import LAW as CUT_INS
 from normal_law import left_turn_law, normal_law
 from scipy.stats import binom, truncnorm

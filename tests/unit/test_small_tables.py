@@ -6,7 +6,7 @@ from pathlib import Path
 import numpy as np
 import pandas as pd
 import pytest
-from accelerated_evaluation import InputError, LawStudy, load
+from accelerated_evaluation import InputError, LawStudy
 from accelerated_evaluation.answer import law_table as law_scores
 from accelerated_evaluation.answer.smooth_family import SmoothFamily, named
 from accelerated_evaluation.base.errors import ConvergenceError
@@ -17,6 +17,7 @@ from accelerated_evaluation.laws.paper.piecewise import EXPONENTIAL, PieceFamily
 from accelerated_evaluation.laws.smooth.family import FEWEST, LEVELS, DistinctRecords, Member
 from accelerated_evaluation.publishing.figures.records import fig26_sample_size
 from accelerated_evaluation.records.segments import MINIMUM_ROWS, assign_segments, require_rows
+from accelerated_evaluation.study.configuration import load
 from accelerated_evaluation.vehicles import AccAeb
 
 RECORDS = Path(__file__).parents[2] / "data/spmd/cut_ins.parquet"

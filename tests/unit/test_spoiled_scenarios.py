@@ -7,13 +7,14 @@ from pathlib import Path
 import numpy as np
 import pandas as pd
 import pytest
-from accelerated_evaluation import SCENARIOS, InputError, Verdict, cli, load, load_vehicle, write_law
+from accelerated_evaluation import SCENARIOS, InputError, Verdict, cli, load_vehicle, write_law
 from accelerated_evaluation.answer import estimation
 from accelerated_evaluation.laws.files import signed
 from accelerated_evaluation.records.checks import CHECKS, Records, inspect_records
 from accelerated_evaluation.records.segments import complete
 from accelerated_evaluation.records.verdict import verdict_on, verdict_on_encounters
 from accelerated_evaluation.scenarios.record_table import read_scenario_records, records_to_check
+from accelerated_evaluation.study.configuration import load
 from test_record_checks import real
 from test_scenario_commands import LAW
 

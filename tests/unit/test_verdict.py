@@ -5,9 +5,10 @@ import json
 import numpy as np
 import pandas as pd
 import pytest
-from accelerated_evaluation import InputError, Verdict, cli, load
+from accelerated_evaluation import InputError, Verdict, cli
 from accelerated_evaluation.records.checks import CHECKS, Records, inspect_records
 from accelerated_evaluation.records.limits import limits_of, with_values
+from accelerated_evaluation.study.configuration import load
 from law_folder import write_law_folder
 from scipy.stats import lognorm, norm
 

@@ -4,11 +4,11 @@ import json
 from datetime import date
 
 import pytest
-from accelerated_evaluation import InputError, cli, load
+from accelerated_evaluation import InputError, cli
 from accelerated_evaluation.base import strict_yaml
 from accelerated_evaluation.scenarios import SCENARIOS
 from accelerated_evaluation.scenarios.parameters import parameter_names
-from accelerated_evaluation.study.configuration import ConfigurationError, read_again, read_yaml
+from accelerated_evaluation.study.configuration import ConfigurationError, load, read_again, read_yaml
 from accelerated_evaluation.vehicles.loading import load_vehicle
 from snakemake.common.configfile import load_configfile
 

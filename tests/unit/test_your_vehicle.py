@@ -9,8 +9,8 @@ from pathlib import Path
 import numpy as np
 import pandas as pd
 import pytest
-from accelerated_evaluation import cli, load, load_vehicle
-from accelerated_evaluation.study.configuration import read_yaml
+from accelerated_evaluation import cli, load_vehicle
+from accelerated_evaluation.study.configuration import load, read_yaml
 from accelerated_evaluation.vehicles.protocol import OUTCOMES
 
 ROOT = Path(__file__).resolve().parents[2]

@@ -4,7 +4,7 @@ import math
 from dataclasses import dataclass
 
 import numpy as np
-from accelerated_evaluation import CUT_IN, Problem, load
+from accelerated_evaluation import CUT_IN, Problem
 from accelerated_evaluation.laws import Factors
 from accelerated_evaluation.laws.distributions import (
     BoundedExponential,
@@ -17,6 +17,7 @@ from accelerated_evaluation.laws.paper.models import IndependentLaw
 from accelerated_evaluation.methods import METHODS
 from accelerated_evaluation.methods.cross_entropy.families import PiecewiseFamily, SingleFamily
 from accelerated_evaluation.methods.cross_entropy.method import CrossEntropyMethod
+from accelerated_evaluation.study.configuration import load
 from accelerated_evaluation.vehicles import Outcomes
 
 SETTINGS = load()
