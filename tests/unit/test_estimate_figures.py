@@ -73,7 +73,8 @@ def test_markers_are_where_replicates_converge(estimates, course):
     ):
         ends = data[data["kind"] == "converged"]
         assert ends["replicate"].tolist() == [0] * data["method"].nunique()
-        markers = [line for line in figure.axes[0].get_lines() if line.get_marker() in ("o", "|")]
+        places = figure.axes[-1] if "relative_half_width" in data else figure.axes[0]
+        markers = [line for line in places.get_lines() if line.get_marker() == "o"]
         assert {int(x) for line in markers for x in line.get_xdata()} == {700}
 
 
@@ -101,5 +102,5 @@ def test_the_replicate_in_front_is_the_median_one(course):
     three = pd.concat([course, course[course["replicate"] == 0].assign(replicate=2)])
     course = three[three["method"] == "single"]
     figure, _ = fig13_relative_half_width(ends.assign(ci_low=0, ci_high=1), course, "5-15", 0.2, "made up")
-    large = [line.get_xdata() for line in figure.axes[0].get_lines() if line.get_markersize() == 10]
+    large = [line.get_xdata() for line in figure.axes[1].get_lines() if line.get_markersize() == 6]
     assert [x for xs in large for x in xs] == [300]

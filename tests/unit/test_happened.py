@@ -32,6 +32,7 @@ from accelerated_evaluation.publishing.figures.likeliest_crashes import (
     fig28_ways_to_crash,
     fig29_nearest_records,
 )
+from accelerated_evaluation.publishing.tables.display import NAMES
 from accelerated_evaluation.records.segments import complete
 from accelerated_evaluation.vehicles import AccAeb, Outcomes
 from rate_car import RATE, RateCar, exponential_records
@@ -252,4 +253,17 @@ def test_the_figure_of_what_can_be_prevented(law, records):
     drawn, data = fig30_preventable(table, encounters, "made up")
     assert data is table
     labels = [text.get_text() for text in drawn.legends[0].get_texts()]
+    assert "never crashes" not in "".join(text.get_text() for text in drawn.axes[0].texts)
     assert labels == ["car under test", "striped", *(f"1 in {1 / level:,.0f} cut-ins" for level in FORESEEN)]
+
+
+def test_the_figure_says_where_a_line_ends_and_who_never_crashes():
+    ranges = np.arange(1.0, 6.0)
+    ends = pd.DataFrame({"name": "cc_human", "range": ranges, "always": [2.0, 3.0, 4.0, np.nan, np.nan]})
+    table = pd.concat([ends, ends.assign(name="rss", always=np.nan)]).assign(lead_speed=8.0, kind="vehicle")
+    encounters = pd.DataFrame({"lead_speed": [8.0], "range": [4.0], "closing_speed": [1.0]})
+    drawn, _ = fig30_preventable(table.assign(first=table["always"]), encounters, "made up")
+    assert [text.get_text() for text in drawn.axes[0].texts] == [f"never crashes:\n{NAMES['rss']}"]
+    assert "no crash at larger ranges" in [text.get_text() for text in drawn.legends[0].get_texts()]
+    marks = [line.get_xydata().tolist() for line in drawn.axes[0].get_lines() if line.get_marker() == "|"]
+    assert marks == [[[3.0, 4.0]], []]

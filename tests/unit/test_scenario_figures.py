@@ -48,12 +48,12 @@ def drawn_methods(converged=(True, True, False), probability=(0.02, 0.021, 0.000
 def test_a_speed_without_a_sign_is_drawn_as_the_laws_treat_it():
     drawn, points = drawn_records(PEDESTRIAN)
     assert points["pedestrian_speed_mps"].min() == 0
-    assert drawn.axes[0].get_ylabel() == "|pedestrian speed| [m/s]"
+    assert drawn.axes[0].get_ylabel().startswith("|pedestrian speed| [m/s]\n(linear below 0.")
     assert [axes.get_xlabel() for axes in drawn.axes[:2]] == ["vehicle speed [m/s]"] * 2
     assert drawn.axes[0].get_yscale() == drawn.axes[2].get_xscale() == "symlog"
     assert drawn.axes[0].get_xscale() == "linear"
     drawn, points = drawn_records(LEFT_TURN)
-    assert drawn.axes[0].get_ylabel() == "turning speed [m/s]"
+    assert drawn.axes[0].get_ylabel().startswith("turning speed [m/s]\n(linear below 0.")
 
 
 @pytest.mark.parametrize(("factor", "scale"), [(1, "linear"), (0.01, "log")])

@@ -103,6 +103,8 @@ LOOKS = (
 )
 # Line widths of the closing speeds that the law exceeds, from the most frequent to the rarest.
 EXCEEDED = (0.7, 1.6)
+END = {"marker": "|", "markersize": 9, "markeredgewidth": 1.5}  # where a line ends
+EDGE = {"linewidth": 0.6, "linestyle": "-", "color": "black"}
 MARKS_ON_A_LINE = 6  # number of markers on a line; those of different vehicles are at different ranges
 
 
@@ -119,7 +121,7 @@ def fig30_preventable(
     """
     speeds = preventable["lead_speed"].unique()
     with paper_style():
-        size = (2 * COLUMN_WIDTH, 1.2 * COLUMN_WIDTH)
+        size = (2 * COLUMN_WIDTH, 1.4 * COLUMN_WIDTH)
         drawn, all_axes = plt.subplots(1, len(speeds), sharex=True, sharey=True, figsize=size, squeeze=False)
         for letter, axes, speed in zip("abc", all_axes[0], speeds, strict=False):
             near = encounters[np.abs(encounters["lead_speed"] - speed) <= BAND]
@@ -128,7 +130,10 @@ def fig30_preventable(
             axes.set_title(f"({letter}) lead speed {speed:g} m/s,\n{len(near):,} records", loc="left")
             axes.set(xlim=(0, 75), ylim=(0, TOP), xlabel="range [m]")
         all_axes[0, 0].set_ylabel("closing speed [m/s]")
-        drawn.legend(*all_axes[0, 0].get_legend_handles_labels(), loc="outside upper center", ncols=4)
+        entries = {}
+        for axes in all_axes[0]:
+            entries |= dict(zip(*axes.get_legend_handles_labels()[::-1], strict=True))
+        drawn.legend(entries.values(), entries.keys(), loc="outside upper center", ncols=3)
         note_source(drawn, source)
     return drawn, preventable
 
@@ -153,18 +158,30 @@ def _draw_records(axes: Axes, near: pd.DataFrame) -> None:
 
 def _draw_lines(axes: Axes, rows: pd.DataFrame) -> None:
     vehicles = rows[rows["kind"] == "vehicle"].groupby("name", sort=False)
+    never = []
     for place, (name, line) in enumerate(vehicles):
         turn, at = divmod(place, len(LOOKS))  # further vehicles combine the looks in another way
         color, dashes, marker = (LOOKS[(at + shift * turn) % len(LOOKS)][shift] for shift in range(3))
         style = {"color": color, "linestyle": dashes}
         step = max(len(line) // MARKS_ON_A_LINE, 1)
-        points = {"marker": marker, "markersize": 4, "markevery": (place * step // len(LOOKS), step)}
+        points = {"marker": marker, "markersize": 5, "markevery": (place * step // len(LOOKS), step)}
+        points |= {"markerfacecolor": "white" if place % 2 else color, "markeredgewidth": 0.8}
         label = NAMES.get(str(name), str(name))
         axes.plot(line["range"], line["always"], label=label, linewidth=1.1, **style, **points)
+        crashing = line[line["always"].notna()]
+        if crashing.empty:
+            never += [label] if line["first"].isna().all() else []
+        elif crashing["range"].iloc[-1] < line["range"].iloc[-1]:
+            axes.plot(*crashing[["range", "always"]].iloc[-1], color=color, **END)
+            axes.plot([], [], color="black", linestyle="none", label="no crash at larger ranges", **END)
         # Crashes at lower closing speeds, below the line, are drawn if they form a smooth line too.
         island = line["first"].where(line["first"] < line["always"] - ISLAND)
         if island.notna().sum() > 1 and island.diff().abs().median() < ISLAND:
-            axes.plot(line["range"], island, linewidth=0.6, **style)
+            axes.plot(line["range"], island, **EDGE | {"color": color})
+            axes.plot([], [], label="lower edge of separate crashes", **EDGE)
+    if never:
+        text = "never crashes:\n" + "\n".join(never)
+        axes.text(0.98, 0.98, text, transform=axes.transAxes, ha="right", va="top", fontsize=7)
     laws = rows[rows["kind"] == "law"].groupby("name", sort=False)
     for (name, line), width in zip(laws, EXCEEDED, strict=False):
         label = f"1 in {1 / float(name):,.0f} cut-ins"

@@ -23,6 +23,7 @@ from accelerated_evaluation.publishing.figures.dot_chart import (
     name_groups,
     name_rows,
     spaced,
+    write_beside,
 )
 from accelerated_evaluation.publishing.figures.style import COLUMN_WIDTH, note_source, paper_style, style_of
 from accelerated_evaluation.publishing.published import figure
@@ -30,6 +31,31 @@ from accelerated_evaluation.publishing.published import figure
 OURS = "this project"
 # Colour, marker and vertical shift of each procedure in figure 24.
 PROCEDURES = {OURS: ("#08306b", "o", -0.25), "paper": ("#b2182b", "s", 0.25)}
+# What the world of each kind is or does, in words, as in the table of benchmarks/worlds/README.md.
+WORLDS = {
+    "paper": "the paper's law",
+    "exponential": "exponential tail, as fitted",
+    "heavy": "heavier, generalised Pareto tail",
+    "light": "tail with an upper end",
+    "two kinds": "3 % of drivers nearer and faster",
+    "reckless drivers": "0.2 % of drivers much faster",
+    "two regions": "30 % from a more dangerous region",
+    "host speed limit": "no host faster than 31 m/s",
+    "bent tail": "hazard halves far in the tail",
+    "local habit": "faster at lead speeds near 14 m/s",
+    "few drivers": "50 cut-ins of each driver",
+    "season": "last part nearer and faster",
+    "some with a limit": "40 % of hosts below 27 m/s",
+    "late bend": "hazard falls beyond the records",
+    "steep end": "hazard doubles beyond the records",
+    "fading dependence": "far tail equal at all places",
+    "slow trucks": "10 % of hosts close in slowly",
+    "double bend": "hazard rises, then falls",
+    "gradual bend": "hazard falls gradually",
+    "aggressive when near": "far tail larger at short ranges",
+    "heavier in fast traffic": "far tail larger in fast traffic",
+    "heavier in slow traffic": "far tail larger in slow traffic",
+}
 STOPPINGS = {
     "fixed": {"label": "fixed size, normal", "marker": "o", "fillstyle": "none"},
     "fixed_gamma": {"label": "fixed size, gamma", "marker": "o", "fillstyle": "full"},
@@ -78,12 +104,14 @@ def fig24_worlds(worlds: pd.DataFrame, beyond: pd.DataFrame) -> tuple[Figure, pd
     ``worlds``, ``beyond``: tables ``worlds.csv`` and ``worlds_beyond.csv`` of ``benchmarks/results``: a row
     for each kind of world and procedure. The kinds that only the second one has break an assumption of this
     project. The figure has panels for the coverage of the 80 % intervals, for their width, and for the ratio
-    of median estimate and truth. The data are the rows of both tables that it shows, with ``group``.
+    of median estimate and truth. The number at the right of a row is that of this project's worlds. The
+    data are the rows of both tables that it shows, with ``group`` and ``world``, the kind in words.
     """
     further = beyond[~beyond["kind"].isin(worlds["kind"]) & (beyond["procedure"] == "map")]
     further = further.assign(procedure=OURS, group="break an assumption")
     data = pd.concat([worlds.assign(group="similar to the models"), further], ignore_index=True)
-    rows = data.drop_duplicates("kind")
+    data["world"] = data["kind"].map(WORLDS).fillna(data["kind"])
+    rows = data[data["procedure"] == OURS]
     y = pd.Series(1.8 * spaced(rows["group"], 1.0), index=rows["kind"])
     with paper_style():
         size = (2 * COLUMN_WIDTH, FRAME + 1.1 * ROW * (y.max() + 3))
@@ -95,14 +123,15 @@ def fig24_worlds(worlds: pd.DataFrame, beyond: pd.DataFrame) -> tuple[Figure, pd
             share = own["coverage80"]
             reach = [share - own["coverage80_low"], own["coverage80_high"] - share]
             sizes = " or ".join(map(str, sorted(own["worlds"].unique())))
-            label = f"{procedure}, {sizes} worlds of each kind"
+            label = f"{procedure} ({sizes} worlds of each kind)"
             panels[0].errorbar(
                 100 * share, at, xerr=100 * np.array(reach), label=label, elinewidth=0.8, **look
             )
             panels[1].plot(own["width80"], at, **look)
             panels[2].plot(own["median_ratio"], at, **look)
         _name_panels(panels)
-        name_rows(panels[0], y.to_numpy(), rows["group"], rows["kind"])
+        name_rows(panels[0], y.to_numpy(), rows["group"], rows["world"])
+        write_beside(panels[-1], y, rows["worlds"].astype(str), "worlds")
         panels[0].set_ylim(y.max() + 1, -2.5)
         drawn.legend(*panels[0].get_legend_handles_labels(), loc="outside upper center", ncols=2)
         note_source(drawn, "synthetic worlds, as many cut-ins as recorded; bars: 95 % limits")

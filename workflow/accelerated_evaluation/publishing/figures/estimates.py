@@ -23,8 +23,7 @@ from accelerated_evaluation.publishing.tables.spreads import of_method
 
 NUMBERS = ("probability", "ci_low", "ci_high", "relative_half_width")
 COMPARED = ("piecewise", "single")  # in the paper's figure 12
-# Marker of convergence, and its sizes for the median replicate and for the others.
-CIRCLE, STROKE = ("o", 6, 2.5), ("|", 10, 5)  # for points of the same height
+LARGE, SMALL = 6, 2.5  # markers of convergence, for the median replicate and for the others
 REFERENCES = {
     "exact": {"color": "black", "linewidth": 1.0, "linestyle": "-"},
     "paper": {"color": "black", "linewidth": 0.8, "linestyle": ":"},
@@ -54,7 +53,8 @@ def fig12_crash_probability(
             "ab", panels, table.groupby("method", sort=False), strict=True
         ):
             axes.set_title(f"({letter}) {method}", loc="left")
-            _draw_replicates(axes, rows, method, "probability", CIRCLE)
+            _draw_replicates(axes, rows, method, "probability")
+            _mark_convergence(axes, rows, method, "probability")
             front = rows[(rows["kind"] == "course") & (rows["replicate"] == _front(rows))]
             style = {"color": "#808080", "alpha": 0.3, "linewidth": 0, "zorder": 1}
             label = f"{100 * (1 - alpha):g} % interval"
@@ -79,25 +79,34 @@ def fig13_relative_half_width(
 ) -> tuple[Figure, pd.DataFrame]:
     """Draw the relative half-width of the interval against the number of simulations (paper, figure 13).
 
-    The figure shows the median replicate of each method in front. The columns of the data are kind (course,
-    converged or beta), method, replicate, simulations and relative_half_width.
+    The figure shows the median replicate of each method in front. A second panel shows where the replicates
+    converge, in a row for each method, since these points have the same height in the first one. The columns
+    of the data are kind (course, converged or beta), method, replicate, simulations and relative_half_width.
     """
-    table = _rows(estimates, course, estimates["method"].unique(), segment)
+    methods = estimates["method"].unique()
+    table = _rows(estimates, course, methods, segment)
     with paper_style():
-        drawn, axes = plt.subplots(figsize=(COLUMN_WIDTH, 3.0))
+        size = (COLUMN_WIDTH, 3.0 + 0.15 * len(methods))
+        ratios = (2, 0.15 * len(methods) + 0.2)
+        drawn, (axes, ends) = plt.subplots(2, 1, figsize=size, sharex=True, height_ratios=ratios)
         for method, rows in table.groupby("method", sort=False):
-            _draw_replicates(axes, rows, method, "relative_half_width", STROKE)
+            _draw_replicates(axes, rows, method, "relative_half_width")
+            height = pd.Series(float(list(methods).index(method)), index=rows.index)
+            _mark_convergence(ends, rows.assign(height=height), method, "height")
         axes.axhline(beta, label=rf"$\beta$ = {beta:g}", **REFERENCES["beta"])
         axes.set(xscale="log", yscale="log", ylabel="relative half-width")
-        axes.set_xlabel(f"simulations, $v_L$ {segment.replace('-', '–')} m/s")
+        ends.set_title("all replicates, where they converge", loc="left")
+        ends.set_yticks(range(len(methods)), methods)
+        ends.set(ylim=(len(methods) - 0.4, -0.6))
+        ends.set_xlabel(f"simulations, $v_L$ {segment.replace('-', '–')} m/s")
         if table["relative_half_width"].isna().all():
             axes.set_xlim(1, table["simulations"].max())
             say_no_crash(axes)
         axes.yaxis.set_major_locator(LogLocator(subs=(1, 2, 5)))
         axes.yaxis.set_minor_formatter(NullFormatter())
-        for axis in (axes.xaxis, axes.yaxis):
+        for axis in (ends.xaxis, axes.yaxis):
             axis.set_major_formatter(StrMethodFormatter("{x:,g}"))
-        _add_legend(drawn, estimates["method"].unique())
+        _add_legend(drawn, methods)
         note_source(drawn, source)
     return drawn, _complete(table, "relative_half_width", {"beta": beta}, drop=list(NUMBERS[:3]))
 
@@ -122,10 +131,8 @@ def _front(rows: pd.DataFrame) -> int:
     return rows["replicate"].min() if ends.empty else ends["replicate"].iloc[(len(ends) - 1) // 2]
 
 
-def _draw_replicates(
-    axes: Axes, rows: pd.DataFrame, method: str, column: str, sign: tuple[str, float, float]
-) -> None:
-    """Draw all replicates of a method, the median one in front, with signs where they converge."""
+def _draw_replicates(axes: Axes, rows: pd.DataFrame, method: str, column: str) -> None:
+    """Draw all replicates of a method, the median one in front."""
     look = style_of(method, "color", "linestyle")
     front = _front(rows)
     for replicate, course in rows[rows["kind"] == "course"].groupby("replicate"):
@@ -133,14 +140,19 @@ def _draw_replicates(
         if replicate == front:
             depth = {"zorder": 3, "label": method}
         axes.plot(course["simulations"], course[column], **look, **depth)
+
+
+def _mark_convergence(axes: Axes, rows: pd.DataFrame, method: str, column: str) -> None:
+    """Mark where the replicates of a method converge; the marker of the median one is larger."""
+    front = _front(rows)
     ends = rows[rows["kind"] == "converged"]
-    marker, large, small = sign
-    style = {"marker": marker, "markerfacecolor": "white", "linestyle": "none", "zorder": 4}
-    for is_front, size in ((False, small), (True, large)):
+    style = {"marker": "o", "markerfacecolor": "white", "linestyle": "none", "zorder": 4}
+    for is_front, size in ((False, SMALL), (True, LARGE)):
         chosen = ends[(ends["replicate"] == front) == is_front]
-        axes.plot(chosen["simulations"], chosen[column], color=look["color"], markersize=size, **style)
+        color = style_of(method)["color"]
+        axes.plot(chosen["simulations"], chosen[column], color=color, markersize=size, **style)
     if len(ends):
-        axes.plot([], [], color="black", markersize=large, label="converged", **style)
+        axes.plot([], [], color="black", markersize=LARGE, label="converged", **style)
 
 
 def _add_legend(drawn: Figure, methods: Sequence[str]) -> None:

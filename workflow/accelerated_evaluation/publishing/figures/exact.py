@@ -138,7 +138,8 @@ def fig16_uncertainty(
         drawn, axes = plt.subplots(figsize=(COLUMN_WIDTH, 2.2))
         at = np.flatnonzero(budget["source"] == "data")[0] + 0.3
         strokes = {"color": PIECES[2], "marker": "|", "linestyle": "none", "markersize": 5, "zorder": 1}
-        axes.plot(refits["probability"], np.full(len(refits), at), markeredgewidth=0.3, **strokes)
+        strokes["label"] = "one bootstrap refit"
+        axes.plot(refits["probability"], np.full(len(refits), at), markeredgewidth=0.5, **strokes)
         draw_intervals(axes, budget, y, **{**DOT, "linewidth": 1.5})
         draw_truth(axes, data.iloc[0], "exact, model of the study")
         axes.set_yticks(y, budget["source"].replace(names))
@@ -181,10 +182,10 @@ def fig17_severity(severity: pd.DataFrame, source: str) -> tuple[Figure, pd.Data
             top.set_yscale("log")
         else:
             say_no_crash(top)
-        top.set_title("(a) impact speeds", loc="left")
+        top.set_title("(a) impact speeds, paper's law", loc="left")
         top.set(xlabel="impact speed $v$ [m/s]", ylabel="share of crashes above $v$")
         y = np.arange(len(near))
-        bottom.set_title("(b) near misses", loc="left")
+        bottom.set_title("(b) near misses, paper's law", loc="left")
         bottom.plot(near["probability"], y, **DOT)
         bottom.set_yticks(y, near["event"].str.replace("smallest ", "", regex=False))
         write_beside(bottom, y, in_ratios(near["to_crash"]), "× crash")

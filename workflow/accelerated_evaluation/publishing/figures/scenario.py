@@ -98,6 +98,9 @@ def fig02_scenario_answer(answer: pd.DataFrame, source: str) -> tuple[Figure, pd
             low, high = table[f"low{level}"], table[f"high{level}"]
             axes.hlines(y, low, high, color=PIECES[0], linewidth=width, label=f"{level} % interval")
         axes.plot(table["median"], y, "o", color="white", markeredgecolor=PIECES[0], label="median")
+        for at in y[table["median"].isna()]:
+            say = {"transform": axes.get_yaxis_transform(), "ha": "center", "va": "center", "fontsize": 6}
+            axes.text(0.5, at, "too few events for an estimate", color="#555555", **say)
         parts = "\n" + table["encounters"] if "encounters" in table else ""  # few runs have no parts
         axes.set_yticks(y, table["event"] + parts, fontsize=6)
         axes.set_ylim(len(table) - 0.4, -0.6)
@@ -140,6 +143,8 @@ def fig03_scenario_methods(
         crude = table[found & (table["method"] == "crude")]
         if len(crude):
             draw_truth(axes, crude.iloc[0], "crude Monte Carlo")
+        for _, rows in pd.Series(y).groupby(table["method"].to_numpy()):
+            axes.axhspan(rows.min() - 0.6, rows.max() + 0.6, color="#f4f4f4", linewidth=0, zorder=0)
         words = {name: f"{str(name).replace('_', ' ')},\n{runs[name]:,.0f} runs" for name in runs.index}
         name_groups(axes, y, table["method"].map(words))
         label = f"probability: {table['event'].iloc[0]},\n{100 * (1 - alpha):g} % intervals"
@@ -160,7 +165,8 @@ def _show_small_values(axis: Axis, linear: float) -> None:
     set_scale = axis.axes.set_xscale if axis.axis_name == "x" else axis.axes.set_yscale
     set_scale("symlog", linthresh=linear)
     ticks = [0, linear, *(tick for tick in (1, 10) if tick > linear)]
-    axis.set_ticks(ticks, [f"{tick:g}" for tick in ticks])
+    axis.set_ticks(ticks, [f"{tick:.2g}" for tick in ticks])
+    axis.set_label_text(f"{axis.get_label_text()}\n(linear below {linear:.2g})")
     axis.set_minor_locator(NullLocator())
 
 

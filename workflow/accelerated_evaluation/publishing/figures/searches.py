@@ -34,7 +34,7 @@ def fig08_thresholds(trace: pd.DataFrame, segment: str, source: str) -> tuple[Fi
     A relaxed event is a time to collision or a range below a threshold. The search lowers the thresholds
     until the event is the crash.
 
-    The figure shows the threshold of TTC on its left scale and that of the range, t_R, on its right scale.
+    The figure shows the threshold of TTC. That of the range, t_R, is a multiple of it, which is in the label.
     The columns of the data are seed, iteration, threshold_ttc_s, threshold_range_m and events.
     """
     rows = _piecewise(trace, segment)
@@ -47,11 +47,8 @@ def fig08_thresholds(trace: pd.DataFrame, segment: str, source: str) -> tuple[Fi
         _mark_crash(axes, rows[rows["seed"] == rows["seed"].min()])
         _count_iterations(axes, rows, segment)
         axes.set_ylabel("threshold $t_{TTC}$ [s]")
-        if ratio > 0:  # it is 0 if the crash itself was the event in all iterations
-            right = axes.secondary_yaxis("right", functions=(lambda t: t * ratio, lambda r: r / ratio))
-            right.set_ylabel("$t_R$ [m] (same curve)")
-            right.spines["right"].set_visible(True)
-        axes.legend()
+        same = f"$t_R$ = {ratio:.2g} m/s $\\times$ $t_{{TTC}}$"
+        axes.legend(title=same if ratio > 0 else None)  # 0 if the crash was the event in all iterations
         note_source(drawn, source)
     columns = ["seed", "iteration", "threshold_ttc_s", "threshold_range_m", "events"]
     return drawn, rows[columns].reset_index(drop=True)
@@ -116,9 +113,12 @@ def _parameters(trace: pd.DataFrame, segment: str, variable: str, source: str) -
                 lower.plot(kept["iteration"], kept["theta"], **style | OPEN)
         upper.set_title("(a) weights of all pieces", loc="left")
         upper.set(ylabel=r"weight $\tilde{\pi}$", yscale="log")
-        for letter, lower, name in zip("bcdef", lowers, names.values(), strict=False):
+        for letter, lower, (piece, name) in zip("bcdef", lowers, names.items(), strict=False):
             lower.set_title(f"({letter}) tilt for {name}", loc="left")
             lower.set_ylabel(rf"tilt $\theta$ [{unit}]")
+            if not table.loc[(table["piece"] == piece) & (table["seed"] == seeds[0]), "theta"].any():
+                say = {"transform": lower.transAxes, "ha": "right", "va": "top", "fontsize": 7}
+                lower.text(1, 1, f"seed {seeds[0]}: too few events for an update", **say)
         _count_iterations(lowers[-1], table, segment)
         drawn.legend(*upper.get_legend_handles_labels(), loc="outside upper center", ncols=3)
         note_source(drawn, source)
