@@ -4,10 +4,12 @@ from dataclasses import dataclass, replace
 
 import accelerated_evaluation as ae
 import numpy as np
+import pandas as pd
 import pytest
 from accelerated_evaluation.answer.by_few_runs import GOAL
 from accelerated_evaluation.answer.comparison import draws_table
 from accelerated_evaluation.answer.joint_family import NEAR, Candidate, ClusteredRecords, JointFamily
+from accelerated_evaluation.answer.posterior import answer_row
 from accelerated_evaluation.answer.replays import LEVEL, replay
 from accelerated_evaluation.base.arrays import Array
 from accelerated_evaluation.scenarios.protocol import FLAG, outcome
@@ -250,3 +252,29 @@ def test_the_records_contradict_few_runs_that_miss_a_part():
         assert truth < found.posterior.probability + found.notes["estimate"].diagnostics["unseen_any"]
         assert replays.p_value(found.table()["high95"][0]) < LEVEL
     assert replays.p_value(truth) > LEVEL
+
+
+def test_an_event_that_did_not_happen_has_exact_limits():
+    """With n independent simulations without the event, (1 - high)^n is the probability of the upper tail."""
+    row = answer_row(None, 2000)
+    for level in (0.5, 0.8, 0.95):
+        assert row[f"low{100 * level:.0f}"] == 0
+        assert (1 - row[f"high{100 * level:.0f}"]) ** 2000 == pytest.approx((1 - level) / 2)
+    assert np.isnan([row["probability"], row["median"]]).all()
+    assert np.isnan(list(answer_row(None).values())).all()
+
+
+def test_left_turns_without_speeds_that_are_certainly_wrong():
+    """Four recorded speeds are left out; the answer has rows for the encounters without them."""
+    holds = ae.SCENARIOS["left_turn"].restrictions["turning speed 30 m/s or less"]
+    speeds = pd.read_parquet(ae.SCENARIOS["left_turn"].records)["turning_speed_mps"].to_numpy()
+    assert (~holds(np.column_stack([np.zeros(speeds.size), speeds, speeds]))).sum() == 4
+
+
+def test_an_answer_by_simulations_bounds_events_that_did_not_happen():
+    never = ae.Event.above("impact_speed", 60.0, scored_by="clearance")
+    draws = ae.choose_draws("independent_variables", ae.read_records("left_turn"))
+    found = ae.evaluate(ae.Problem("left_turn", "acc_aeb"), draws, ae.Simulations(5000), [never], generator=1)
+    row = found.table().iloc[1]
+    assert (1 - row["high80"]) ** found.simulations == pytest.approx(0.1)
+    assert found.table().iloc[0]["low80"] > 0

@@ -17,6 +17,7 @@ from accelerated_evaluation.answer.lead_motion import (
     motion_table,
 )
 from accelerated_evaluation.laws.motion import RAREST, STATES, STEP, draw_wide
+from accelerated_evaluation.laws.motion.recorded import Ngsim
 from accelerated_evaluation.laws.smooth.conditional import SpeedLaw, range_grid, speed_grid
 from accelerated_evaluation.laws.smooth.family import DistinctRecords
 from accelerated_evaluation.laws.smooth.smooth_hazard import SmoothHazard
@@ -135,10 +136,13 @@ def by_quadrature_opening(recorded):
 
 @pytest.fixture(autouse=True, scope="module")
 def fewer_draws():
-    before = module.PLACES, module.OPENING
-    module.PLACES, module.OPENING = 400, 5000
+    names, fewer = ("PLACES", "OPENING", "PILOT", "RARE"), (400, 5000, 5000, 20_000)
+    before = [getattr(module, name) for name in names]
+    for name, number in zip(names, fewer, strict=True):
+        setattr(module, name, number)
     yield
-    module.PLACES, module.OPENING = before
+    for name, number in zip(names, before, strict=True):
+        setattr(module, name, number)
 
 
 @pytest.fixture(scope="module")
@@ -221,8 +225,23 @@ def test_no_crash_has_a_limit_and_not_an_error_of_zero_alone(records):
     never = replace(records, range_=np.full(SPEEDS.size, 60.0), closing_speed=np.zeros(SPEEDS.size))
     found = problem(records, Coasts()).opening(never, np.random.default_rng(7))
     assert (found.moved, found.error) == (0, 0)
-    assert found.limit == pytest.approx(3 * 4 / 5000)
+    assert found.limit == pytest.approx(3 / 20_000)
     assert np.isnan(found.factor()[0])
+
+
+def test_rare_crashes_are_estimated_without_bias(records, opening):
+    """The pilot decides how cut-ins are drawn: with crashes in some pilots only, the mean stays exact."""
+    rare = replace(opening, range_=np.linspace(7.6, 30, SPEEDS.size), closing_speed=np.zeros(SPEEDS.size))
+    asked, before = problem(records, Coasts()), module.PILOT
+    truth = by_quadrature_opening(rare)
+    module.PILOT = round(0.7 / truth / 5)
+    found = [asked.opening(rare, np.random.default_rng([10, seed])) for seed in range(100)]
+    module.PILOT = before
+    sizes = {round(1 / each.limit) if not each.moved else 0 for each in found}
+    mean, reach = mean_and_reach(found)
+    assert len(sizes) <= 2
+    assert reach < 0.1 * truth
+    assert abs(mean - truth) < 3.5 * reach
 
 
 def test_all_cut_ins_are_the_mean_of_both_kinds():
@@ -288,7 +307,13 @@ def test_the_table_has_the_recorded_opening_cut_ins_or_mirrored_ones(records, as
         both = shares[kind] * table.loc["opening", "moving"]
         both += (1 - shares[kind]) * table.loc["closing", "moving"]
         assert table.loc["all", "moving"] == pytest.approx(both)
-        assert np.isfinite(
-            table.loc["closing", ["factor", "factor_error", "factor_half"]].astype(float)
-        ).all()
+        factors = table.loc["closing", ["factor", "factor_error", "factor_half"]].astype(float)
+        assert np.isfinite(factors).all()
+        if kind == "own":
+            stronger = [Ngsim(scale) for scale in (1.0, 2.0, 3.0)]
+            arguments = vehicles, maps, study, recorded, np.random.default_rng(9), Ngsim(), stronger
+            other = motion_table(*arguments).set_index("gap")
+            assert other.loc["closing", "moving"] == table.loc["closing", "moving"]
+            assert np.isnan(other.loc["closing", "factor_half"])
+            assert other.loc["closing", "factor_error"] > 2 * factors["factor_error"]
     assert shares == {"own": 0.5, "few": pytest.approx(229_889 / 403_581), "none": shares["few"]}

@@ -90,6 +90,7 @@ rule compare_vehicles:
     output:
         **tables_of_laws(
             "vehicles",
+            "vehicle_draws",
             "compared",
             "criteria",
             "deciding",

@@ -1,7 +1,8 @@
 # World: comparison of the predictions with crashes that were counted on roads (beyond the paper).
 #
 # In: crash probabilities and rates of the vehicles; the laws; counted crashes from data/crash_counts of this project.
-# Out: predicted and counted crash rates in one table; predicted crashes and near-crashes of human drivers.
+# Out: predicted and counted crash rates in one table; predicted crashes and near-crashes of human drivers; one crash rate
+# of all cut-ins, with what is not known about lead motion.
 
 
 rule count_crashes:
@@ -52,15 +53,20 @@ rule predict_humans:
 
 
 rule study_lead_motion:
-    """Estimate crash probabilities with a lead vehicle that changes its speed, for vehicles with a map."""
+    """Estimate crash probabilities with a lead vehicle that changes its speed, and one crash rate of all cut-ins."""
     input:
         records=ancient(local(RECORDS)),  # encounters.parquet lacks the cut-ins whose gap opens
         encounters=rules.ingest_encounters.output.encounters,
         family=rules.fit_family.output.family,
         maps=[f"{folder}/crash_map/full.npz" for folder in FOLDERS.values()],
         vehicles=ancient(local(INPUTS.files_of(*MAPPED_VEHICLES))),
+        profiles=of_project("data/europe/lead_motion.parquet"),
+        exposure=rules.ingest_encounters.output.exposure,
+        draws=rules.compare_vehicles.output.vehicle_draws,
     output:
         moving=result("lead_motion.csv"),
+        europe=result("lead_motion_europe.csv"),
+        together=result("all_cut_ins.csv"),
     log:
         log_of("study_lead_motion.log"),
     benchmark:

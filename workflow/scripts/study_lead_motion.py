@@ -1,13 +1,16 @@
-"""Estimate the crash probabilities of the vehicles with a lead vehicle that changes its speed."""
+"""Estimate crash probabilities with a lead vehicle that changes its speed, and the rate of all cut-ins."""
 
 from functools import partial
 
+import pandas as pd
+from accelerated_evaluation.answer.all_cut_ins import rates_table
 from accelerated_evaluation.answer.fitted_records import stored_records
 from accelerated_evaluation.answer.law_study import LawStudy
 from accelerated_evaluation.answer.lead_motion import motion_table
-from accelerated_evaluation.base.files import write_csv
+from accelerated_evaluation.base.files import read_json, write_csv
 from accelerated_evaluation.base.randomness import child_generator
 from accelerated_evaluation.crash_map.maps import read_crash_map
+from accelerated_evaluation.laws.motion.recorded import Recorded
 from accelerated_evaluation.laws.smooth.family import DistinctRecords
 from accelerated_evaluation.records.ingest import opening_cut_ins
 from accelerated_evaluation.records.sources import read_source
@@ -15,19 +18,32 @@ from accelerated_evaluation.scenarios.cut_in import CUT_IN
 from accelerated_evaluation.study.jobs import job
 from accelerated_evaluation.vehicles.external.slow import all_loaded
 
+RESAMPLED = 20  # number of laws of European lead motion that are fitted to resampled profiles
+
 if __name__ == "__main__":
     with job(snakemake.log[0]):
         files, params = snakemake.input, snakemake.params
-        records = stored_records(CUT_IN, files.encounters, params.support)
+        records = stored_records(CUT_IN, files.encounters, params.support, read_json(files.exposure))
         raw = read_source(params.data, child_generator(params.seed, "sample"))
         opening = DistinctRecords.of(opening_cut_ins(raw, dict(params.items())), records.data.support)
         stream, generator = (
             partial(child_generator, params.seed, "laws"),
-            child_generator(params.seed, "lead motion"),
+            partial(child_generator, params.seed, "lead motion"),
         )
         study = LawStudy.of(records, params.draws, stream, files.family).smooth_only()
         maps = dict(zip(params.vehicles, map(read_crash_map, files.maps), strict=True))
+        europe, resamples = Recorded.read(files.profiles), generator("resampled profiles")
+        resampled = [europe.resampled(resamples) for _ in range(RESAMPLED)]
         with all_loaded(params.vehicles, params.simulations | {"workers": 1}) as vehicles:
-            table = motion_table(vehicles, maps, study, opening, generator)
-        names = table["vehicle"].replace("under_test", "under test")
-        write_csv(snakemake.output.moving, table.assign(vehicle=names))
+            tables = [
+                motion_table(vehicles, maps, study, opening, generator(), *motion)
+                for motion in ((), (europe, resampled))
+            ]
+        for table in tables:
+            table["vehicle"] = table["vehicle"].replace("under_test", "under test")
+        for path, table in zip((snakemake.output.moving, snakemake.output.europe), tables, strict=True):
+            write_csv(path, table)
+        motions = dict(zip(("NGSIM", "Europe"), tables, strict=True))
+        draws = pd.read_csv(files.draws)
+        rates = rates_table(draws, motions, records.size, records.exposure, opening.size, generator("rates"))
+        write_csv(snakemake.output.together, rates)

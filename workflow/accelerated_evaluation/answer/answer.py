@@ -119,6 +119,9 @@ class Answer:
     fixed
         The probability of the main event without sampling errors, if a part of the parameters of the draws is
         fixed at posterior means, by the name of the part.
+    independent
+        Number of simulations if they are independent draws from the mean of the laws, so that an event which
+        did not happen in them has an upper bound.
 
     See Also
     --------
@@ -143,6 +146,7 @@ class Answer:
     converged: bool = True
     tables: Mapping[str, pd.DataFrame] = field(default_factory=dict)
     fixed: Mapping[str, Posterior] = field(default_factory=dict)
+    independent: int | None = None
     notes: Mapping[str, Any] = field(default_factory=dict)
 
     @property
@@ -175,7 +179,8 @@ class Answer:
         """
         rows = []
         for event, posterior in self.posteriors.items():
-            row = {"event": self.problem.scenario.event_in_words(event)} | answer_row(posterior)
+            row = {"event": self.problem.scenario.event_in_words(event)}
+            row |= answer_row(posterior, self.independent)
             rate = np.nan if events_per_km is None else row["probability"] * events_per_km
             contains = "" if posterior is None else ", ".join(posterior.sources)
             rows.append(row | {"per_km": rate, "contains": contains})

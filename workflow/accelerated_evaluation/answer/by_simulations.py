@@ -79,7 +79,7 @@ class Simulations:
             )
         crashes = {event: _crashes(parts, draws, size) for event, parts in found.items()}
         posteriors = {event: _posterior(own, draws, size) for event, own in crashes.items()}
-        return Answer(problem, draws, posteriors, crashes[problem.event], simulations=size)
+        return Answer(problem, draws, posteriors, crashes[problem.event], simulations=size, independent=size)
 
 
 def _crashes(parts: list, draws: Draws, size: int) -> Crashes:

@@ -14,13 +14,16 @@ where this closing speed, less a few m/s, is probable. Motions are drawn by `law
 weights are bounded and the draws are independent, so the standard error is that of a mean of independent
 terms.
 
-Opening cut-ins are drawn from recorded ones, with motions drawn in the same way. If a study has no records of
-opening cut-ins, recorded closing cut-ins with the opposite sign of the closing speed are used.
+Opening cut-ins are drawn from recorded ones, with motions drawn in the same way. If none of a few such
+cut-ins crashes, many are drawn without preference, so that the upper limit of the probability is small. If a
+study has no records of opening cut-ins, recorded closing cut-ins with the opposite sign of the closing speed
+are used.
 """
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from copy import deepcopy
 from dataclasses import dataclass, replace
+from functools import partial
 
 import numpy as np
 import pandas as pd
@@ -42,8 +45,11 @@ from accelerated_evaluation.vehicles.protocol import CRASH, RandomVehicle, Vehic
 # preferentially for each of them.
 SHIFTS = (0.0, 1.5, 4.0, 9.0)
 PLACES = 6000  # number of drawn places of closing cut-ins
+FEWER = 5  # so many times fewer places are drawn for each resampled law of lead motion
 STRATA = 25  # number of strata of the closing speed; the last one has a probability of exp(-24)
-OPENING = 60_000  # number of drawn opening cut-ins
+OPENING = 60_000  # number of opening cut-ins that are drawn preferentially at short ranges
+PILOT = 20_000  # number of those that decide whether crashes are rare; they are not used otherwise
+RARE = 1_000_000  # number of opening cut-ins that are drawn without preference if the pilot has no crash
 AT_ONCE = 20_000  # number of opening cut-ins that are simulated at once, so that 100 MB of memory are enough
 ONE_SIDED = 1.645  # number of standard errors up to a one-sided upper 95 % limit
 NONE = 3.0  # upper 95 % limit of the mean of a Poisson distribution if the count is 0
@@ -111,11 +117,13 @@ class MovingProblem:
     law: SpeedLaw  # of the closing speed given lead speed and range
     motion: LeadMotion
 
-    def closing(self, generator: np.random.Generator) -> Means:
+    def closing(self, generator: np.random.Generator, places: int | None = None) -> Means:
         """Estimate the crash probability of a closing cut-in with a constant and a changing lead speed.
 
-        Lead speeds, ranges and motions are drawn and weighted; the closing speed is stratified.
+        Lead speeds, ranges and motions are drawn and weighted; the closing speed is stratified. The number of
+        drawn places is by default `PLACES`.
         """
+        size = places or PLACES
         records = self.records
         lines = CrashLines.of(with_first_crashes(self.crash_map), records.lead_speed, support=records.support)
         given = self.law.given(lines.places)
@@ -124,42 +132,54 @@ class MovingProblem:
         proposals = [place, *(place * np.exp(-given.cumulative(start)) for start in starts)]
         proposals = [each / each.sum() for each in proposals if each.any()]
         chance = np.mean(proposals, axis=0)
-        row = generator.choice(chance.size, PLACES, p=chance)
-        inputs, weights = draw_wide(self.motion, PLACES, generator)
+        row = generator.choice(chance.size, size, p=chance)
+        inputs, weights = draw_wide(self.motion, size, generator)
         weights *= place[row] / chance[row]
-        places = lines.places.only(row)
-        given, inner = self.law.given(places), None if lines.inner is None else lines.inner[row]
-        terms = np.zeros((2, PLACES))
+        drawn = lines.places.only(row)
+        given, inner = self.law.given(drawn), None if lines.inner is None else lines.inner[row]
+        terms = np.zeros((2, size))
         for stratum in range(STRATA):
             least, width = float(stratum), np.inf if stratum == STRATA - 1 else 1.0
-            level = least - np.log1p(generator.random(PLACES) * np.expm1(-width))
+            level = least - np.log1p(generator.random(size) * np.expm1(-width))
             # Tails of very few records are so heavy that they have larger speeds than a vehicle accepts.
             closing_speed = np.minimum(given.inverse(level), SPEED_LIMIT)
-            cut_ins = np.array([places.lead_speed, places.range_, closing_speed])
+            cut_ins = np.array([drawn.lead_speed, drawn.range_, closing_speed])
             terms += -np.expm1(-width) * np.exp(-least) * self._crashes(cut_ins, inputs, inner)
         return Means.of(weights * terms, LARGEST_WEIGHT * len(proposals) * place.sum())
 
     def opening(self, recorded: DistinctRecords, generator: np.random.Generator) -> Means:
         """Estimate the crash probability of an opening cut-in with a constant and a changing lead speed.
 
-        Recorded cut-ins are drawn with replacement; those with short ranges are drawn preferentially, and the
-        terms are weighted accordingly.
+        Recorded cut-ins are drawn with replacement. A pilot decides how. If it has a crash, cut-ins with
+        short ranges and rare motions are drawn preferentially, and the terms are weighted. Otherwise
+        crashes are so rare that only a limit can be found, and all terms have the same weight, because the
+        limit is proportional to the largest weight. The pilot itself is not used, so that there is no bias.
         """
-        nearness = 1 / recorded.range_
-        chance = (1 / recorded.size + nearness / nearness.sum()) / 2
-        row = generator.choice(recorded.size, OPENING, p=chance)
-        inputs, weights = draw_wide(self.motion, OPENING, generator)
-        weights /= recorded.size * chance[row]
-        inner = None
-        if isinstance(self.vehicle, RandomVehicle):
-            inner = self.vehicle.draw_inner(OPENING, generator)
-        parts = []
-        for part in np.array_split(np.arange(OPENING), -(-OPENING // AT_ONCE)):
-            chosen = row[part]
+        if self._opening_terms(recorded, PILOT, True, generator).any():
+            return Means.of(self._opening_terms(recorded, OPENING, True, generator), 2 * LARGEST_WEIGHT)
+        return Means.of(self._opening_terms(recorded, RARE, False, generator), 1.0)
+
+    def _opening_terms(
+        self, recorded: DistinctRecords, size: int, is_preferred: bool, generator: np.random.Generator
+    ) -> Array:
+        """Return weighted crashes of drawn opening cut-ins, shape (2, size); see `opening`."""
+        nearness, parts = 1 / recorded.range_, []
+        chance = np.full(recorded.size, 1 / recorded.size)
+        if is_preferred:
+            chance = (chance + nearness / nearness.sum()) / 2
+        for part in np.array_split(np.arange(size), -(-size // AT_ONCE)):
+            row = generator.choice(recorded.size, part.size, p=chance)
+            if is_preferred:
+                inputs, weights = draw_wide(self.motion, part.size, generator)
+            else:
+                inputs, weights = generator.random((part.size, self.motion.inputs)), np.ones(part.size)
+            inner = None
+            if isinstance(self.vehicle, RandomVehicle):
+                inner = self.vehicle.draw_inner(part.size, generator)
             columns = recorded.lead_speed, recorded.range_, recorded.closing_speed
-            cut_ins = np.array([column[chosen] for column in columns])
-            parts.append(self._crashes(cut_ins, inputs[part], None if inner is None else inner[part]))
-        return Means.of(weights * np.hstack(parts), 2 * LARGEST_WEIGHT)
+            crashes = self._crashes(np.array([column[row] for column in columns]), inputs, inner)
+            parts.append(weights / (recorded.size * chance[row]) * crashes)
+        return np.hstack(parts)
 
     def _crashes(self, cut_ins: Array, inputs: Array, inner: Array | None) -> Array:
         """Return whether cut-ins crash with a constant and with a changing lead speed, shape (2, n)."""
@@ -204,16 +224,21 @@ def motion_table(
     study: LawStudy,
     opening: DistinctRecords,
     generator: np.random.Generator,
+    motion: LeadMotion | None = None,
+    resampled: Sequence[LeadMotion] = (),
 ) -> pd.DataFrame:
-    """Tabulate the crash probabilities of vehicles if the lead vehicle changes its speed as in NGSIM.
+    """Tabulate the crash probabilities of vehicles if the lead vehicle changes its speed.
 
-    The law with the largest weight is used, and all vehicles get the same random numbers. Vehicles that
+    ``motion`` is the law of lead motion, by default `Ngsim`, and ``resampled`` are the laws that are fitted
+    to resampled profiles of speed. The law of cut-ins with the largest weight is used, and all vehicles and
+    resampled laws get the same random numbers. Vehicles that
     cannot be simulated with a changing lead speed are left out. If there are fewer than `FEWEST` opening
     cut-ins, closing ones with the opposite sign of the closing speed are used instead. The row of a vehicle
     and kind of cut-in (``gap``) has the crash probability with a constant lead speed, ``exact`` (from the
     crash map, only for closing cut-ins) and ``constant`` (estimated); with a changing lead speed, ``moving``;
     ``factor``, moving divided by constant; and ``factor_half``, the factor if all changes of speed are
-    halved.
+    halved, which is known for `Ngsim` only. ``factor_error`` is the standard error of the factor. It contains
+    the error of the simulation and, for closing cut-ins, the spread of the factors of the resampled laws.
     """
     records, family = study.smooth.records, study.smooth.family
     law = study.smooth.speeds(study.heaviest)
@@ -226,19 +251,21 @@ def motion_table(
             continue
         lines = CrashLines.of(maps[name], records.lead_speed, support=records.support)
         exact = {"closing": lines.probability(family.ranges, law)}
-        halves, wholes = (
-            _kinds(
-                MovingProblem(vehicle, maps[name], records, family.ranges, law, Ngsim(scale)),
-                recorded,
-                share,
-                deepcopy(generator),
-            )
-            for scale in (0.5, 1.0)
-        )
+        still = partial(MovingProblem, vehicle, maps[name], records, family.ranges, law)
+        wholes = _kinds(still(motion or Ngsim()), recorded, share, deepcopy(generator))
+        halves = {}
+        if motion is None:
+            halves = _kinds(still(Ngsim(0.5)), recorded, share, deepcopy(generator))
+        fewer = PLACES // FEWER  # the spread of the factors is larger than their errors
+        factors = [still(each).closing(deepcopy(generator), fewer).factor()[0] for each in resampled]
         cut_ins = {"closing": 1 - share, "opening": share, "all": 1.0}
         for gap, found in wholes.items():
             own = cut_ins[gap], exact.get(gap, np.nan), found.still, found.moved, found.error, found.limit
-            rows.append((name, gap, *own, *found.factor(), halves[gap].factor()[0]))
+            factor, error = found.factor()
+            if factors and gap == "closing":
+                error = float(np.hypot(error, np.std(factors, ddof=1)))
+            half = halves[gap].factor()[0] if gap in halves else np.nan
+            rows.append((name, gap, *own, factor, error, half))
     return pd.DataFrame(rows, columns=COLUMNS)
 
 

@@ -176,10 +176,18 @@ def summarise(posterior: Posterior) -> dict[str, float]:
     return dict(zip(SUMMARY, values, strict=True))
 
 
-def answer_row(posterior: Posterior | None) -> dict[str, float]:
-    """Return the summary of a posterior, with the bound on unseen lapses in the upper ends; NaN for None."""
+def answer_row(posterior: Posterior | None, unseen: int | None = None) -> dict[str, float]:
+    """Return the summary of a posterior, with the bound on unseen lapses in the upper ends; NaN for None.
+
+    If the event did not happen in ``unseen`` independent simulations, only the exact limits of its
+    probability are known (Clopper and Pearson 1934).
+    """
     if posterior is None:
-        return dict.fromkeys(SUMMARY, np.nan)
+        row = dict.fromkeys(SUMMARY, np.nan)
+        for level in LEVELS if unseen else ():
+            row |= {f"low{100 * level:.0f}": 0.0}
+            row |= {f"high{100 * level:.0f}": -math.expm1(math.log((1 - level) / 2) / unseen)}
+        return row
     row = summarise(posterior.whole) | {"probability": float(posterior.probabilities.mean())}
     raised = {
         name: min(end + posterior.unseen_lapses, 1.0) for name, end in row.items() if name.startswith("high")

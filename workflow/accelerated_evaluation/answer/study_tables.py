@@ -149,20 +149,25 @@ def comparison_tables(
     """Compare the vehicle under test with others under the same draws of the law, and judge the criteria.
 
     The tables ``answer_draws``, ``vehicle``, ``extrapolation`` and, if there are risks of injury, ``risks``
-    of `answer_tables` represent the vehicle under test. The tables ``vehicles``, ``compared``, ``criteria``
-    and ``deciding`` are returned, and those of injuries. The answers of the others, each with its name, are
-    used one after the other, because the weights of the crashes of one need several hundred MB.
+    of `answer_tables` represent the vehicle under test. The tables ``vehicles``, ``vehicle_draws``,
+    ``compared``, ``criteria`` and ``deciding`` are returned, and those of injuries. The answers of the
+    others, each with its name, are used one after the other, because the weights of the crashes of one need
+    several hundred MB.
     """
     rows, posteriors = [own["vehicle"]], {UNDER_TEST: posterior_of(own["answer_draws"])}
     risks = {UNDER_TEST: own["risks"]} if "risks" in own else {}
+    drawn = [own["answer_draws"].assign(vehicle=UNDER_TEST)]
     for name, each in others:
         rows.append(pd.DataFrame([vehicle_row(name, each)]))
         posteriors[name] = each.posterior if is_resolved(each) else None
+        if posteriors[name] is not None:
+            drawn.append(draws_table(each).assign(vehicle=name))
         if risks:
             risks[name] = risks_table(each)
         del each  # before the next answer is computed
     tables = {
         "vehicles": vehicle_table(pd.concat(rows), posteriors, references),
+        "vehicle_draws": pd.concat([table for table in drawn if len(table)] or drawn, ignore_index=True),
         "compared": compared_table(posteriors),
     }
     simulations = own["answer_draws"].get("simulations", pd.Series([None])).iloc[0]

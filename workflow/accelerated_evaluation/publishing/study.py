@@ -93,6 +93,8 @@ TABLES = {
     "injury_curves": "laws/injury_curves.csv",
     # Ratios of the number of injured drivers with the vehicle under test to those with the other vehicles.
     "risk_balance": "laws/risk_balance.csv",
+    # Random draws of the crash probability of every compared vehicle.
+    "vehicle_draws": "laws/vehicle_draws.csv",
     # Random draws of the crash probability, with the law of each.
     "answer_draws": "laws/answer_draws.csv",
     # Budget of the uncertainty of the crash probability under laws with dependence, by source.
@@ -107,6 +109,10 @@ TABLES = {
     "human_predictions": "human_predictions.csv",
     # Crash probabilities if the lead vehicle changes its speed.
     "lead_motion": "lead_motion.csv",
+    # The same with European lead motion, in place of American.
+    "lead_motion_europe": "lead_motion_europe.csv",
+    # One crash rate of all cut-ins, by its parts, with the uncertainty of lead motion and exposure.
+    "all_cut_ins": "all_cut_ins.csv",
     # The most probable kinds of crashes and the most critical records, with their outcomes.
     "happened": "happened/encounters.csv",
     # States of both cars over time in the encounters of `happened`.

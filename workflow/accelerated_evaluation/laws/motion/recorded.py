@@ -94,6 +94,11 @@ class Recorded:
         require_file(path, "Name a Parquet file of cut-ins with courses.")
         return cls.of(read_parquet(path, {name: name for name in NAMES}), str(path))
 
+    def resampled(self, generator: np.random.Generator) -> Self:
+        """Return the law of as many cut-ins, which are drawn from the recorded ones with replacement."""
+        chosen = generator.integers(len(self.courses), size=len(self.courses))
+        return type(self)(self.encounters[:, chosen], self.courses[chosen])
+
     @property
     def neighbours(self) -> int:
         """Number of nearest recorded cut-ins from which one is selected."""

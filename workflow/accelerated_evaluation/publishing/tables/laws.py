@@ -2,6 +2,7 @@
 
 import pandas as pd
 
+from accelerated_evaluation.answer.all_cut_ins import ALL
 from accelerated_evaluation.answer.calibration import HOST
 from accelerated_evaluation.answer.lead_motion import motion_budget
 from accelerated_evaluation.answer.posterior import LEVELS
@@ -189,6 +190,18 @@ def with_errors(lead_motion: pd.DataFrame) -> pd.DataFrame:
 
 # The crash probabilities with a lead vehicle that changes its speed.
 lead_motion_table = result_table("lead_motion", digits=2, digest=with_errors)
+
+
+def rates_of_all_cut_ins(all_cut_ins: pd.DataFrame) -> pd.DataFrame:
+    """Return a short table: all parts of the rate of the first vehicle, and the sums of the others."""
+    is_first = all_cut_ins["vehicle"] == all_cut_ins["vehicle"].iloc[0] if len(all_cut_ins) else True
+    shown = all_cut_ins[is_first | (all_cut_ins["part"] == ALL)]
+    rows = with_intervals(shown.drop(columns="mean"))
+    return rows[["vehicle", "part", "per", "median", "80 %", "95 %", "upper95", "share", "in_hundred_car"]]
+
+
+# One crash rate of all cut-ins, by its parts.
+all_cut_ins_table = result_table("all_cut_ins", digits=DIGITS, digest=rates_of_all_cut_ins)
 
 
 def passed_tests(prescribed: pd.DataFrame) -> pd.DataFrame:

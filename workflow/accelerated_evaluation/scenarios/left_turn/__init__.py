@@ -12,6 +12,7 @@ from accelerated_evaluation.scenarios import SCENARIOS
 from accelerated_evaluation.scenarios.crossing import PANELS, CrossingOutcomes, outcome_rules, reported_rules
 from accelerated_evaluation.scenarios.protocol import Event, Scenario, Simulating, Variable
 
+FASTEST = 30.0  # [m/s]; faster recorded turns are certainly wrong (data/left_turn/README.md)
 SLOWEST = 0.2  # [m/s]; for a slower turning car the host waits, and rounding decides the outcome
 
 
@@ -56,6 +57,9 @@ LEFT_TURN = SCENARIOS.add("left_turn")(
         scanned="distance_to_conflict_m",
         divided_by=("turning_speed_mps", (0.2, 1.0, 5.0)),
         verdicts=Path("data/left_turn/verdicts.csv.gz"),
-        restrictions={"turning speed 0.2 m/s or more": lambda x: x[:, 1] >= SLOWEST},
+        restrictions={
+            "turning speed 0.2 m/s or more": lambda x: x[:, 1] >= SLOWEST,
+            "turning speed 30 m/s or less": lambda x: x[:, 1] <= FASTEST,
+        },
     )
 )

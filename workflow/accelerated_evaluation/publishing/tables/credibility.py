@@ -1,0 +1,178 @@
+"""What a safety case asks of a simulation, answered from the tables of a study, one row for each question."""
+
+from collections.abc import Callable, Mapping
+from typing import Any
+
+import pandas as pd
+
+from accelerated_evaluation.answer.all_cut_ins import ALL, CLOSING_CUT_IN, KEEPS
+from accelerated_evaluation.answer.extrapolation import RECORDED
+from accelerated_evaluation.publishing.published import table
+from accelerated_evaluation.publishing.tables.display import readable
+from accelerated_evaluation.records.verdict import Verdict
+
+DIGITS = 2
+UNDER_TEST = "under test"
+COLUMNS = ["question", "answer", "table"]
+UNKNOWN = "not known for this study"
+
+
+def _percent(share: float) -> str:
+    return f"{100 * share:.0f} %"
+
+
+def records_used(account: pd.DataFrame) -> str:
+    """Return how many rows of the records were read and used."""
+    rows = account[["rows_in", "rows_kept"]].astype(int)
+    return f"{rows['rows_in'].iloc[0]:,} rows were read, and {rows['rows_kept'].iloc[-1]:,} are used"
+
+
+def limits_of(config: Mapping[str, Any]) -> str:
+    """Return the limits of the encounters that the configuration states, and the vehicle."""
+    limits = ", ".join(f"{name} {value:g}" for name, value in config.get("filters", {}).items())
+    return f"vehicle {config['vehicle']['name']}; limits [m/s, m]: {limits}"
+
+
+def checks_of(report: pd.DataFrame) -> str:
+    """Return the number of checks of the records by verdict."""
+    counts = report["verdict"].value_counts(sort=False)
+    return Verdict.of(report).in_short or ", ".join(f"{count} {name}" for name, count in counts.items())
+
+
+def range_of_medians(variants: pd.DataFrame) -> str:
+    """Return the smallest and largest median of the answer under other choices, and what they are."""
+    own, *others = variants.iloc[:, 0]
+    medians = variants.set_index(variants.columns[0])["median"]
+    if not others or medians.isna().all():
+        return UNKNOWN
+    ends = (f"{readable(medians[name], DIGITS)} ({name})" for name in (medians.idxmin(), medians.idxmax()))
+    return f"median {readable(medians[own], DIGITS)}; with other choices from {' to '.join(ends)}"
+
+
+def shares_of(budget: pd.DataFrame) -> str:
+    """Return the shares of the sources of uncertainty, the largest first."""
+    parts = budget[budget["source"] != "together"].dropna(subset="variance_share")
+    parts = parts.sort_values("variance_share", ascending=False)
+    shares = zip(parts["source"], parts["variance_share"], strict=True)
+    return ", ".join(f"{source} {_percent(share)}" for source, share in shares) or UNKNOWN
+
+
+def beyond_records(extrapolation: pd.DataFrame) -> str:
+    """Return the share of the answer that does not rest on replayed records or their neighbours."""
+    if extrapolation.empty:
+        return UNKNOWN
+    share = 1 - extrapolation.set_index("part")["share"].get(RECORDED, 0.0)
+    return f"{_percent(share)} of the probability belongs to events unlike any record"
+
+
+def steps_of(numerical_error: pd.DataFrame) -> str:
+    """Return the ratios of the crash probability with finer steps, for the vehicle under test."""
+    own = numerical_error[numerical_error["vehicle"] == UNDER_TEST]
+    rows = own[["steps", "ratio", "standard_error"]].itertuples(index=False)
+    return "; ".join(f"{steps}: times {ratio:.2f} ± {error:.2f}" for steps, ratio, error in rows) or UNKNOWN
+
+
+def calibration_of(fold_calibration: pd.DataFrame) -> str:
+    """Return how many counts of held-out blocks lie outside their limits, and how many would by chance."""
+    own = fold_calibration[fold_calibration["law"] == fold_calibration["law"].iloc[0]]
+    rows = own[["division", "outside", "cells", "by_chance"]].itertuples(index=False)
+    return "; ".join(
+        f"{name}: {outside} of {cells} counts outside their limits, {chance:.0f} by chance"
+        for name, outside, cells, chance in rows
+    )
+
+
+def agreement_of(agreement: pd.DataFrame) -> str:
+    """Return how many published verdicts the vehicle reproduces."""
+    rows = agreement[["kind", "agree", "verdicts"]].itertuples(index=False)
+    return (
+        "; ".join(f"{agree:,} of {verdicts:,} {kind} verdicts" for kind, agree, verdicts in rows) or UNKNOWN
+    )
+
+
+def counted_of(counted: pd.DataFrame) -> str:
+    """Return the crashes that are expected in the distance of the 100-Car study, and the verdict."""
+    own = counted[(counted["who"] == UNDER_TEST) & (counted["kind"] == "predicted")]
+    if own.empty:
+        return f"{UNKNOWN}, because the distance of the records or the crash probability is missing"
+    row = own.iloc[0]
+    return f"{readable(row['in_hundred_car'], DIGITS)} crashes in two million miles: {row['verdict']}"
+
+
+def motion_of(all_cut_ins: pd.DataFrame) -> str:
+    """Return the median of the answer and that of all cut-ins with lead motion, and what is missing."""
+    own = all_cut_ins[(all_cut_ins["vehicle"] == UNDER_TEST) & (all_cut_ins["per"] == CLOSING_CUT_IN)]
+    rows = own.set_index("part")
+    if ALL not in rows.index:
+        return UNKNOWN
+    before, after = (readable(rows.loc[part, "median"], DIGITS) for part in (KEEPS, ALL))
+    missing = rows.loc[ALL, "missing"]
+    return f"median {before} becomes {after}" + (f"; missing: {missing}" if pd.notna(missing) else "")
+
+
+def chain_of(config: Mapping[str, Any]) -> str:
+    """Return how a number is followed back to its run."""
+    return f"root seed {config['seed']}; checksums of code, records and results"
+
+
+# Question, name of the result in `Study`, published table or file, and function that gives the answer.
+QUESTIONS: tuple[tuple[str, str, str, Callable[[Any], str]], ...] = (
+    ("scope: which records", "account", "encounters_account", records_used),
+    ("scope: which encounters and vehicle", "config", "config.json", limits_of),
+    ("quality of the records", "records_report", "records_report", checks_of),
+    ("assumptions: how much they change the answer", "choices", "choices", range_of_medians),
+    ("treatment of doubtful records", "data_quality", "data_quality", range_of_medians),
+    ("sources of uncertainty", "answer_budget", "answer_budget", shares_of),
+    ("extrapolation", "extrapolation", "extrapolation", beyond_records),
+    ("numerical error", "numerical_error", "numerical_error", steps_of),
+    ("validation: held-out records", "fold_calibration", "fold_calibration", calibration_of),
+    ("validation: published outcomes", "scenario_agreement", "scenario_agreement", agreement_of),
+    ("differences from the world: lead motion", "all_cut_ins", "all_cut_ins", motion_of),
+    ("differences from the world: counted crashes", "counted_crashes", "counted_crashes", counted_of),
+    ("chain from the run to the claim", "config", "provenance.json", chain_of),
+)
+
+
+def credibility(results: Mapping[str, Any]) -> pd.DataFrame:
+    """Return a row for each question that the results can answer.
+
+    ``results`` are results of a study by their name in `Study`. The columns are ``question``, ``answer``, and
+    the ``table`` or file from which the answer was made.
+    """
+    rows = [
+        (question, answered(results[name]), shown)
+        for question, name, shown, answered in QUESTIONS
+        if name in results
+    ]
+    return pd.DataFrame(rows, columns=COLUMNS)
+
+
+@table("credibility")
+def credibility_table(
+    account: pd.DataFrame,
+    config: Mapping[str, Any],
+    records_report: pd.DataFrame,
+    choices: pd.DataFrame,
+    data_quality: pd.DataFrame,
+    answer_budget: pd.DataFrame,
+    extrapolation: pd.DataFrame,
+    numerical_error: pd.DataFrame,
+    fold_calibration: pd.DataFrame,
+    all_cut_ins: pd.DataFrame,
+    counted_crashes: pd.DataFrame,
+) -> pd.DataFrame:
+    """Return what a safety case asks of the simulation of cut-ins, with answers from the tables."""
+    return credibility(locals())
+
+
+@table("scenario_credibility")
+def scenario_credibility_table(
+    account: pd.DataFrame,
+    config: Mapping[str, Any],
+    records_report: pd.DataFrame,
+    answer_budget: pd.DataFrame,
+    extrapolation: pd.DataFrame,
+    scenario_agreement: pd.DataFrame,
+) -> pd.DataFrame:
+    """Return what a safety case asks of the simulation of another scenario, with answers from the tables."""
+    return credibility(locals())
