@@ -104,5 +104,12 @@ def test_vehicles_below_each_other():
     table = rates_table(pd.concat([draws, other]), MOTIONS, 400, exposure, 5, np.random.default_rng(2))
     assert table["per"].unique().tolist() == ["closing cut-in", "hour"]
     assert table.groupby("vehicle")["part"].nunique().to_dict() == {"car": 6, "other": 1}
+    errors = {"error": 0.1, "shared_error": np.nan, "own_error": np.nan, "batches": 5, "unseen_lapses": 0.0}
+    sampled = pd.concat([draws.assign(**errors), other], ignore_index=True)
+    wider = rates_table(sampled, MOTIONS, 400, exposure, 5, np.random.default_rng(2))
+    high95 = [each.set_index(["vehicle", "part", "per"])["high95"] for each in (table, wider)]
+    own, rest = ((name, module.KEEPS, "closing cut-in") for name in ("car", "other"))
+    assert high95[1][own] > 1.1 * high95[0][own]
+    assert high95[1][rest] == pytest.approx(high95[0][rest], rel=1e-6)
     empty = rates_table(draws.iloc[:0], MOTIONS, 400, exposure, 5, np.random.default_rng(2))
     assert empty.columns.tolist() == module.COLUMNS

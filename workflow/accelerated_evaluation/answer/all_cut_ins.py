@@ -147,7 +147,8 @@ def rates_table(
     }
     tables = []
     for vehicle, rows in draws.groupby("vehicle", sort=False):
-        posterior = posterior_of(rows.dropna(axis="columns", how="all"))
+        is_sampled = "error" in rows and rows["error"].notna().any()
+        posterior = posterior_of(rows if is_sampled else rows.drop(columns="error", errors="ignore"))
         own = {name: motion[motion["vehicle"] == vehicle] for name, motion in motions.items()}
         tables.append(all_cut_ins(str(vehicle), posterior, own, rates, opening, generator))
     return pd.concat(tables, ignore_index=True) if tables else pd.DataFrame(columns=COLUMNS)

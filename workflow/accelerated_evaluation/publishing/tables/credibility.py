@@ -165,6 +165,18 @@ def credibility_table(
     return credibility(locals())
 
 
+@table("sampled_credibility")
+def sampled_credibility_table(
+    account: pd.DataFrame,
+    config: Mapping[str, Any],
+    records_report: pd.DataFrame,
+    answer_budget: pd.DataFrame,
+    extrapolation: pd.DataFrame,
+) -> pd.DataFrame:
+    """Return what a safety case asks of the simulation of a slow vehicle, with answers from the tables."""
+    return credibility(locals())
+
+
 @table("scenario_credibility")
 def scenario_credibility_table(
     account: pd.DataFrame,
