@@ -4,11 +4,12 @@ import csv
 import os
 import re
 from collections import Counter
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from difflib import get_close_matches
 from pathlib import Path
 from types import MappingProxyType
 
+import numpy as np
 import pandas as pd
 
 from accelerated_evaluation.base.errors import InputError
@@ -51,13 +52,50 @@ def is_number(cell: str) -> bool:
     return True
 
 
+# Patterns of unreadable numbers, by how to write them. A comma before three digits may have two meanings.
+FAULTS = {
+    "without thousands separators": r"[-+]?\d{1,3}([,.' \u00a0\u202f]\d{3})+([,.]\d*)?",
+    "with a point in place of a decimal comma": r"[-+]?[\d.' \u00a0\u202f]*,\d+([eE][-+]?\d+)?",
+    "without their units": r"[-+]?\d+([,.]\d*)?\s*[^\W\d_].*",
+}
+DATE = re.compile(r"\d{1,4}([-/.])\d{1,2}\1\d{1,4}.*")
+
+
+def is_empty(cell: object) -> bool:
+    """Return whether a cell of a table has no value."""
+    return pd.api.types.is_scalar(cell) and bool(pd.isna(cell))
+
+
 def number_fault(cell: object) -> str:
     """Return how to correct a cell that should be a number, for a message; empty if that is not seen."""
-    if not isinstance(cell, str):
-        return "Dates and other values are no numbers; correct the column. " if cell is not None else ""
-    if is_number(cell.replace(",", "")) and re.fullmatch(r"[-+]?\d{1,3}(,\d{3})+(\.\d*)?", cell.strip()):
-        return "Write the table without thousands separators. "
-    return "Write a point in place of the decimal comma. " if is_number(cell.replace(",", ".", 1)) else ""
+    if is_empty(cell):
+        return ""
+    if not isinstance(cell, str) or DATE.fullmatch(cell.strip()):
+        return "Dates and other values are no numbers; correct the column. "
+    corrections = [ways for ways, pattern in FAULTS.items() if re.fullmatch(pattern, cell.strip())]
+    return f"Write numbers {' and '.join(corrections)}. " if corrections else ""
+
+
+def column_of_numbers(
+    column: pd.Series, where: Callable[[int], str], change: str, *, may_be_empty: bool = False
+) -> pd.Series:
+    """Return a column as floats; InputError shows the first cell that is not a finite number.
+
+    ``where`` returns the place of a row, given its number from 0. With ``may_be_empty``, empty cells become
+    NaN, and infinite numbers are allowed. Numbers that are given as text keep all their digits.
+    """
+    is_numeric = column.dtype.kind not in "mMb"  # dates would become numbers of nanoseconds
+    numbers = pd.to_numeric(column, errors="coerce") if is_numeric else pd.Series(np.nan, column.index)
+    wrong = numbers.isna() & column.notna() if may_be_empty else ~np.isfinite(numbers.to_numpy(float))
+    if wrong.any():
+        row = int(np.argmax(wrong))
+        raise InputError(
+            f"{where(row)}, column {column.name}",
+            seen=repr(column.iloc[row]),
+            expected="a number" if may_be_empty else "a finite number",
+            change=f"{number_fault(column.iloc[row])}{change}",
+        )
+    return column.astype(np.float64) if is_numeric else numbers
 
 
 def require_columns(path: str | os.PathLike, seen: Sequence[str], named: Mapping[str, str]) -> None:

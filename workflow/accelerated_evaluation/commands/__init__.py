@@ -169,6 +169,15 @@ def positive_integer(text: str) -> int:
 positive_integer.__name__ = "positive integer"  # argparse prints this name in its error message
 
 
+def csv_file(text: str) -> Path:
+    """Return the value of an option that names a table to write; argparse reports another ending."""
+    if not text.endswith(".csv"):
+        raise argparse.ArgumentTypeError(
+            f"seen {text!r}; expected a name that ends in .csv. Write a CSV table, and convert it afterwards."
+        )
+    return Path(text)
+
+
 def require_seed(seed: int) -> None:
     """Raise InputError unless a seed is 0 or more."""
     if seed < 0:

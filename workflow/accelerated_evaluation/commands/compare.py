@@ -1,10 +1,9 @@
 """The subcommand ``compare``, which lists what differs between two finished studies."""
 
 import argparse
-from pathlib import Path
 
 from accelerated_evaluation.base.errors import InputError
-from accelerated_evaluation.commands import COMMANDS
+from accelerated_evaluation.commands import COMMANDS, csv_file
 
 SHOWN = {  # columns that are printed, by published table
     "answer": ["probability", "low80", "high80"],
@@ -43,7 +42,7 @@ class Compare:
         command.add_argument(
             "--target",
             metavar="OUT.csv",
-            type=Path,
+            type=csv_file,
             help="table to write (default: results/OTHER/compared_with_STUDY.csv)",
         )
 

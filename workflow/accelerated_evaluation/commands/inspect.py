@@ -5,7 +5,7 @@ import sys
 from pathlib import Path
 from typing import Any
 
-from accelerated_evaluation.commands import COMMANDS
+from accelerated_evaluation.commands import COMMANDS, csv_file
 
 DESCRIPTION = """\
 Check records before any study: units, signs, repeated rows, stuck sensors, heaps, gaps, outliers, sample
@@ -49,7 +49,7 @@ class Inspect:
             "--scenario", metavar="NAME", help="scenario of the records (default: that of the configuration)"
         )
         command.add_argument(
-            "--report", metavar="OUT.csv", type=Path, help="write the report also as a table"
+            "--report", metavar="OUT.csv", type=csv_file, help="write the report also as a table"
         )
 
     @staticmethod

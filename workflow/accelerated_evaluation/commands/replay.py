@@ -6,7 +6,14 @@ from pathlib import Path
 from accelerated_evaluation.base.arrays import Array
 from accelerated_evaluation.base.errors import InputError
 from accelerated_evaluation.base.randomness import child_generator
-from accelerated_evaluation.commands import COMMANDS, add_scenario, add_seed, refuse_options, require_seed
+from accelerated_evaluation.commands import (
+    COMMANDS,
+    add_scenario,
+    add_seed,
+    csv_file,
+    refuse_options,
+    require_seed,
+)
 from accelerated_evaluation.scenarios import SCENARIOS
 from accelerated_evaluation.scenarios.protocol import Scenario
 from accelerated_evaluation.vehicles.lead_motion import lead_speeds_of
@@ -52,7 +59,7 @@ class Replay:
             nargs="+",
             help="variables of the encounter, in the units of the scenario",
         )
-        command.add_argument("target", metavar="OUT.csv", type=Path, help="table of the states to write")
+        command.add_argument("target", metavar="OUT.csv", type=csv_file, help="table of the states to write")
         command.add_argument(
             "--figure", metavar="FILE", type=Path, help="figure to write: .png, .pdf or .svg"
         )

@@ -4,7 +4,7 @@ import argparse
 from pathlib import Path
 
 from accelerated_evaluation.base.errors import InputError
-from accelerated_evaluation.commands import COMMANDS
+from accelerated_evaluation.commands import COMMANDS, csv_file
 
 DESCRIPTION = """\
 Sum the crash rates of finished studies of different scenarios into one rate with one interval, such as those
@@ -41,7 +41,11 @@ class Total:
             "--criterion", metavar="LIMIT", type=float, help="upper limit by which the sum is judged"
         )
         command.add_argument(
-            "--target", metavar="OUT.csv", type=Path, default=Path("results/total.csv"), help="table to write"
+            "--target",
+            metavar="OUT.csv",
+            type=csv_file,
+            default=Path("results/total.csv"),
+            help="table to write",
         )
 
     @staticmethod

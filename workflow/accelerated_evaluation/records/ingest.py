@@ -7,6 +7,7 @@ import numpy as np
 import pandas as pd
 
 from accelerated_evaluation.base.errors import InputError
+from accelerated_evaluation.base.tables import cut, is_empty, number_fault
 from accelerated_evaluation.records.segments import COLUMNS, QUANTITIES, assign_segments, complete
 
 NAMED_ROWS = 5  # number of example rows that the account and the messages show
@@ -110,11 +111,25 @@ def drop_invalid(raw: pd.DataFrame, account: Account, *, policy: str, where: str
             where,
             seen="; ".join(_describe(raw, mask, reason) for reason, mask in masks.items() if mask.any()),
             expected="finite numbers, a lead speed and a range that are not negative, and possible speeds",
-            change="Correct these rows, or set data.invalid_rows to drop.",
+            change=f"{no_number(raw)[1]}Correct these rows, or set data.invalid_rows to drop.",
         )
     for reason, mask in masks.items():
         encounters = account.take(encounters, mask.loc[encounters.index], step="invalid", reason=reason)
     return encounters
+
+
+def no_number(raw: pd.DataFrame) -> tuple[str, str]:
+    """Return the first cell that is not a number, in words, and how to correct it; both may be empty."""
+    raw = raw[[name for name in raw if name in QUANTITIES]]
+    wrong = raw.apply(pd.to_numeric, errors="coerce").isna() & raw.notna()
+    if not wrong.any(axis=None):
+        wrong = raw.isna()
+    if not wrong.any(axis=None):
+        return "", ""
+    row, column = np.argwhere(wrong.to_numpy())[0]
+    cell = raw.iloc[row, column]
+    shown = "no value" if is_empty(cell) else cut(str(cell))
+    return f"row {raw.index[row]} has {shown} as {raw.columns[column]}", number_fault(cell)
 
 
 def drop_repeated(encounters: pd.DataFrame, account: Account, *, policy: str) -> pd.DataFrame:

@@ -22,7 +22,7 @@ import pandas as pd
 from accelerated_evaluation.base.errors import InputError
 from accelerated_evaluation.base.files import content_digest, read_json, value_digest, write_json
 from accelerated_evaluation.base.randomness import child_generator
-from accelerated_evaluation.records.ingest import Account, drop_invalid
+from accelerated_evaluation.records.ingest import Account, drop_invalid, no_number
 from accelerated_evaluation.records.segments import MINIMUM_ROWS
 from accelerated_evaluation.records.sources import read_source
 
@@ -192,12 +192,12 @@ def _possible(raw: pd.DataFrame, config: Mapping[str, Any]) -> pd.DataFrame:
     """
     rows = drop_invalid(raw, Account(len(raw)), policy="drop", where="the records")
     if rows.empty:
-        source = config["data"]["source"]
+        source, (example, correction) = config["data"]["source"], no_number(raw)
         raise InputError(
             config["data"][source]["path"],
-            seen=f"{len(raw):,} rows, none of them with three valid numbers",
+            seen=f"{len(raw):,} rows, none of them with three valid numbers{example and f'; {example}'}",
             expected="valid cut-ins, from which limits can be derived",
-            change=f"Check the columns and units under data.{source}.",
+            change=f"{correction}Check the columns and units under data.{source}.",
         )
     is_possible = (rows["lead_speed"] <= FASTEST) & (rows["range"] <= FARTHEST) & (rows["closing_speed"] > 0)
     if is_possible.any():

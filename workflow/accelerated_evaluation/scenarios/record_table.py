@@ -11,7 +11,7 @@ import pandas as pd
 from accelerated_evaluation.base.errors import InputError
 from accelerated_evaluation.base.files import project_file
 from accelerated_evaluation.base.randomness import child_generator
-from accelerated_evaluation.base.tables import number_fault, read_csv, read_parquet, require_file
+from accelerated_evaluation.base.tables import column_of_numbers, read_csv, read_parquet, require_file
 from accelerated_evaluation.records.checks import Records, Simulate
 from accelerated_evaluation.records.sources import read_source
 from accelerated_evaluation.scenarios import SCENARIOS
@@ -157,16 +157,5 @@ def _names_of_clusters(column: pd.Series, path: str) -> pd.Series:
 
 
 def _numbers(column: pd.Series, path: str) -> pd.Series:
-    """Return a column as finite numbers; numbers that are given as text keep all their digits."""
-    is_numeric = column.dtype.kind not in "mMb"  # dates would become numbers of nanoseconds
-    numbers = pd.to_numeric(column, errors="coerce") if is_numeric else pd.Series(np.nan, column.index)
-    wrong = ~np.isfinite(numbers.to_numpy(float))
-    if wrong.any():
-        row = int(np.argmax(wrong))
-        raise InputError(
-            f"{path}, row {row + 2}, column {column.name}",
-            seen=repr(column.iloc[row]),
-            expected="a finite number",
-            change=f"{number_fault(column.iloc[row])}Correct or remove this record.",
-        )
-    return column.astype(np.float64)
+    """Return a column as finite numbers."""
+    return column_of_numbers(column, lambda row: f"{path}, row {row + 2}", "Correct or remove this record.")

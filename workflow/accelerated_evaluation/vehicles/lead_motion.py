@@ -3,11 +3,10 @@
 from pathlib import Path
 
 import numpy as np
-import pandas as pd
 
 from accelerated_evaluation.base.arrays import Array
 from accelerated_evaluation.base.errors import InputError
-from accelerated_evaluation.base.tables import read_csv, require_file
+from accelerated_evaluation.base.tables import column_of_numbers, read_csv, require_file
 from accelerated_evaluation.laws.motion import LONGEST, MOTIONS, STATES, STEP, draw_lead_speeds
 from accelerated_evaluation.laws.motion.recorded import FASTEST_CHANGE, is_jump
 
@@ -53,22 +52,28 @@ def lead_speeds_of(text: str, encounter: Array, generator: np.random.Generator) 
 
 def _read(path: Path) -> Array:
     require_file(path, "Correct the path, or name a law of lead motion.")
-    table = read_csv(path, {name: name for name in FILE_COLUMNS}).apply(pd.to_numeric, errors="coerce")
-    times, speeds = (table[name].to_numpy(dtype=float) for name in FILE_COLUMNS)
-    if not (times.size > 1 and times[0] == 0 and np.all(np.diff(times) > 0) and np.isfinite(times[-1])):
+    table = read_csv(path, {name: name for name in FILE_COLUMNS})
+
+    def place(row: int) -> str:
+        return f"{path}, row {row + 2}"
+
+    times, speeds = (
+        column_of_numbers(table[name], place, "Correct this cell.").to_numpy() for name in FILE_COLUMNS
+    )
+    if not (times.size > 1 and times[0] == 0 and np.all(np.diff(times) > 0)):
         raise _error(
             path,
             ", ".join(f"{time:g}" for time in times[:4]) or "no rows",
-            "finite times that increase from 0",
+            "times that increase from 0",
         )
     if times[-1] < LONGEST:
         raise _error(path, f"times up to {times[-1]:g} s", f"times up to {LONGEST:g} s or more")
     if (longest := np.diff(times).max()) > LONGEST:
         raise _error(path, f"times {longest:g} s apart", f"times in seconds, at most {LONGEST:g} s apart")
-    if not (np.isfinite(speeds) & (speeds >= 0)).all():
-        wrong = int(np.argmin(np.isfinite(speeds) & (speeds >= 0)))
+    if (speeds < 0).any():
+        wrong = int(np.argmax(speeds < 0))
         seen = f"a lead speed of {speeds[wrong]:g} m/s at {times[wrong]:g} s"
-        raise _error(path, seen, "finite speeds of 0 m/s or more")
+        raise _error(path, seen, "speeds of 0 m/s or more")
     if (jumps := is_jump(speeds[None], times)[0]).any():
         k = int(jumps.argmax())
         seen = f"{speeds[k]:g} m/s at {times[k]:g} s and {speeds[k + 1]:g} m/s at {times[k + 1]:g} s"

@@ -16,8 +16,9 @@ from scipy.spatial import cKDTree
 from accelerated_evaluation.base.arrays import Array
 from accelerated_evaluation.base.compiling import cached_njit
 from accelerated_evaluation.base.errors import InputError
-from accelerated_evaluation.base.tables import read_parquet, require_file
+from accelerated_evaluation.base.tables import column_of_numbers, read_parquet, require_file
 from accelerated_evaluation.laws.motion import COURSE_COLUMN, LONGEST, MOTIONS, STATES, STEP, course_columns
+from accelerated_evaluation.records.ingest import FASTEST
 
 NAMES = ("lead_speed", "range", "closing_speed")
 FEWEST = 10  # smallest number of recorded profiles
@@ -54,16 +55,31 @@ class Recorded:
     _rank: NDArray[np.int_] = field(init=False, repr=False)
 
     def __post_init__(self) -> None:
-        if (count := self.encounters.shape[1]) < FEWEST:
+        count = len(np.unique(np.vstack([self.encounters, self.courses.T]), axis=1).T)
+        if count < FEWEST:
             raise InputError(
                 "recorded courses",
-                seen=f"{count} cut-ins",
-                expected=f"at least {FEWEST}",
+                seen=f"{self.encounters.shape[1]} cut-ins, {count} of them different",
+                expected=f"at least {FEWEST} different ones",
                 change="Add cut-ins with courses, or use the lead motion ngsim.",
+            )
+        if (constant := np.ptp(self.encounters, axis=1) == 0).any():
+            k = int(np.argmax(constant))
+            raise InputError(
+                f"recorded courses, column {NAMES[k]}",
+                seen=f"{self.encounters[k, 0]:g} in all {self.encounters.shape[1]} cut-ins",
+                expected="different values, because cut-ins with similar values are drawn",
+                change="Use the values as they were measured, or use the lead motion ngsim.",
+            )
+        if (self.courses[:, 1] == AWAY).all():
+            raise InputError(
+                "recorded courses",
+                seen="no speed after the crossing in any cut-in",
+                expected="the speeds of the other cars until they leave the lane",
+                change="Correct the columns of speeds, or use the lead motion ngsim.",
             )
         features = _features(self.encounters)
         scale = features.std(axis=0)
-        scale[scale == 0] = 1.0
         change = (self.courses - self.courses[:, :1]).mean(axis=1)
         object.__setattr__(self, "_scale", scale)
         object.__setattr__(self, "_tree", cKDTree(features / scale))
@@ -77,13 +93,15 @@ class Recorded:
         is called ``where`` in errors.
         """
         encounters = _numbers(table[list(NAMES)], where).T
-        possible = np.isfinite(encounters) & (encounters >= [[0.0], [np.finfo(float).tiny], [-np.inf]])
+        low, high = np.array([[0.0, np.finfo(float).tiny, -FASTEST], [FASTEST, np.inf, FASTEST]])[:, :, None]
+        possible = np.isfinite(encounters) & (encounters >= low) & (encounters <= high)
         if not possible.all():
             name, row = np.argwhere(~possible)[0]
             raise InputError(
                 f"{where}, cut-in {row}, column {NAMES[name]}",
                 seen=f"{encounters[name, row]:g}",
-                expected="a lead speed of 0 m/s or more, a range above 0 m and a finite closing speed",
+                expected="a lead speed of 0 m/s or more, a finite range above 0 m, and speeds up to "
+                f"{FASTEST:g} m/s",
                 change="Correct this cut-in, or leave it out.",
             )
         return cls(encounters, recorded_courses(table, where))
@@ -116,7 +134,9 @@ class Recorded:
         farthest = np.maximum(distance[:, -1:], np.finfo(float).tiny)
         order = np.argsort(self._rank[near], axis=1)
         offsets = (self._tree.data[near] - places[:, None]) / farthest[:, :, None]
-        weights = _balanced((1 - (distance / farthest) ** 3) ** 3, offsets)
+        weights = (1 - (distance / farthest) ** 3) ** 3
+        weights[~weights.any(axis=1)] = 1.0  # all neighbours are equally far, as repeated cut-ins may be
+        weights = _balanced(weights, offsets)
         weights = np.take_along_axis(weights, order, axis=1)
         ends = weights.cumsum(axis=1)
         chosen = (np.minimum(inputs, BELOW_ONE)[:, :1] * ends[:, -1:] >= ends).sum(axis=1)
@@ -202,19 +222,14 @@ def recorded_courses(
 
 def _numbers(table: pd.DataFrame, where: str) -> Array:
     """Return columns as floats, with nan for empty cells; raise InputError if a cell is not a number."""
-    # Dates would become numbers of nanoseconds.
-    dates = table.columns[[kind.kind not in "iufObU" for kind in table.dtypes]]
-    numbers = table.assign(**dict.fromkeys(dates, np.nan)).apply(pd.to_numeric, errors="coerce")
-    wrong = (numbers.isna() & table.notna()).to_numpy()
-    if wrong.any():
-        row, column = np.argwhere(wrong)[0]
-        raise InputError(
-            f"{where}, cut-in {row}, column {table.columns[column]}",
-            seen=repr(table.iloc[row, column]),
-            expected="a number",
-            change="Correct this cell.",
-        )
-    return numbers.to_numpy(dtype=float)
+
+    def place(row: int) -> str:
+        return f"{where}, cut-in {row}"
+
+    columns = (
+        column_of_numbers(table[name], place, "Correct this cell.", may_be_empty=True) for name in table
+    )
+    return np.column_stack(list(columns))
 
 
 def _require_courses(courses: Array, times: Array, names: list[str], where: str, rows: Sequence[str]) -> None:

@@ -23,10 +23,12 @@ from typing import Any, Protocol
 import numpy as np
 import pandas as pd
 from numpy.typing import NDArray
+from scipy.stats import binom
 
 from accelerated_evaluation.base.errors import InputError
 from accelerated_evaluation.base.registry import Registry
-from accelerated_evaluation.records.ingest import Account, apply_filters, drop_invalid
+from accelerated_evaluation.base.tables import CLUSTER
+from accelerated_evaluation.records.ingest import Account, apply_filters, drop_invalid, no_number
 from accelerated_evaluation.records.limits import FARTHEST, FASTEST
 from accelerated_evaluation.records.segments import MINIMUM_ROWS, segment_names
 
@@ -38,6 +40,7 @@ NAMED_ROWS = 5  # number of example rows in a report
 SHIPPED = frozenset({"3b1ebe9e1357b242", "d21f72d71f394a0c", "2b25f81b7a8cf667"})
 UNITS_OF_CUT_INS = {"lead_speed": "m/s", "range": "m", "closing_speed": "m/s"}
 CUT_INS = (*UNITS_OF_CUT_INS, "inverse_range", "inverse_ttc")  # columns that only records of cut-ins have
+ORDER = "order"  # what checks need that compare rows with those before them
 FINE, WARNING, STOP = VERDICTS = ("fine", "warning", "stop")
 
 
@@ -73,6 +76,7 @@ class Records:
     kept: pd.DataFrame  # the valid rows within the limits of the study, to which laws are fitted
     repeated: pd.Index  # row numbers of the valid rows that repeat another row; laws count equal rows once
     invalid: Sequence[int] = ()  # row numbers of the records that are not a valid encounter
+    no_number: tuple[str, str] = "", ""  # the first cell without a number, and how to correct it
     edges: Sequence[float] = ()  # for cut-ins, the edges of the segments of the lead speed [m/s]
     # Simulates encounters with the vehicle under test, given their variables; None without a vehicle.
     simulate: Simulate | None = None
@@ -96,6 +100,7 @@ class Records:
             kept=apply_filters(valid, account, config["filters"]),
             repeated=valid.index[(valid == valid.shift()).all(axis=1)],
             invalid=raw.index.difference(valid.index),
+            no_number=no_number(raw),
             edges=config["segments"]["lead_speed_edges"],
             simulate=simulate,
             warnings=raw.attrs.get("warnings", ()),
@@ -110,6 +115,19 @@ class Records:
     def are_cut_ins(self) -> bool:
         """Whether the records have the columns of cut-ins."""
         return set(CUT_INS) <= set(self.valid.columns)
+
+    @cached_property
+    def sorted_by(self) -> str:
+        """The quantity by which the rows are sorted, or the parts of which the table consists; or empty.
+
+        Hardly any rows change against the order, and so many along it that this is not by chance.
+        """
+        for name in self.valid.columns.difference([CLUSTER], sort=False):
+            steps = np.sign(self.valid[name].diff())
+            count, against = (steps != 0).sum() - 1, min((steps > 0).sum(), (steps < 0).sum())
+            if against <= MANY * count and 2 * binom.cdf(against, count, 0.5) < LEVEL:
+                return name
+        return ""
 
     @cached_property
     def distinct(self) -> pd.DataFrame:
@@ -160,7 +178,7 @@ CHECKS: Registry[Check] = Registry("check", __name__, __path__, contract=[Callab
 
 
 def needs(*columns: str) -> Callable[[Check], Check]:
-    """Return a decorator for a check that is only made of records with certain columns."""
+    """Return a decorator for a check that is only made of records with certain columns, or with `ORDER`."""
 
     def limited(check: Check) -> Check:
         check.needs = frozenset(columns)
@@ -195,7 +213,7 @@ def inspect_records(records: Records) -> pd.DataFrame:
             expected=f"at least {MINIMUM_ROWS} valid rows to check",
             change="Check the columns and their units.",
         )
-    columns = set(records.valid.columns)
+    columns = {*records.valid.columns, *([] if records.sorted_by else [ORDER])}
     made = {name: check for name, check in CHECKS.items() if getattr(check, "needs", frozenset()) <= columns}
     table = pd.DataFrame([_line(name.replace("_", " "), check(records)) for name, check in made.items()])
     table["explained"] = records.are_shipped & (table["verdict"] == WARNING)

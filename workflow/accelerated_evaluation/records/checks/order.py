@@ -1,9 +1,10 @@
-"""Checks for a drift of the records, and of the outcomes of replays."""
+"""Checks of the order of the rows, for a drift of the records, and of the outcomes of replays."""
 
 import numpy as np
 from scipy.stats import norm
 
 from accelerated_evaluation.base.arrays import Array
+from accelerated_evaluation.base.tables import CLUSTER
 from accelerated_evaluation.records.checks import (
     CHECKS,
     CUT_INS,
@@ -11,6 +12,7 @@ from accelerated_evaluation.records.checks import (
     LEVEL,
     MANY,
     NAMED_ROWS,
+    ORDER,
     STOP,
     WARNING,
     Finding,
@@ -23,8 +25,29 @@ BLOCKS = 10  # number of blocks of consecutive rows in a third of the record, fo
 MEDIUM = 0.5  # difference of means in standard deviations, a medium effect (Cohen 1988)
 
 
+@CHECKS.add("order_of_rows")
+def order_of_rows(records: Records) -> Finding:
+    """Check that the rows are not sorted by a quantity.
+
+    Checks that compare neighbouring rows are not made if they are. The verdict is then ``stop`` if the laws
+    are scored on blocks of consecutive rows, and ``warning`` if they are scored on whole clusters. The number
+    is 1 if the rows are sorted, and otherwise 0.
+    """
+    name = records.sorted_by
+    left_out = [check for check, made in CHECKS.items() if ORDER in getattr(made, "needs", ())]
+    return Finding(
+        FINE if not name else WARNING if CLUSTER in records.valid else STOP,
+        "whether the rows are sorted by a quantity, and not in the order of recording",
+        f"sorted by {name}" if name else "not sorted",
+        float(bool(name)),
+        "Give the rows in the order in which they were recorded, because neighbouring rows are held out "
+        "together to compare models. If this order is unknown, shuffle the rows. Not checked in sorted rows: "
+        f"{', '.join(left_out).replace('_', ' ')}.",
+    )
+
+
 @CHECKS.add("drift")
-@needs(*CUT_INS)
+@needs(*CUT_INS, ORDER)
 def drift(records: Records) -> Finding:
     """Test whether the first and the last third of the rows have the same distribution.
 

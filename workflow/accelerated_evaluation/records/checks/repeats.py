@@ -14,6 +14,7 @@ from accelerated_evaluation.records.checks import (
     CHECKS,
     FINE,
     LEVEL,
+    ORDER,
     STOP,
     WARNING,
     Finding,
@@ -87,6 +88,7 @@ def rows_repeated_elsewhere(records: Records) -> Finding:
 
 
 @CHECKS.add("nearly_repeated_rows")
+@needs(ORDER)
 def nearly_repeated_rows(records: Records) -> Finding:
     """Check for rows that differ from the row before them by no more than the resolution of radars.
 
@@ -111,6 +113,7 @@ def nearly_repeated_rows(records: Records) -> Finding:
 
 
 @CHECKS.add("stuck_sensor")
+@needs(ORDER)
 def stuck_sensor(records: Records) -> Finding:
     """Check for a quantity that has the same value as in the row before, while another quantity changes.
 

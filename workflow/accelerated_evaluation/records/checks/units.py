@@ -34,12 +34,14 @@ CRASHES = 1e-5
 def invalid_values(records: Records) -> Finding:
     """Check for rows that are not a valid encounter: missing, negative, infinite or impossible values."""
     rows, size = list(records.invalid), len(records.valid) + len(records.invalid)
+    example, correction = records.no_number
     return Finding(
         by_share(len(rows), size),
         "missing, infinite or non-numeric values; of cut-ins also negative values and speeds above 300 m/s",
-        f"{len(rows):,} of {size:,} rows",
+        f"{len(rows):,} of {size:,} rows{example and f'; {example}'}",
         len(rows),
-        "Correct these rows, or set data.invalid_rows to drop, which leaves them out and counts them.",
+        f"{correction}Correct these rows, or set data.invalid_rows to drop, which leaves them out and counts "
+        "them.",
         rows,
     )
 
