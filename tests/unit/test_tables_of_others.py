@@ -1,5 +1,6 @@
 """Tables that others exported: separators, decimal commas, no header, dates, and what the messages name."""
 
+import gzip
 import re
 
 import numpy as np
@@ -100,8 +101,7 @@ def test_empty_cells_and_a_few_cells_are_shown(tmp_path, monkeypatch, capsys):
     rows = cut_ins().astype(str)
     rows.loc[7, "range"] = "12,5"
     rows.to_csv("t.csv", index=False)
-    with pytest.raises(SystemExit):
-        cli.main(["inspect", "t.csv"])
+    assert cli.main(["inspect", "t.csv"]) == 0
     printed = capsys.readouterr().out
     assert "invalid values: 1 of 200 rows; row 8 has '12,5' as range" in printed
     assert "a point in place of a decimal comma" in " ".join(printed.split())
@@ -113,8 +113,8 @@ def test_empty_cells_and_a_few_cells_are_shown(tmp_path, monkeypatch, capsys):
     [
         lambda rows, name: rows.sort_values(name),
         lambda rows, name: rows.sort_values(name, ascending=False),
-        lambda rows, name: pd.concat([part.sort_values(name) for part in np.split(rows, [900])]),
-        lambda rows, name: rows.round(0).sort_values(name),
+        lambda rows, name: pd.concat([part.sort_values(name) for part in (rows[:900], rows[900:])]),
+        lambda rows, name: rows.round(1).sort_values(name),
     ],
 )
 def test_sorted_rows_are_no_stuck_sensor(name, put_in_order):
@@ -169,13 +169,13 @@ def test_lead_motion_of_replay_is_taken_or_one_message(tmp_path, monkeypatch, ca
 def test_equally_far_recorded_cut_ins_are_drawn_alike():
     """Repeated cut-ins are all neighbours, at one distance, to which tricube weights would give no weight."""
     rows = pd.concat([RECORDED.iloc[[0] * 200], RECORDED.iloc[1:]])
-    encounter = RECORDED[CUT_INS].to_numpy(float)[:1].T + [[5.0], [0.0], [0.0]]
+    encounter = RECORDED[CUT_INS].to_numpy(float)[:1].T + np.array([[0.01], [0.0], [0.0]])
     speeds = Recorded.of(rows).lead_speeds(encounter, np.array([[0.5]]))
     changes = RECORDED[SPEEDS].iloc[0] - RECORDED["lead_speed"].iloc[0]
     np.testing.assert_allclose(speeds[0, 1:] - encounter[0], changes, atol=1e-9)
 
 
-@pytest.mark.parametrize("name", ["folder", "folder.csv", "folder.parquet"])
+@pytest.mark.parametrize("name", ["place", "place.csv", "place.parquet"])
 @pytest.mark.parametrize(
     "command",
     [
@@ -185,7 +185,7 @@ def test_equally_far_recorded_cut_ins_are_drawn_alike():
         ["simulate", "t.csv", "{}"],
         ["replay", "20", "15", "6", "{}"],
         ["inspect", "t.csv", "--report", "{}"],
-        ["estimate", "--vehicle", "acc_aeb", "--config", "{}"],
+        ["estimate", "--config", "{}"],
         ["campaign", "tell", "{}", "t.csv"],
     ],
     ids=" ".join,
@@ -201,5 +201,51 @@ def test_a_folder_in_place_of_a_file_is_one_message(tmp_path, monkeypatch, capsy
     message = capsys.readouterr().err
     assert status == 2
     assert name in message
-    assert "folder" in message.replace(name, "") or "ends in" in message
+    assert re.search("folder|directory|end(s|ing) in|.csv or .parquet", message)
     assert sorted(path.name for path in tmp_path.iterdir()) == sorted([name, "t.csv"])
+
+
+@pytest.mark.parametrize(("cell", "advice"), CELLS)
+def test_a_cell_of_a_table_to_simulate_is_shown(tmp_path, monkeypatch, capsys, cell, advice):
+    monkeypatch.chdir(tmp_path)
+    cut_ins(5).assign(range=cell).to_csv("t.csv", index=False)
+    assert cli.main(["simulate", "t.csv", "o.csv"]) == 2
+    message = capsys.readouterr().err
+    assert f"t.csv, row 2, column range: seen {cell!r}; expected a number." in message
+    assert advice in message
+
+
+@pytest.mark.parametrize("damage", ["no archive", "cut off", "changed"])
+def test_a_damaged_archive_is_one_message(tmp_path, monkeypatch, capsys, damage):
+    monkeypatch.chdir(tmp_path)
+    content = bytearray(gzip.compress(cut_ins(2000).to_csv(index=False).encode()))
+    content[500:700] = b"x" * 200
+    damaged = {"no archive": b"text", "cut off": gzip.compress(b"a,b,c\n1,2,3\n")[:-9], "changed": content}
+    (tmp_path / "t.csv.gz").write_bytes(damaged[damage])
+    assert cli.main(["simulate", "t.csv.gz", "o.csv"]) == 2
+    message = capsys.readouterr().err
+    assert message.startswith("error: t.csv.gz, row ")
+    assert "a complete .gz file" in message
+    assert not (tmp_path / "o.csv").exists()
+
+
+def test_a_table_is_not_replaced_by_its_own_outcomes(tmp_path, monkeypatch, capsys):
+    monkeypatch.chdir(tmp_path)
+    cut_ins(5).to_csv("t.csv", index=False)
+    (tmp_path / "link.csv").symlink_to("t.csv")
+    before = (tmp_path / "t.csv").read_bytes()
+    for target in ("t.csv", "link.csv", "./t.csv"):
+        assert cli.main(["simulate", "t.csv", target]) == 2
+        assert f"seen {target.removeprefix('./')}; expected another file" in capsys.readouterr().err
+    assert (tmp_path / "t.csv").read_bytes() == before
+
+
+@pytest.mark.parametrize(
+    "command", [["replay", "20", "15", "6"], ["inspect", "t.csv", "--report"], ["total", "--target"]]
+)
+def test_tables_to_write_end_in_csv(tmp_path, monkeypatch, capsys, command):
+    monkeypatch.chdir(tmp_path)
+    with pytest.raises(SystemExit) as end:
+        cli.main([*command, "o.parquet"])
+    assert end.value.code == 2
+    assert "seen 'o.parquet'; expected a name that ends in .csv" in capsys.readouterr().err

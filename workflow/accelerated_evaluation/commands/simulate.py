@@ -6,6 +6,7 @@ import gzip
 import math
 import os
 import sys
+import zlib
 from collections.abc import Iterable, Iterator, Mapping
 from itertools import islice
 from pathlib import Path
@@ -229,6 +230,9 @@ def simulate_table(
     if target.suffix != ".csv":
         change = "Write an uncompressed CSV table, and convert it afterwards."
         raise InputError("OUT.csv", seen=str(target), expected="a name that ends in .csv", change=change)
+    if target.exists() and source.exists() and target.samefile(source):
+        change = "Name another table to write."
+        raise InputError("OUT.csv", seen=str(target), expected="another file than IN.csv", change=change)
     with _opened(source) as file:
         rows = _rows(file, source)
         header = [name.strip() for name in next(rows, Row(0, [])).fields]
@@ -273,7 +277,7 @@ def _opened(source: Path) -> TextIO:
     try:
         return opened(source, "rt", encoding="utf-8-sig", newline="")
     except OSError as error:
-        seen = (error.strerror or str(error)).lower()
+        seen = "a folder" if source.is_dir() else (error.strerror or str(error)).lower()
         raise InputError(str(source), seen=seen, expected="a CSV file", change="Correct its path.") from error
 
 
@@ -294,10 +298,13 @@ def _rows(file: TextIO, source: Path) -> Iterator[Row]:
                     change="Correct this row.",
                 )
             yield Row(reader.line_num, fields)
-    except (csv.Error, UnicodeDecodeError) as error:
+    except (csv.Error, UnicodeDecodeError, gzip.BadGzipFile, EOFError, zlib.error) as error:
         where = f"{source}, row {reader.line_num + 1}"
         raise InputError(
-            where, seen=str(error), expected="CSV text in UTF-8", change="Export it again."
+            where,
+            seen=str(error),
+            expected="CSV text in UTF-8, or a complete .gz file of it",
+            change="Export it again.",
         ) from error
 
 
@@ -342,11 +349,13 @@ def _numbers(chunk: list[Row], column: int, header: list[str], source: Path) -> 
                 raise ValueError
             numbers.append(float(row.fields[column]))
         except ValueError as error:
+            from accelerated_evaluation.base.tables import number_fault
+
             raise InputError(
                 f"{source}, row {row.number}, column {header[column]}",
                 seen=repr(row.fields[column]),
                 expected="a number",
-                change="Correct or remove this row.",
+                change=f"{number_fault(row.fields[column])}Correct or remove this row.",
             ) from error
     return numbers
 

@@ -267,6 +267,8 @@ def read_yaml(path: Path) -> dict[str, Any]:
     number that YAML reads as another one, or is not a mapping of keys to values.
     """
     try:
+        if path.is_dir():
+            raise ValueError("a folder")
         if path.stat().st_size > LARGEST:
             raise ValueError(f"{path.stat().st_size:,} bytes, more than {LARGEST:,}")
         config = strict_yaml.load(path.read_text(encoding="utf-8"))

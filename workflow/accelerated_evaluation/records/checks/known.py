@@ -41,8 +41,9 @@ SMALLEST = 0.02  # values below this share of the known median are taken as this
 ENOUGH = 5_000  # number of rows that are compared
 # A fault explains a distance from the known records if the distance without the fault is this many times
 # smaller. Sums of two speeds, such as the host speed in the column of the lead speed, are the likeliest fault
-# and change least; exchanged columns and times are the rarest one. With these numbers 5 % of the sound tables
-# of other traffic in the tests get a warning, most of them of slow traffic, and none a stop.
+# and change least; exchanged columns and times are the rarest one. The numbers were chosen so that 5 % of the
+# sound tables of other traffic in the tests get a warning, most of them of slow traffic, and none a stop. It
+# is therefore no independent measure: the share in tables that were not used may be larger.
 SUM, UNIT, RARE = 1.3, 1.6, 2.0
 CERTAIN = 2.5  # the same for a stop, if the records without the fault are
 SIMILAR = 1.0  # no farther from the known records than this
