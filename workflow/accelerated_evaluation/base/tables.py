@@ -38,7 +38,7 @@ def header_fault(header: Sequence[str]) -> str:
     for separator, name in ((";", "semicolons"), ("\t", "tabs"), ("|", "vertical bars")):
         if separator in whole:
             return f"cells that are separated by {name} ({cut(whole)}), not by commas"
-    if header and all(is_number(cell) for cell in header):
+    if 2 * sum(map(is_number, header)) > len(header):
         return f"numbers in the first row ({listed(header, '')}), so that the table has no header"
     return ""
 

@@ -18,7 +18,7 @@ from fewruns.sampler import Sampler
 
 from accelerated_evaluation.base.errors import InputError
 from accelerated_evaluation.base.sections import Schema, choice, integer, section
-from accelerated_evaluation.base.tables import read_csv, require_file
+from accelerated_evaluation.base.tables import column_of_numbers, read_csv, require_file
 from accelerated_evaluation.methods import METHODS, Method, configured_stopping
 from accelerated_evaluation.methods.problem import Problem
 from accelerated_evaluation.scenarios.protocol import Event, Scenario
@@ -154,11 +154,18 @@ def read_predecessor(path: str | os.PathLike, problem: Problem) -> Predecessor:
     names = [*problem.coordinates(np.zeros((1, problem.dimension)))]
     scores = [f"z_{name}" for name in names]
     table = read_csv(path, {name: name for name in (*scores, *names, "event")})
+
+    def place(row: int) -> str:
+        return f"{path}, row {row + 2}"
+
+    z, recorded = (
+        np.column_stack([column_of_numbers(table[name], place, change) for name in columns])
+        for columns in (scores, names)
+    )
     try:
-        z, recorded = table[scores].to_numpy(float), table[names].to_numpy(float)
         happened = np.array([FLAGS[flag] for flag in table["event"]], bool)
-    except (ValueError, KeyError) as error:
-        expected = "numbers, and True or False for the event"
+    except KeyError as error:
+        expected = "True or False for the event"
         raise InputError(str(path), seen=f"a cell {error}", expected=expected, change=change) from error
     if not happened.any():
         seen = f"no event in {len(z)} simulations"

@@ -58,12 +58,19 @@ def read_encounters(path: str | os.PathLike) -> pd.DataFrame:
             expected=f"the columns of an encounter table: {', '.join(COLUMNS)}",
             change="Write the file with the ingest step.",
         )
-    numbers = table[list(NUMBERS)]
-    are_numbers = all(kind.kind in "iuf" for kind in numbers.dtypes)
-    if not are_numbers or not (np.isfinite(numbers) & (numbers >= 0)).all(axis=None):
+    are_numbers = all(kind.kind in "iuf" for kind in table[list(NUMBERS)].dtypes)
+    numbers = table[list(NUMBERS)].to_numpy(float, na_value=np.nan) if are_numbers else np.array(np.nan)
+    if not (np.isfinite(numbers) & (numbers >= 0)).all():
         raise InputError(
             str(path),
             seen="speeds, ranges or times that are missing, infinite, below 0 or not numbers",
+            expected="an encounter table as the ingest step writes it",
+            change="Write the file with the ingest step.",
+        )
+    if table.empty or not table["segment"].map(lambda name: isinstance(name, str)).all():
+        raise InputError(
+            str(path),
+            seen="no rows" if table.empty else "segments without a name",
             expected="an encounter table as the ingest step writes it",
             change="Write the file with the ingest step.",
         )
