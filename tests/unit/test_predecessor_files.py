@@ -1,15 +1,16 @@
 """Runs of a similar vehicle from an earlier campaign, or from the table of an earlier estimate."""
 
-import json
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import pandas as pd
 import pytest
-from accelerated_evaluation import CUT_IN, InputError, Problem, cli, load_vehicle
+from accelerated_evaluation import CUT_IN, InputError, Problem, cli, load_vehicle, write_law
 from accelerated_evaluation.base.files import write_csv
 from accelerated_evaluation.methods.study import with_encounters
 from accelerated_evaluation.methods.surrogate import read_predecessor
+from accelerated_evaluation.records.segments import read_encounters
 from accelerated_evaluation.track.campaign_file import read_campaign
 from accelerated_evaluation.track.results import status_of
 from law_folder import LAW, begin_campaign
@@ -68,8 +69,7 @@ def test_a_campaign_begins_where_its_predecessor_met_the_event(first):
 def test_another_law_or_event_is_no_predecessor(first, capsys):
     assert begin_next("--event", "min_range=1") == 2
     assert "--predecessor, its event: seen crash; expected range at most 1 m" in capsys.readouterr().err
-    law = json.loads(Path("law.json").read_text())
-    Path("law.json").write_text(json.dumps(law | {"description": "another"}))
+    write_law("law.json", replace(LAW, description="another"), read_encounters("encounters.parquet"))
     assert begin_next() == 2
     assert "--predecessor, its law: seen" in capsys.readouterr().err
     assert not Path("next.json").exists()

@@ -63,14 +63,6 @@ class Recorded:
                 expected=f"at least {FEWEST} different ones",
                 change="Add cut-ins with courses, or use the lead motion ngsim.",
             )
-        if (constant := np.ptp(self.encounters, axis=1) == 0).any():
-            k = int(np.argmax(constant))
-            raise InputError(
-                f"recorded courses, column {NAMES[k]}",
-                seen=f"{self.encounters[k, 0]:g} in all {self.encounters.shape[1]} cut-ins",
-                expected="different values, because cut-ins with similar values are drawn",
-                change="Use the values as they were measured, or use the lead motion ngsim.",
-            )
         if (self.courses[:, 1] == AWAY).all():
             raise InputError(
                 "recorded courses",
@@ -79,7 +71,8 @@ class Recorded:
                 change="Correct the columns of speeds, or use the lead motion ngsim.",
             )
         features = _features(self.encounters)
-        scale = features.std(axis=0)
+        # Not where the standard deviation is 0, because that of equal numbers is not always exactly 0.
+        scale = np.where(np.ptp(features, axis=0) == 0, 1.0, features.std(axis=0))
         change = (self.courses - self.courses[:, :1]).mean(axis=1)
         object.__setattr__(self, "_scale", scale)
         object.__setattr__(self, "_tree", cKDTree(features / scale))
@@ -89,8 +82,8 @@ class Recorded:
     def of(cls, table: pd.DataFrame, where: str = "recorded courses") -> Self:
         """Return the law of a table with ``lead_speed``, ``range``, ``closing_speed`` and speed profiles.
 
-        InputError is raised if there are fewer than `FEWEST` cut-ins, or as for `recorded_courses`. The table
-        is called ``where`` in errors.
+        InputError is raised if there are fewer than `FEWEST` cut-ins, if a column is
+        the same in all of them, or as for `recorded_courses`. The table is called ``where`` in errors.
         """
         encounters = _numbers(table[list(NAMES)], where).T
         low, high = np.array([[0.0, np.finfo(float).tiny, -FASTEST], [FASTEST, np.inf, FASTEST]])[:, :, None]
@@ -104,7 +97,16 @@ class Recorded:
                 f"{FASTEST:g} m/s",
                 change="Correct this cut-in, or leave it out.",
             )
-        return cls(encounters, recorded_courses(table, where))
+        motion = cls(encounters, recorded_courses(table, where))
+        if (constant := np.ptp(encounters, axis=1) == 0).any():
+            k = int(np.argmax(constant))
+            raise InputError(
+                f"{where}, column {NAMES[k]}",
+                seen=f"{encounters[k, 0]:g} in all {encounters.shape[1]} cut-ins",
+                expected="different values, because cut-ins with similar values are drawn",
+                change="Use the values as they were measured, or use the lead motion ngsim.",
+            )
+        return motion
 
     @classmethod
     def read(cls, path: str | os.PathLike) -> Self:
