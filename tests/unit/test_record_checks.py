@@ -130,6 +130,7 @@ SPOILED = {
     "one range in twenty rounded to 5 m": ("round_numbers", rounded_to_5_m),
     "saturated closing speed": ("cut_edges", of_column("closing_speed", lambda v: v.clip(upper=8))),
     "false targets": ("outliers", some("range", 0.4, 6_000)),
+    "rows sorted by range": ("order_of_rows", lambda rows: numbered(rows.sort_values("range"))),
     "drift of the range": ("drift", lambda rows: rows * np.linspace([1, 1, 1], [1, 0.6, 1], len(rows))),
     "marks for missing values": ("invalid_values", some("range", -1.0, 500)),
     "marks for far targets": ("far_ranges", some("range", 999.0, 50)),
