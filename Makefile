@@ -51,8 +51,8 @@ report: study ## run the study, then write its self-contained HTML report to res
 smoke: ## a miniature of the whole study in under two minutes
 	$(MAKE) study CONFIG=config/smoke.yaml
 
-paper-figures: $(ENVIRONMENT) ## figures, tables and numbers of a finished study for a LaTeX paper: make paper-figures [STUDY=spmd]
-	accelerated-evaluation paper $(STUDY)
+paper-figures: $(ENVIRONMENT) ## figures, tables and numbers of a finished study for a LaTeX paper: make paper-figures [STUDY=spmd] [FIGURE=fig12]
+	accelerated-evaluation paper $(STUDY) $(if $(FIGURE),--figure $(FIGURE))
 
 crate: study ## run the study, then pack it with its provenance: results/STUDY.crate.zip
 	accelerated-evaluation crate $(STUDY)

@@ -7,10 +7,8 @@ results are then changed in the thirteenth digit, as on another kind of processo
     python tests/unit/figure_checks.py results/spmd figures/spmd
 """
 
-import importlib
 import inspect
 import json
-import pkgutil
 import sys
 from itertools import combinations
 from pathlib import Path
@@ -21,11 +19,11 @@ from unittest import mock
 import matplotlib as mpl
 import numpy as np
 import pandas as pd
-from accelerated_evaluation.publishing import figures
 from accelerated_evaluation.publishing import study as study_module
 from accelerated_evaluation.publishing.figures import style
 from accelerated_evaluation.publishing.figures.style import COLUMN_WIDTH, paper_style, save_figure
 from accelerated_evaluation.publishing.provenance import described
+from accelerated_evaluation.publishing.published import registered_figures
 from accelerated_evaluation.publishing.study import Study
 from accelerated_evaluation.scenarios.cut_in import CUT_IN
 from matplotlib import pyplot as plt
@@ -106,17 +104,6 @@ def _look(handle):
     return look | {"grey": 1 - alpha * (1 - (0.3 * red + 0.59 * green + 0.11 * blue))}
 
 
-def registered():
-    """Return every registered figure by its name."""
-    modules = [
-        importlib.import_module(f"{figures.__name__}.{each.name}")
-        for each in pkgutil.iter_modules(figures.__path__)
-    ]
-    return {
-        name: make for module in modules for name, make in vars(module).items() if hasattr(make, "publish")
-    }
-
-
 def _given(study, name):
     """Return the arguments that the notebooks do not read from the study."""
     second = name.startswith(("fig05", "fig07"))
@@ -146,7 +133,7 @@ def main(results, published=None):
         mock.patch.object(study_module, "pd", reader).start()
     of_scenario = study.scenario is not CUT_IN
     found = {}
-    for name, make in sorted(registered().items()):
+    for name, make in sorted(registered_figures().items()):
         if name.startswith(("fig35", "fig36")) or ("scenario" in name) != of_scenario:
             continue  # a figure of another kind of study
         given = _given(study, name)

@@ -15,7 +15,8 @@ Write the figures, tables and numbers of a finished study for a LaTeX paper into
   example.tex            two pages that use all of this; pdflatex example.tex
 
 Run it in the folder in which the study ran, for example
-  accelerated-evaluation paper spmd"""
+  accelerated-evaluation paper spmd
+  accelerated-evaluation paper spmd --figure fig12"""
 
 
 @COMMANDS.add("paper")
@@ -27,10 +28,13 @@ class Paper:
 
     @staticmethod
     def add_arguments(command: argparse.ArgumentParser) -> None:
-        """Add the arguments to the parser: name of the study, folder to write, and font of the figures."""
+        """Add the arguments to the parser: name of the study, folder to write, one figure, and the font."""
         command.add_argument("study", metavar="STUDY", help="name of the study, as in its configuration")
         command.add_argument(
             "--target", metavar="FOLDER", type=Path, help="folder to write (default: results/STUDY/paper)"
+        )
+        command.add_argument(
+            "--figure", metavar="NAME", help="write only this figure, by its name or number, such as fig12"
         )
         command.add_argument(
             "--font",
@@ -47,5 +51,5 @@ class Paper:
 
         name = arguments.study
         target = arguments.target or Path("results") / name / "paper"
-        write_paper(Study.named(name), target, arguments.font)
+        write_paper(Study.named(name), target, arguments.font, arguments.figure)
         print(f"{target}: {sum(path.is_file() for path in target.rglob('*'))} files")

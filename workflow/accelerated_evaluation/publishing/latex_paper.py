@@ -26,16 +26,21 @@ VALUES = {"paper": "Paper", "ours": "Ours", "ours_low": "OursLow", "ours_high": 
 SHORT = ("claim", "paper", "ours", "verdict")  # columns of the table of claims that a column of text can hold
 
 
-def write_paper(study: Study, target: Path, font: str) -> None:
+def write_paper(study: Study, target: Path, font: str, figure: str | None = None) -> None:
     """Write figures, tables and numbers of a study to a folder for a LaTeX paper, and replace existing files.
 
     It contains ``figures/one_column``, ``figures/two_columns``, ``tables``, ``numbers.tex`` and
-    ``example.tex``. The font family of the figures should be that of the paper's text. InputError is raised
-    if a result of the study is missing, or the font is not installed.
+    ``example.tex``. The font family of the figures should be that of the paper's text. If the name of one
+    figure or its beginning is given, such as "fig12", only this figure is written. InputError is raised if a
+    result of the study or the figure is missing, or the font is not installed.
     """
     _require_font(font)
     study.path("config.json")
     folders = {width: target / "figures" / name for name, width in WIDTHS.items()}
+    if figure is not None:
+        name = _published_figure(study, figure)
+        draw(study, Print(font, folders, name), [_notebook_with(name)])
+        return
     notebooks = sorted((PROJECT / "notebooks").glob("*.ipynb"))
     draw(study, Print(font, folders), [path for path in notebooks if read_contents(path).figures])
     tables = study.figures / "tables"
@@ -92,6 +97,26 @@ def _short(claims: pd.DataFrame) -> str:
     """Return the claims with the paper's number, ours and the verdict, as a table for one column of text."""
     shown = claims[list(SHORT)].map(readable)
     return as_latex(shown.to_latex(index=False, escape=True, column_format="p{2.9cm}rrl"))
+
+
+def _published_figure(study: Study, beginning: str) -> str:
+    """Return the name of the published figure that begins in this way, or raise InputError."""
+    names = sorted(path.stem for path in study.figures.glob("fig*.csv"))
+    found = [name for name in names if f"{name}_".startswith(f"{beginning}_")]
+    if len(found) != 1:
+        raise InputError(
+            "--figure",
+            seen=beginning,
+            expected=f"the number or the name of a figure in {study.figures}: {', '.join(names)}",
+            change="Write for example fig12, or make the figures of the study first.",
+        )
+    return found[0]
+
+
+def _notebook_with(figure: str) -> Path:
+    """Return the first notebook that publishes a figure."""
+    paths = sorted((PROJECT / "notebooks").rglob("*.ipynb"))
+    return next(path for path in paths if figure in read_contents(path).figures)
 
 
 def _require_font(font: str) -> None:

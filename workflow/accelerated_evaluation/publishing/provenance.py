@@ -4,6 +4,7 @@ It is written to one file next to the results. The figures themselves contain no
 figure changes only if what it shows changes.
 """
 
+import re
 import subprocess
 from collections.abc import Iterable
 from functools import cache
@@ -49,6 +50,24 @@ def commit_of(project: Path) -> str:
     if not commit:
         return UNKNOWN
     return f"{commit} with changes" if changes else commit
+
+
+def page_of_code(project: Path, path: Path, line: int) -> str | None:
+    """Return the address of a line of code at the commit of a project, as web pages of repositories have it.
+
+    None is returned if the address is not known: without git, without a remote repository ``origin``, or if
+    files differ from the committed ones.
+    """
+    commit = commit_of(project)
+    try:
+        origin = _git(project, "remote", "get-url", "origin")
+    except (OSError, subprocess.CalledProcessError):
+        return None
+    parts = re.fullmatch(r"(?:https://|ssh://)?(?:[^@/]*@)?([^:/]+)[:/](.+?)(?:\.git)?/?", origin)
+    if parts is None or not re.fullmatch("[0-9a-f]{40}", commit):
+        return None
+    file = path.resolve().relative_to(project.resolve()).as_posix()
+    return f"https://{parts[1]}/{parts[2]}/blob/{commit}/{file}#L{line}"
 
 
 def described(name: str, study: str) -> dict[str, dict[str, str]]:

@@ -13,7 +13,9 @@ The names of its parameters are those of the properties of `Study` that it uses.
 list the figure, and the results that it reads (`publishing.book.catalogue`).
 """
 
+import importlib
 import inspect
+import pkgutil
 from collections.abc import Callable
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -22,6 +24,7 @@ from typing import Any, TypeVar
 import pandas as pd
 from matplotlib.figure import Figure
 
+from accelerated_evaluation.publishing import figures
 from accelerated_evaluation.publishing.figures.style import COLUMN_WIDTH, save_figure
 from accelerated_evaluation.publishing.provenance import described
 from accelerated_evaluation.publishing.study import Study
@@ -47,6 +50,17 @@ def figure(make: Make) -> Make:
 
     make.publish = publish
     return make
+
+
+def registered_figures() -> dict[str, Callable[..., Any]]:
+    """Return the functions of all registered figures, by the names of the figures."""
+    modules = [
+        importlib.import_module(f"{figures.__name__}.{each.name}")
+        for each in pkgutil.iter_modules(figures.__path__)
+    ]
+    return {
+        name: make for module in modules for name, make in vars(module).items() if hasattr(make, "publish")
+    }
 
 
 def table(

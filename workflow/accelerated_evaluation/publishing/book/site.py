@@ -7,6 +7,7 @@ in the texts of the notebooks (`publishing.book.catalogue`). Sphinx then makes t
 date, so the same study always gives the same bytes.
 """
 
+import inspect
 import platform
 import re
 import shutil
@@ -26,9 +27,10 @@ from sphinx.util.console import nocolor
 
 from accelerated_evaluation.base.errors import StudyError
 from accelerated_evaluation.base.files import PROJECT, file_digest
-from accelerated_evaluation.publishing.book.catalogue import caption, fill
-from accelerated_evaluation.publishing.provenance import commit_of
-from accelerated_evaluation.publishing.study import Study
+from accelerated_evaluation.publishing.book.catalogue import caption, fill, read_contents
+from accelerated_evaluation.publishing.provenance import commit_of, page_of_code
+from accelerated_evaluation.publishing.published import registered_figures
+from accelerated_evaluation.publishing.study import TABLES, Study
 from accelerated_evaluation.publishing.tables.claims import departure
 from accelerated_evaluation.publishing.tables.exact import contradictions
 from accelerated_evaluation.publishing.tables.paper_claims import PAPER_PROBABILITY
@@ -165,8 +167,24 @@ class Parts:
             f"````{{figure}} figures/{name}.png\n:name: {label or name}\n:alt: {_plain(sentence)}\n"
             f":width: {width}px\n"
             f":target: _images/{name}.png\n\n**Figure {number}.** {' '.join(first.split())}\n\n"
-            f"{' '.join(' '.join(rest).split())}\n\n{_links('figures', name, FIGURE_FILES)}\n````\n"
+            f"{' '.join(' '.join(rest).split())}\n\n{_links('figures', name, FIGURE_FILES)}\n\n"
+            f"{self.origin(name)}\n````\n"
         )
+
+    def origin(self, name: str) -> str:
+        """Return the function, the rule and the results that make a figure, with a link to the code."""
+        make = registered_figures()[name]
+        file, line = Path(inspect.getsourcefile(make)), inspect.getsourcelines(make)[1]
+        code = f"`{name}` ({file.resolve().relative_to(PROJECT.resolve()).as_posix()}, line {line})"
+        if page := page_of_code(PROJECT, file, line):
+            code = f"[{code}]({page})"
+        read = [f"`{TABLES[part]}`" for part in inspect.signature(make).parameters if part in TABLES]
+        rule = next((path.stem for path in self.notebooks if name in read_contents(path).figures), None)
+        made = [f"Code: {code}"]
+        made += [f"results: {', '.join(read)}"] if read else []
+        made += [f"rule: `run_{rule}`"] if rule else []
+        alone = f"`snakemake --cores 2 {(self.study.figures / name).as_posix()}.png`"
+        return "; ".join(made) + f". Made alone by {alone}."
 
     def table(self, name: str) -> str:
         """Return the caption of a published table and links to its files, as an item of a Markdown list."""

@@ -71,10 +71,13 @@ class Print:
         Font family.
     folders
         Folder for the figures of each width [in].
+    only
+        Name of the only figure that is saved there; None for all.
     """
 
     font: str
     folders: Mapping[float, Path]
+    only: str | None = None
 
 
 _print: Print | None = None
@@ -126,7 +129,7 @@ def save_figure(
     ``data``: tidy table of everything that is drawn, units in the column names.
     """
     undated = {"png": {}, "pdf": {"CreationDate": None}, "svg": {"Date": None}}
-    if _print is not None:
+    if _print is not None and _print.only in (None, name):
         _save_widths(figure, _print, name, {**undated["pdf"], **metadata.get("pdf", {})})
     for extension in FORMATS if _print is None else FORMATS[:1]:
         with paper_style(), atomic_path(Path(folder) / f"{name}.{extension}") as temporary:

@@ -1,0 +1,111 @@
+"""From a figure to its code: the line below each figure of the book, and the table in REPRODUCE.md."""
+
+import inspect
+import re
+import subprocess
+from pathlib import Path
+
+import pytest
+from accelerated_evaluation.base.errors import InputError
+from accelerated_evaluation.publishing import latex_paper, provenance
+from accelerated_evaluation.publishing.book.catalogue import read_contents
+from accelerated_evaluation.publishing.book.site import Parts
+from accelerated_evaluation.publishing.figures.estimates import fig12_crash_probability
+from accelerated_evaluation.publishing.provenance import page_of_code
+from accelerated_evaluation.publishing.published import registered_figures
+from accelerated_evaluation.publishing.study import Study
+
+ROOT = Path(__file__).resolve().parents[2]
+CAPTIONS = ROOT / "workflow" / "report"
+NOTEBOOKS = sorted((ROOT / "notebooks").glob("*.ipynb"))
+HEAD = "| paper | here | chapter | rule | only this one |\n| --- | --- | --- | --- | --- |"
+TABLES = {"table1_sample_size": "table I", "table2_computation": "table II"}  # of the paper
+
+
+def table_of_commands():
+    """Return the table of REPRODUCE.md: figures and the tables of the paper, by name."""
+    lines = []
+    for notebook in NOTEBOOKS:
+        contents = read_contents(notebook)
+        tables = [name for name in contents.tables if name in TABLES]
+        files = [f"{name}.png" for name in contents.figures] + [f"tables/{name}.csv" for name in tables]
+        for name, file in zip([*contents.figures, *tables], files, strict=True):
+            answered = re.search(r"Answers (figure \d+) of the paper", (CAPTIONS / f"{name}.rst").read_text())
+            paper = answered[1] if answered else TABLES.get(name, "–")
+            command = f"`snakemake --cores 2 figures/spmd/{file}`"
+            lines.append(f"| {paper} | `{name}` | {notebook.stem[:2]} | `run_{notebook.stem}` | {command} |")
+    return "\n".join([HEAD, *sorted(lines, key=lambda line: line.split("|")[2])])
+
+
+def test_the_table_of_commands_in_reproduce_is_complete():
+    table = table_of_commands()
+    assert table in (ROOT / "REPRODUCE.md").read_text(encoding="utf-8"), f"Replace the table by\n{table}"
+
+
+def test_a_figure_names_its_function_its_results_and_its_rule(tmp_path):
+    parts = Parts(Study(tmp_path, "figures/spmd"), NOTEBOOKS, {}, [], CAPTIONS, ROOT)
+    line = inspect.getsourcelines(fig12_crash_probability)[1]
+    origin = parts.origin("fig12_crash_probability")
+    assert f"publishing/figures/estimates.py, line {line})" in origin
+    assert "`estimates_course.csv`, `exact.csv`" in origin
+    assert "`run_06_simulation_analysis`" in origin
+    assert "`snakemake --cores 2 figures/spmd/fig12_crash_probability.png`" in origin
+    shown = {name for path in NOTEBOOKS for name in read_contents(path).figures}
+    assert shown <= registered_figures().keys()
+
+
+@pytest.fixture
+def answers(monkeypatch):
+    """What git answers to each command; an exception is raised."""
+    texts = {"log": "ab" * 20, "status": "", "remote": "git@example.org:me/cut-ins.git"}
+
+    def git(project, command, *rest):
+        if isinstance(texts[command], Exception):
+            raise texts[command]
+        return texts[command]
+
+    monkeypatch.setattr(provenance, "_git", git)
+    provenance.commit_of.cache_clear()
+    yield texts
+    provenance.commit_of.cache_clear()
+
+
+@pytest.mark.parametrize(
+    "origin",
+    [
+        "git@example.org:me/cut-ins.git",
+        "https://user:word@example.org/me/cut-ins",
+        "ssh://git@example.org/me/cut-ins/",
+    ],
+)
+def test_code_is_linked_at_the_commit_of_the_results(answers, origin):
+    answers["remote"] = origin
+    page = page_of_code(ROOT, ROOT / "workflow" / "Snakefile", 7)
+    assert page == f"https://example.org/me/cut-ins/blob/{'ab' * 20}/workflow/Snakefile#L7"
+
+
+@pytest.mark.parametrize(
+    ("command", "answer"),
+    [
+        ("status", " M workflow/Snakefile"),
+        ("remote", subprocess.CalledProcessError(2, "git")),
+        ("remote", "/srv/git/cut-ins"),
+    ],
+)
+def test_code_that_no_page_shows_has_no_link(answers, command, answer):
+    answers[command] = answer
+    assert page_of_code(ROOT, ROOT / "workflow" / "Snakefile", 7) is None
+
+
+def test_one_figure_of_a_paper_needs_only_its_notebook(tmp_path, monkeypatch):
+    drawn = []
+    monkeypatch.setattr(latex_paper, "draw", lambda *arguments: drawn.append(arguments))
+    (tmp_path / "config.json").write_text('{"study": "spmd"}')
+    study = Study(tmp_path, ROOT / "figures" / "spmd")
+    latex_paper.write_paper(study, tmp_path / "paper", "STIXGeneral", "fig12")
+    ((_, settings, notebooks),) = drawn
+    assert settings.only == "fig12_crash_probability"
+    assert [path.stem for path in notebooks] == ["06_simulation_analysis"]
+    for wrong in ("fig1", "fig99"):
+        with pytest.raises(InputError, match=f"seen {wrong};"):
+            latex_paper.write_paper(study, tmp_path / "paper", "STIXGeneral", wrong)
