@@ -48,3 +48,8 @@ def test_text_cannot_end_the_script_that_holds_it():
     bad = Payload({"bad": float("nan")})
     with pytest.raises(ValueError, match="not JSON compliant"):
         str(bad.json)
+
+
+def test_vehicles_that_the_page_cannot_simulate_are_offered_with_the_numbers_of_the_study():
+    others = vehicles.other_vehicles(["under test", "human", "rss", "my_car"], "my_car")
+    assert others == [{"name": "human", "title": "Random human driver", "sliders": []}]

@@ -185,7 +185,7 @@ def test_crashes_of_probability_zero_to_rounding_are_none(records, smooth, law, 
 def test_a_threshold_whose_laws_have_no_weight_is_told_with_equal_weights(smooth):
     weights = np.zeros((20, len(smooth.names)))
     weights[:, 0] = 1
-    level = smooth.at_level(0.9)
+    level = [member.name for member in smooth.members if member.level == 0.9]
     at_level = LawStudy(smooth, weights).only(level).weights
     has_level = np.isin(smooth.names, level)
     assert not has_level[0]

@@ -209,8 +209,9 @@ class Engine {
   weightsOf(choice) {
     const { laws } = this.meta, member = this.data.member, weights = new Float64Array(this.draws);
     if (choice === "all") return weights.fill(1, 0, laws.answered);
-    const threshold = laws.thresholds.find((each) => choice === `threshold ${each.level}`);
-    const wanted = threshold ? threshold.weights : laws.members.map((name) => (name === choice ? 1 : 0));
+    // The weights of the models of one family, or equal ones if the answer gives none of them a weight.
+    const own = laws.members.map((name, k) => (name.replace(/ [\d.]+$/, "") === choice ? laws.weights[k] : 0));
+    const wanted = own.some((weight) => weight > 0) ? own : laws.members.map((name) => Number(name.startsWith(choice)));
     const counts = new Float64Array(laws.members.length);
     member.forEach((place) => { counts[place] += 1; });
     return weights.map((_, k) => wanted[member[k]] / counts[member[k]]);

@@ -13,7 +13,7 @@ class Page extends Settings {
     super();
     const { meta } = engine, at = meta.vehicles.findIndex((vehicle) => vehicle.name === meta.tested);
     Object.assign(this, { engine, meta, cache: new Map(), rough: new Map(), time: 0 });
-    this.vehicles = [...meta.vehicles];
+    this.vehicles = [...meta.vehicles, ...meta.others];
     if (at < 0) this.vehicles.unshift({ name: meta.tested, title: `Vehicle of the study: ${meta.tested}`, sliders: [] });
     else this.vehicles.unshift(...this.vehicles.splice(at, 1));
     this.map = new MapView(element("map"), meta.range_max, 40);
@@ -42,8 +42,8 @@ class Page extends Settings {
 
   // The study's own numbers of a vehicle that the page does not explore; null where it has none.
   published() {
-    const { answer, vehicles } = this.meta.published, tested = this.state.vehicle === this.meta.tested;
-    const row = tested ? answer.find(({ event }) => event === this.state.event)
+    const { answer, vehicles } = this.meta.published;
+    const row = this.isTested ? answer.find(({ event }) => event === this.state.event)
       : this.state.event === "crash" && vehicles.find(({ vehicle }) => vehicle === this.state.vehicle);
     if (!row || row.median === null) return null;
     return { mean: row.probability, quantiles: ["low95", "low80", "low50", "median", "high50", "high80", "high95"].map((name) => row[name]) };
@@ -55,7 +55,6 @@ class Page extends Settings {
     this.isSettled = false;
     this.show();
     this.milliseconds = performance.now() - this.begin;
-    element("speed").textContent = `Last change: first result after ${Math.round(this.milliseconds)} ms.`;
     this.refine();
   }
 
@@ -78,7 +77,6 @@ class Page extends Settings {
     if (this.rough.size) this.show();
     this.isSettled = true;
     this.settledMilliseconds = performance.now() - begin;
-    if (this.settledMilliseconds > REST) element("speed").textContent += ` Refined after ${Math.round(this.settledMilliseconds)} ms.`;
   }
 
   show() {
@@ -168,10 +166,10 @@ class Page extends Settings {
       drawn.cells = this.map.cells();
       const leads = new Float64Array(drawn.cells.range.length).fill(lead);
       drawn.found = simulate(this.vehicle.kernel, this.engine.numbers(this.vehicle, this.state.stops), leads, drawn.cells.range, drawn.cells.closing);
-    } else if (data.map_range) {
+    } else if (this.isTested && data.map_range) {
       drawn.lines = [...data.map_range.keys()].filter((k) => Math.abs(data.map_lead_speed[k] - lead) < NEAR)
         .map((k) => [data.map_range[k], data.map_start[k], data.map_end[k]]);
-    } else if (data.run_range) {
+    } else if (this.isTested && data.run_range) {
       drawn.runs = [...data.run_range.keys()].filter((k) => Math.abs(data.run_lead_speed[k] - lead) < NEAR)
         .map((k) => [data.run_range[k], data.run_closing_speed[k], data.run_crash[k]]);
     }

@@ -1,6 +1,13 @@
 // What a reader of the explorer sets, and the link that holds it.
 "use strict";
 
+// Models in words, by the beginning of their names; a tail of each kind begins at several quantiles.
+const FAMILIES = {
+  exponential: "Exponential tails", generalised: "Generalised Pareto tails", "two kinds": "Tails of two kinds of drivers",
+  hazard: "A smooth hazard without a tail",
+};
+const family = (name) => name.replace(/ [\d.]+$/, "");
+
 class Settings {
   fillControls() {
     const options = (entries) => entries.map(([value, text]) => `<option value="${escaped(value)}">${escaped(text)}</option>`).join("");
@@ -8,10 +15,9 @@ class Settings {
     element("vehicle").innerHTML = options(this.vehicles.map((vehicle) => [vehicle.name, vehicle.title]));
     element("event").innerHTML = options([["crash", "Crash"], ...events.map(({ name }) => [name, name.replace(/^i/, "I")])]);
     element("law").innerHTML = options([["all", "All models, by their weights"]])
-      + `<optgroup label="One threshold">${options(laws.thresholds.map(({ level }) => [`threshold ${level}`, `Tails above the ${readable(100 * level, 3)} % quantile`]))}</optgroup>`
-      + `<optgroup label="One model">${options(laws.members.map((name) => [name, name === "hazard" ? "Smooth hazard without a tail" : `${name[0].toUpperCase()}${name.slice(1)}`]))}</optgroup>`;
+      + options([...new Set(laws.members.map(family))].map((name) => [name, FAMILIES[name] || name]));
     Object.assign(element("lead"), { min: low, max: high });
-    element("study").textContent = `Study: ${this.meta.study}; ${this.meta.exposure.cut_ins.toLocaleString("en-US")} recorded cut-ins.`;
+    element("study").textContent = `It rests on ${this.meta.exposure.cut_ins.toLocaleString("en-US")} recorded cut-ins.`;
   }
 
   start(vehicle) {
@@ -54,6 +60,11 @@ class Settings {
     return this.vehicles.find(({ name }) => name === this.state.vehicle);
   }
 
+  // Whether the vehicle is that of the study.
+  get isTested() {
+    return this.state.vehicle === this.meta.tested;
+  }
+
   get threshold() {
     const event = this.meta.events.find(({ name }) => name === this.state.event);
     return event ? event.threshold : null;
@@ -72,8 +83,8 @@ class Settings {
       <input type="range" id="slider-${k}" min="0" max="${slider.stops.length - 1}" step="1"><small id="help-${k}"></small></div>`).join("") : "";
     const reason = vehicle.striped
       ? "A few millimetres of range decide whether this driver crashes, which this page cannot resolve. The numbers are those of the study, and cut-ins can be replayed."
-      : "The page has no compiled code of this vehicle. The numbers are those of the study; sliders and replays are missing. "
-        + this.mapInWords();
+      : `${this.isTested ? "The page has no compiled code of this vehicle." : "In each cut-in, this driver is another person, which takes too long to simulate here."}`
+        + ` The numbers are those of the study; sliders and replays are missing. ${this.mapInWords()}`;
     element("missing").hidden = this.isExplored;
     element("missing").textContent = reason;
     element("law").disabled = !this.isExplored;
@@ -83,6 +94,7 @@ class Settings {
   // What the map shows of a vehicle whose code the page does not have.
   mapInWords() {
     const { map_range: map, run_range: runs } = this.engine.data;
+    if (!this.isTested) return "The map shows recorded cut-ins only.";
     if (map) return "The map is that of the study.";
     return runs ? `Instead of crash areas, the map shows the ${runs.length} simulations of the study.` : "The map is missing, too.";
   }

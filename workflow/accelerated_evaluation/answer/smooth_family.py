@@ -124,10 +124,6 @@ class SmoothFamily:
             return MeanLaw(description, {}, drawn, {}, self.closing_speed_max)
         return MeanLaw.fitted(drawn, self.encounters, description, self.closing_speed_max)
 
-    def at_level(self, level: float) -> tuple[str, ...]:
-        """Return the names of the members whose tail begins at a threshold with the given level."""
-        return tuple(member.name for member in self.members if member.level == level)
-
     def speeds(self, name: str) -> SpeedLaw:
         """Return the distribution of the closing speed of a member, given by its name."""
         return self.family.law(named()[name])

@@ -32,7 +32,12 @@ from accelerated_evaluation.base.errors import StudyError
 from accelerated_evaluation.crash_map.maps import CrashMap
 from accelerated_evaluation.laws.smooth.family import DistinctRecords
 from accelerated_evaluation.laws.strata import VARIABLES
-from accelerated_evaluation.publishing.explorer.vehicles import TITLES, described_vehicles, pilots
+from accelerated_evaluation.publishing.explorer.vehicles import (
+    TITLES,
+    described_vehicles,
+    other_vehicles,
+    pilots,
+)
 from accelerated_evaluation.scenarios.cut_in import CUT_IN
 from accelerated_evaluation.vehicles.protocol import events_from
 
@@ -99,16 +104,11 @@ def add_laws(payload: Payload, study: LawStudy, drawn: DrawnLaws, logs: Array) -
     payload.add("ratios", differences & 0xFFFF, "u2")
     for name, matrix in zip(("refine_speed", "refine_root", "refine_level"), refinements(), strict=True):
         payload.add(name, matrix, "f4")
-    thresholds = sorted({member.level for member in members if member.level is not None})
     payload.text["laws"] = {
         "answered": drawn.answered,
         "order": order.tolist(),
         "members": [member.name for member in members],
         "weights": study.mean_weights.tolist(),
-        "thresholds": [
-            {"level": level, "weights": study.only(study.smooth.at_level(level)).mean_weights.tolist()}
-            for level in thresholds
-        ],
         "coarse": [*COARSE, len(LEVELS)],
         "fine": [*FINE, DEPTH + 1],
         "ratio_step": RATIO_STEP,
@@ -239,6 +239,7 @@ def _payload(explored: Explored, generator: np.random.Generator) -> Payload:
             "tested": explored.tested["name"],
             "reference": CUT_IN.references[""],
             "vehicles": described_vehicles(explored.tested),
+            "others": other_vehicles(explored.vehicles["vehicle"], explored.tested["name"]),
             "events": [
                 {"name": CUT_IN.event_in_words(event), "threshold": event.threshold} for event in shown
             ],

@@ -6,7 +6,7 @@ checked.
 """
 
 import math
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -91,6 +91,16 @@ def described_vehicles(tested: Mapping[str, Any]) -> list[dict[str, Any]]:
     by name, and each stop of a slider has the ``changes`` to them.
     """
     return [_described(name, tested["parameters"] if name == tested["name"] else {}) for name in SLIDERS]
+
+
+def other_vehicles(names: Iterable[str], tested: str) -> list[dict[str, Any]]:
+    """Describe the vehicles of the study that the page shows without simulating them, for its JSON data."""
+    others = [name for name in names if name not in SLIDERS and name not in (tested, "under test")]
+    titles = [NAMES.get(name, name) for name in others]
+    return [
+        {"name": name, "title": title[0].upper() + title[1:], "sliders": []}
+        for name, title in zip(others, titles, strict=True)
+    ]
 
 
 def _described(name: str, parameters: Mapping[str, Any]) -> dict[str, Any]:
