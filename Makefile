@@ -19,7 +19,7 @@ RESOLVE := uv pip compile pyproject.toml --universal --python-version 3.11 --gen
   --no-emit-package fewruns
 export PATH := $(CURDIR)/.venv/bin:$(PATH)
 
-.PHONY: environment container study book article test test-slurm test-studies test-fewruns crate paper-figures lint format report smoke bench benchmark-samplers \
+.PHONY: environment container study book article test test-slurm test-studies test-fewruns crate paper-figures lint format report smoke benchmark-samplers \
   benchmark-public benchmark-recordings benchmark-vehicles world worlds claims lock clean help
 .DEFAULT_GOAL := help
 
@@ -60,9 +60,6 @@ crate: study ## run the study, then pack it with its provenance: results/STUDY.c
 container: ## the locked environment as an image for Apptainer, environment.sif; needs Docker and Apptainer
 	docker build --tag accelerated-evaluation .
 	apptainer build environment.sif docker-daemon://accelerated-evaluation:latest
-
-bench: $(ENVIRONMENT) ## encounters per second of the simulator, and ratios to NumPy and plain Python
-	python benchmarks/simulator.py
 
 benchmark-samplers: $(ENVIRONMENT) ## simulations that our sampler and others need; half a day, resumable
 	python -m pip install --quiet --require-hashes -r benchmarks/environment.txt

@@ -33,10 +33,8 @@ JOINT_LAWS, FORMATS, EUROPE, EXPORT = (
     for name in ("joint_laws", "formats_of_recordings", "records_from_europe", "export")
 )
 OURS = "surrogate"
-LEARNERS = ("ak_mcs", "ak_is", "two_stage", "kde_ais")  # as in fewruns/benchmarks/methods.py
 FAMILY = ("paper", "exponential", "heavy", "light", "two kinds")  # kinds of worlds that resemble the laws
 RELIABLE = 0.05  # share of failed seeds up to which another sampler is called the best
-YES = {True: "yes", False: "no"}
 PAPER_INTERVAL = "7e-07 to 7.8e-07, of the simulations alone"  # section VI.C, 80 %
 
 
@@ -89,30 +87,6 @@ def samplers_table(samplers: pd.DataFrame) -> str:
             "failed": "{failed:.0f} of {seeds:,.0f}",
             "best Cross-Entropy search": "{paper}",
             "best public tool": "{public}",
-        },
-    )
-
-
-def learners_table(samplers: pd.DataFrame) -> str:
-    """Return the performance of this sampler and of others that learn a surrogate, on common problems."""
-    learned = samplers.groupby("problem", sort=False).filter(lambda rows: rows["method"].isin(LEARNERS).any())
-    learned = learned[learned["method"].isin([OURS, *LEARNERS])]
-    return formatted(
-        learned.assign(
-            problem=spaced(learned["problem"]), method=learned["method"].replace(OURS, "this sampler")
-        ),
-        {
-            "problem": "{problem}",
-            "method": "{method}",
-            "seeds": "{seeds:,.0f}",
-            "calls": "{calls_mean:,.0f}",
-            "95 % at most": "{calls_p95:,.0f}",
-            "error": "{error:.2f}",
-            "bias": "{bias:+.0%}",
-            "off by a factor of 2": "{failed:.0%}",
-            "of these, claimed": "{claimed:.0%}",
-            "80 % covers": "{coverage80:.0%}",
-            "95 % covers": "{coverage95:.0%}",
         },
     )
 
@@ -346,22 +320,6 @@ def chance_table(chance: pd.DataFrame) -> str:
     )
 
 
-def checks_table(checks: pd.DataFrame) -> str:
-    """Return how often intervals that are checked after every batch exclude the truth."""
-    return formatted(
-        checks.assign(problem=spaced(checks["problem"])),
-        {
-            "problem": "{problem}",
-            "interval": "{interval}",
-            "seeds": "{seeds}",
-            "simulations": "{simulations:.0f}",
-            "any check missed the truth": "{missed_at_any_check:.0%} (95 %: {missed_at_any_low:.0%} to "
-            "{missed_at_any_high:.0%})",
-            "the last one did": "{missed_at_the_end:.0%}",
-        },
-    )
-
-
 def answers_table(answers: pd.DataFrame) -> str:
     """Return, for each vehicle, how far the whole answer of few runs is from that of the crash map."""
     table = counts(answers, "off_by_2", "silently", "no_answer")
@@ -381,23 +339,6 @@ def answers_table(answers: pd.DataFrame) -> str:
             "off by a factor of 2": "{off_by_2:.0f}",
             "of these, claimed": "{silently:.0f}",
             "no answer": "{no_answer:.0f}",
-        },
-    )
-
-
-def sampling_table(sampling: pd.DataFrame) -> str:
-    """Return, for each set of records, the stated and the actual sampling error of answers from few runs."""
-    return formatted(
-        sampling,
-        {
-            "records": "`{records}`",
-            "replicates": "{replicates:.0f}",
-            "runs": "{runs:.0f}",
-            "median, error": "{log_median_rms:.2f}",
-            "mean over draws, error": "{log_ratio_rms:.2f}",
-            "stated error": "{stated_rms:.2f}",
-            "80 % covers": "{covers80:.0f} of {replicates:.0f}",
-            "95 % covers": "{covers95:.0f} of {replicates:.0f}",
         },
     )
 
@@ -432,24 +373,6 @@ def scenarios_table(scenarios: pd.DataFrame) -> str:
             "with an interval below 1": "{with_a_number:.0%}",
             "converged": "{converged:.0%}",
             "of these, off by a factor of 2": "{silently_off_by_2}",
-        },
-    )
-
-
-def experiments_table(experiments: pd.DataFrame) -> str:
-    """Return the stored experiments of the left turn, and which check warns of them."""
-    warnings = ["warns_events", "warns_mean", "warns_region"]
-    return formatted(
-        experiments.query("scenario == 'left_turn'").replace({name: YES for name in warnings}),
-        {
-            "experiment": "{experiment}",
-            "weights": "{weights}",
-            "estimate": "{probability:.2g} ± {error:.1g}",
-            "too low by, in errors": "{errors_off:.1f}",
-            "effective crashes warn": "{warns_events}",
-            "mean weight warns": "{warns_mean}",
-            "control regions warn": "{warns_region}",
-            "crude runs that contradict it": "{crude_runs:,.0f}",
         },
     )
 
@@ -701,12 +624,9 @@ BLOCKS = {
     "findings": published(README, "spmd", "claims", findings),
     "left_turn": published(JOINT_LAWS, "left_turn", "scenario_answer", scenario_answers),
     "pedestrian": published(JOINT_LAWS, "pedestrian", "scenario_answer", scenario_answers),
-    "experiments": result(JOINT_LAWS, "stored_experiments", experiments_table),
     "scenarios": result(JOINT_LAWS, "scenarios", scenarios_table),
     "answers": result(ANSWERS, "answers", answers_table),
-    "sampling": result(ANSWERS, "answers_sampling", sampling_table),
     "samplers": result(SAMPLERS, "samplers", samplers_table),
-    "learners": result(DETAILS, "samplers", learners_table),
     "public": result(DETAILS, "public", public_table),
     "hidden": result(DETAILS, "hidden", hidden_table),
     "vehicles": result(DETAILS, "vehicles", vehicles_table),
@@ -718,7 +638,6 @@ BLOCKS = {
     "europe": result(EUROPE, "europe", europe_table),
     "certificates": result(DETAILS, "certificates", certificates_table),
     "chance": result(DETAILS, "chance", chance_table),
-    "checks": result(DETAILS, "checks", checks_table),
     "successors": result(DETAILS, "successors", successors_table),
 } | {name: result(MOTORWAY, name, make) for name, make in MOTORWAY_TABLES.items()}
 

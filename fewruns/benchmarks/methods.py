@@ -14,15 +14,6 @@ from fewruns.problems import Response, ScoreProblem
 from problems import Problem
 
 TOOLS = ("nais", "nais_25", "cross_entropy", "subset", "form", "enkf")  # public tools
-LEARNERS = {  # methods of the literature on a Gaussian process, and the module of each
-    "ak_mcs": "kriging",
-    "ak_is": "kriging",
-    "two_stage": "two_stage",
-    "kde_ais": "kernel_density",
-}
-PLUG_IN = ("ak_mcs", "ak_is", "two_stage")  # of these, those that estimate from predictions alone
-PEERS = dict.fromkeys(TOOLS, "peers") | LEARNERS
-TRIANGULATED = 4  # variables beyond which the triangulation of two_stage has too many simplices
 HOUSE = tuple(METHODS)
 SEARCHING = ("piecewise", "single", "shifted")  # by Cross-Entropy; the paper's heuristic is like piecewise
 LIMITS = {"surrogate": 1000, "crude": 2_000_000}  # simulator calls; other methods: that of `Target`
@@ -87,13 +78,10 @@ class Counter:
         """Return a problem of cut-ins with the calls of its vehicle counted."""
         return replace(problem, vehicle=_CountedVehicle(problem.vehicle, self))
 
-    def level(
-        self, problem: Problem, *, smooth: bool = False, graded: bool = False
-    ) -> Callable[[Array], Array]:
+    def level(self, problem: Problem, *, smooth: bool = False) -> Callable[[Array], Array]:
         """Return a function of normal scores, shape (n, d), that is at most 0 in the event and only there."""
-        chosen = (problem.graded or problem.smooth) if graded else problem.smooth if smooth else None
-        if chosen:
-            event, threshold = self.event(chosen), 0.0
+        if smooth and problem.smooth:
+            event, threshold = self.event(problem.smooth), 0.0
         else:
             event, threshold = self.event(problem.event), problem.threshold
 
@@ -170,7 +158,6 @@ def methods_of(problem: Problem) -> list[str]:
     """Return the methods that are run on a problem."""
     if problem.ours_only:
         return ["surrogate"]
-    peers = [name for name in PEERS if name != "two_stage" or problem.event.dimension <= TRIANGULATED]
     searching = SEARCHING if problem.cut_in else ()
     crude = ("crude",) if problem.name in CRUDE_RUN else ()
-    return ["surrogate", *peers, *searching, *crude]
+    return ["surrogate", *TOOLS, *searching, *crude]

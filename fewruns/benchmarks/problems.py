@@ -73,9 +73,6 @@ class Problem:
     smooth
         The same event with a score that is continuous, of order one, and at most 0 in the event, for methods
         that follow its slope; None where the score of ``event`` is.
-    graded
-        The same event with a score that also falls inside the event, and stays of order one there, for
-        methods that fit a surface to it; None where ``smooth`` or the score of ``event`` does.
     cut_in
         For the paper's methods; None where they cannot be used.
     exact
@@ -89,7 +86,6 @@ class Problem:
     event: ScoreProblem
     threshold: float = 0.0
     smooth: ScoreProblem | None = None
-    graded: ScoreProblem | None = None
     cut_in: library.Problem | None = None
     exact: float | None = None
     ours_only: bool = False
@@ -163,20 +159,11 @@ def range_left(outcomes: Outcomes, x: Array) -> Array:
     return outcomes.min_range / x[:, 1]
 
 
-def ttc_or_impact(outcomes: Outcomes, x: Array) -> Array:
-    """Return the smallest time to collision over 4 s, at most 1; at a crash less the impact speed / 10 m/s.
-
-    The range left is a worse score for regression: just outside the event it is small in a wide margin.
-    """
-    impact = np.maximum(np.nan_to_num(outcomes.impact_speed), 0.0) / 10
-    return np.where(outcomes.crash, -0.05 - impact, np.minimum(outcomes.min_ttc, 4.0) / 4)
-
-
 def crash(name: str, label: str, problem: library.Problem, *, tiltable: bool = True) -> Problem:
     """Return a crash in one segment; its smooth score is the smallest range over the first."""
     event = tabulated(problem)
-    smooth, graded = Scored(event, range_left), Scored(event, ttc_or_impact)
-    return Problem(name, label, event, smooth=smooth, graded=graded, cut_in=problem if tiltable else None)
+    smooth = Scored(event, range_left)
+    return Problem(name, label, event, smooth=smooth, cut_in=problem if tiltable else None)
 
 
 def other_event(name: str, label: str, event: Event, nearer: Callable[[Outcomes, Array], Array]) -> Problem:
@@ -194,11 +181,7 @@ def near_miss(name: str, label: str, ttc: float) -> Problem:
     def nearer(outcomes: Outcomes, x: Array) -> Array:
         return 1 / ttc - 1 / outcomes.min_ttc
 
-    def bounded(outcomes: Outcomes, x: Array) -> Array:
-        return np.maximum(nearer(outcomes, x), -1 / ttc)  # without end as the time goes to zero
-
-    problem = other_event(name, label, CUT_IN.event("min_ttc", ttc), nearer)
-    return replace(problem, graded=Scored(problem.event, bounded))
+    return other_event(name, label, CUT_IN.event("min_ttc", ttc), nearer)
 
 
 def short_range(metres: float) -> Problem:

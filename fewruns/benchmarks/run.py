@@ -10,7 +10,7 @@ import pandas as pd
 from accelerated_evaluation.base.files import write_csv
 from accelerated_evaluation.base.randomness import child_generator
 from house import house
-from methods import HOUSE, LIMITS, PEERS, Target
+from methods import HOUSE, LIMITS, Target
 from problems import Problem, problems
 
 ROOT = 2016  # root of all randomness, as in the study
@@ -24,12 +24,12 @@ def repeated(problem: Problem, method: str, seeds: Iterable[int]) -> pd.DataFram
     problem
         The problem.
     method
-        Of this project, or one of the public tools and other methods in ``methods.PEERS``.
+        Of this project, or one of the public tools in ``methods.TOOLS``.
     seeds
         Each begins a sequence of random numbers of its own.
     """
     # The public tools are installed for this benchmark alone, so they are imported only if they are run.
-    estimate = house(method) if method in HOUSE else getattr(importlib.import_module(PEERS[method]), method)
+    estimate = house(method) if method in HOUSE else getattr(importlib.import_module("peers"), method)
     target = Target(maximum_simulations=LIMITS.get(method, Target.maximum_simulations))
     rows = []
     for seed in seeds:

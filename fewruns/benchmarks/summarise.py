@@ -10,7 +10,7 @@ import pandas as pd
 from accelerated_evaluation.base.files import write_csv
 from accelerated_evaluation.methods.importance_sampling import crude_simulations
 from accelerated_evaluation.publishing.tables.display import reproducible
-from methods import PLUG_IN, Target, methods_of
+from methods import Target, methods_of
 from problems import problems
 
 COLUMNS = [
@@ -53,8 +53,7 @@ def summary(runs: pd.DataFrame, reference: float) -> dict[str, float]:
         number. ``failed`` is the share of all seeds that gave none or zero, or one off by more than a factor
         of 2, and ``claimed`` which share of these said that they had converged; ``coverage80`` and
         ``coverage95`` the shares of all whose own interval holds the reference. ``effective_calls`` is what a
-        method of this error needs for the target: calls (error / target)^2. It is NaN for methods that
-        estimate from predictions alone, whose error does not fall with the root of the calls.
+        method of this error needs for the target: calls (error / target)^2.
     """
     ratio = runs["probability"] / reference
     known = ratio.dropna()
@@ -107,8 +106,7 @@ def table(runs: pd.DataFrame, references: dict[str, dict[str, float]]) -> pd.Dat
         probability, error = references[name]["probability"], references[name]["standard_error"]
         known = {"reference": probability, "reference_se": error}
         for method, of_method in of_problem.groupby("method", sort=False):
-            row = {"problem": name, "method": method} | summary(of_method, probability) | known
-            rows.append(row | ({"effective_calls": math.nan} if method in PLUG_IN else {}))
+            rows.append({"problem": name, "method": method} | summary(of_method, probability) | known)
         if "crude" not in set(of_problem["method"]):
             rows.append({"problem": name, "method": "crude"} | crude_by_theory(probability) | known)
     return pd.DataFrame(rows)[COLUMNS]

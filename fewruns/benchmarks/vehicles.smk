@@ -4,11 +4,12 @@
 #
 # A job for the crash map of each vehicle, one for all estimates under a law, and one for exported sets.
 
+import os
 import sys
 
-sys.path.insert(0, workflow.basedir)
+sys.path[:0] = [workflow.basedir, os.path.join(workflow.basedir, "../../benchmarks")]
 
-from accelerated_evaluation.study.dependencies import modules_up_to
+from library import modules_up_to
 from vehicles import LAWS, vehicles
 
 

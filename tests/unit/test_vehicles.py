@@ -10,15 +10,12 @@ import numba.core.caching
 import numpy as np
 import pandas as pd
 import pytest
+import reference_car
 from accelerated_evaluation import VEHICLES, InputError, Vehicle, load_vehicle, vehicles
 from accelerated_evaluation.scenarios.parameters import available_threads, required_names
 from accelerated_evaluation.vehicles import AccAeb
 from accelerated_evaluation.vehicles.builtin import kernel
 from accelerated_evaluation.vehicles.protocol import INPUTS, OUTCOMES
-
-sys.path.append(str(Path(__file__).resolve().parents[2] / "benchmarks"))
-
-import reference_car
 
 CARS = {
     "acc_aeb": AccAeb(),

@@ -55,11 +55,6 @@ def extension_names() -> dict[str, Extension]:
     }
 
 
-def modules_up_to(room: str) -> list[str]:
-    """Return the relative paths of all modules that code which imports from ``room`` may run."""
-    return [os.path.relpath(path) for name in ROOMS[: ROOMS.index(room) + 1] for path in files_of(name)]
-
-
 def files_of(room: str) -> list[Path]:
     """Return the Python files of a room or an extension, or the one of a module such as ``study/jobs``."""
     if (extension := extension_names().get(room)) is not None:

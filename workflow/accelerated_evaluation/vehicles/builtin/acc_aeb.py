@@ -23,7 +23,7 @@ class AccAeb(AccAebParameters, CompiledVehicle):
 
     The car has a proportional-integral ACC on the time headway, an AEB triggered by the time to collision
     (TTC), and an actuator limited in friction and jerk. An encounter is simulated for 8 s, in steps of 0.1 s;
-    `benchmarks/reference_car.py` is a readable version of the simulation. If ``aeb_ttc`` is None, the AEB has
+    `tests/unit/reference_car.py` is a readable version of the simulation. If ``aeb_ttc`` is None, the AEB has
     the threshold of a Volvo V60, which depends on the speed and is 0.91 s at 40 km/h and above. InputError is
     raised if a parameter is not a finite number in its range.
     """

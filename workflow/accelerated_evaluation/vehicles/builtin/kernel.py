@@ -2,7 +2,7 @@
 
 The array ``state`` of a block has a row for each quantity and a column (a lane) for each encounter. The
 functions of a step update the first ``count`` lanes, and loops over lanes become vector instructions.
-`benchmarks/reference_car.py` is a readable version of the same calculation, and the tests require that both
+`tests/unit/reference_car.py` is a readable version of the same calculation, and the tests require that both
 agree in every bit. All functions and constants of the compiled code are in this file, because numba's cache
 on disk only notices changes of the file itself.
 
