@@ -31,11 +31,10 @@ def verdicts(name):
     return columns, table["crash"].to_numpy() == "1", np.abs(columns[1]) < SLOW
 
 
-@pytest.mark.parametrize("solver", ["exact", "ode45"])
 @pytest.mark.parametrize("name", CARS)
-def test_the_car_agrees_with_the_stored_verdicts(name, solver):
+def test_the_car_agrees_with_the_stored_verdicts(name):
     columns, crash, slow = verdicts(name)
-    outcomes = CARS[name](solver=solver).simulate(*columns)
+    outcomes = CARS[name]().simulate(*columns)
     assert outcomes.ended.all()
     assert (outcomes.crash == crash)[~slow].all()
     assert (outcomes.crash == crash)[slow].mean() > 0.95
@@ -96,29 +95,6 @@ def test_runs_repeat_to_the_bit_in_any_batch(name):
     alone = CARS[name]().simulate(*columns[:, 150:151])
     for column in ("crash", "ended", "min_distance", "clearance", "impact_speed", "run_time"):
         assert getattr(alone, column)[0] == getattr(batch, column)[150]
-
-
-def test_ode45_misses_only_contacts_that_are_short():
-    generator = np.random.default_rng(2)
-    columns = generator.uniform([5, 2, 0], [30, 30, 60], (100_000, 3)).T
-    clearance = LeftTurnCar().simulate(*columns).clearance
-    near = np.abs(clearance) < 0.1
-    seen = LeftTurnCar(solver="ode45").simulate(*columns[:, near]).crash
-    clearance = clearance[near]
-    assert not seen[clearance > 0].any()
-    assert seen[clearance < -0.03].all()
-    assert 0 < (~seen[clearance < 0]).sum() < 0.3 * (clearance < 0).sum()
-
-
-def test_the_longest_step_of_ode45_is_a_fiftieth_of_the_run():
-    columns, crash, slow = verdicts("left_turn")
-    car = LeftTurnCar(solver="ode45")
-    starts, outcomes = car.start(columns[:, ~slow]), np.empty((7, (~slow).sum()))
-    for steps, agrees in ((50.0, True), (25.0, False)):
-        kernel.simulate_slice(
-            starts, 0, starts.shape[1], car.compiled()._replace(least_steps=steps), outcomes
-        )
-        assert ((outcomes[kernel.CRASH] > 0) == crash[~slow]).all() == agrees
 
 
 CAR = LeftTurnCar().compiled()
@@ -249,7 +225,6 @@ def test_a_trace_ends_as_the_simulation_does(name):
 @pytest.mark.parametrize(
     ("change", "message"),
     [
-        ({"solver": "euler"}, "vehicle parameter solver: seen 'euler'; expected exact or ode45"),
         ({"headway": -1}, "vehicle parameter headway: seen -1; expected a positive number"),
         ({"aeb": 1}, "vehicle parameter aeb: seen 1; expected true or false"),
     ],

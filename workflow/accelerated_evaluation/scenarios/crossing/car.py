@@ -2,7 +2,7 @@
 
 import math
 from dataclasses import dataclass
-from typing import ClassVar, Literal
+from typing import ClassVar
 
 import numpy as np
 import pandas as pd
@@ -17,7 +17,7 @@ from accelerated_evaluation.scenarios.crossing.kernel import (
     simulate_slice,
     trace_run,
 )
-from accelerated_evaluation.scenarios.parameters import AccAebParameters, parameter_error, simulate_in_slices
+from accelerated_evaluation.scenarios.parameters import AccAebParameters, simulate_in_slices
 from accelerated_evaluation.scenarios.protocol import Scenario
 
 KMH = 0.2777777777778  # [m/s], rounded as in the authors' model
@@ -47,15 +47,7 @@ class CrossingCar(AccAebParameters):
     headway: float = 1.0
     acc_limit: float = 3.5
     friction_limit: float = 0.8 * 9.8
-    # ``exact`` if every contact is a crash, even between ticks. ``ode45`` if a contact is a crash only if the
-    # solver of the authors' simulation detects it; short contacts between its stages are missed.
-    solver: Literal["exact", "ode45"] = "exact"
     longest_run: float = 200_000.0  # time after which a run that has not ended is stopped [s]
-
-    def __post_init__(self) -> None:
-        super().__post_init__()
-        if self.solver not in ("exact", "ode45"):
-            raise parameter_error("solver", self.solver, "exact or ode45")
 
     def start(self, encounters: Array) -> Array:
         """Return the initial state of each encounter, shape (7, n), with the rows that `kernel` lists."""
@@ -107,7 +99,5 @@ class CrossingCar(AccAebParameters):
             side_contact=self.side_contact,
             side_slope=math.tan(math.pi / 8),
             most_ticks=math.ceil(self.longest_run / TICK),
-            emulates=self.solver == "ode45",
-            least_steps=50,
         )
         return Car._make(map(float, numbers))

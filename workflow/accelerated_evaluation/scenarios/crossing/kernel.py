@@ -10,9 +10,8 @@ the second degree, and the squared distance is a polynomial of the fourth degree
 exactly.
 
 If the target is very slow, the host creeps for minutes, and rounding errors decide whether it stops in time.
-Speed and range are therefore integrated with the steps of the authors' solver, ode45, and in its order of
-summation. If ode45 is emulated, its error control determines the steps as well, and a contact is a crash only
-if a stage of the solver detects it, so that short contacts between two stages are missed.
+Speed and range are therefore integrated with the first steps of the authors' solver, ode45, and in its order
+of summation.
 
 For some targets, contact depends on the direction. The sector to the side is the set of target positions that
 are beyond the host's path, on the side to which the target moves, within the angle arctan(side_slope) from
@@ -41,11 +40,10 @@ SPEED, AHEAD, ASIDE, TARGET, FIRST, TURNING, TICKS = range(7)
 # Rows of the outcomes, in the order of `CrossingOutcomes`.
 CRASH, ENDED, MIN_DISTANCE, CLEARANCE, IMPACT_SPEED, RUN_TIME, ENCROACHMENT = range(7)
 TRACED = 6  # columns of a trace: time, ahead, aside, speed, acceleration, whether the AEB is on
-# Elements of the state of the solver: speed of the host, range that the controller measures, integral of the
-# indicator of contact, step, and longest step.
-V, RANGE, CONTACT, STEP, LONGEST = range(5)
+# Elements of the state of the solver: speed of the host, range that the controller measures, and step.
+V, RANGE, STEP = range(3)
 
-# The Runge-Kutta formulas of Dormand and Prince, as in ode45: nodes, stages, and weights of the error.
+# The Runge-Kutta formulas of Dormand and Prince, as in ode45: nodes and stages.
 NODES = np.array([0.0, 1 / 5, 3 / 10, 4 / 5, 8 / 9, 1.0, 1.0])
 STAGES = np.array(
     [
@@ -58,12 +56,11 @@ STAGES = np.array(
         [35 / 384, 0.0, 500 / 1113, 125 / 192, -2187 / 6784, 11 / 84],
     ]
 )
-ERRORS = np.array([71 / 57600, 0.0, -71 / 16695, 71 / 1920, -17253 / 339200, 22 / 525, -1 / 40])
 TOLERANCE, SMALL = 1e-3, 1e-3  # relative tolerance, and smallest size of a state in a relative error
 
 
 class Car(NamedTuple):
-    """Parameters of controller, actuator, contact and solver, as floats in SI units."""
+    """Parameters of controller, actuator and contact, as floats in SI units."""
 
     headway: float
     kp: float
@@ -84,8 +81,6 @@ class Car(NamedTuple):
     side_contact: float  # this distance in a sector to the side to which the target moves; 0 without a sector
     side_slope: float  # tangent of half the sector's angle
     most_ticks: float  # largest number of ticks of a run
-    emulates: float  # 1 if ode45 is emulated, otherwise 0
-    least_steps: float  # least number of steps of ode45 in a run
 
 
 class Path(NamedTuple):
@@ -371,43 +366,19 @@ def first_step(car: Car, path: Path, speed: float, acceleration: float, rate: fl
 
 
 @compiled
-def seen(car: Car, path: Path, t: float, h: float, integral: float) -> tuple[float, float]:
-    """Return the increment of the integral of contact over a step of ode45, and its relative error.
-
-    The integrand is 1 while host and target touch, and otherwise 0. The integral is therefore positive as
-    soon as a stage of the solver detects a contact. The step begins at t and has the length h [s].
-    """
-    gain, error = 0.0, 0.0
-    for stage in range(7):
-        if stage != 1 and touches(car, path, t + h * NODES[stage]):  # the weights of stage 1 are 0
-            gain += h * STAGES[6, stage] if stage < 6 else 0.0
-            error += ERRORS[stage]
-    return gain, h * abs(error) / max(abs(integral), abs(integral + gain), SMALL)
-
-
-@compiled
-def integrate(
-    car: Car, path: Path, acceleration: float, rate: float, growth: float, tick: float, state: NDArray
-) -> float:
+def integrate(acceleration: float, rate: float, growth: float, tick: float, state: NDArray) -> float:
     """Integrate the state from a tick to the next one, or until the host stops; return the duration [s].
 
-    A step of ode45 ends at a tick at the latest, and its length is kept for the time after the tick. ``rate``
-    is the speed of the target in the range that the controller measures [m/s] at the tick, and ``growth`` its
-    increase until the next tick. ``state``, shape (5,), has speed, range and further working numbers of the
-    solver, and is updated.
+    A step ends at a tick at the latest, and the next one is five times as long. ``rate`` is the speed of the
+    target in the range that the controller measures [m/s] at the tick, and ``growth`` its increase until the
+    next tick. ``state``, shape (3,), has speed, range and the length of the step, and is updated.
     """
     begin, end = tick * TICK, (tick + 1.0) * TICK
     t, stops = begin, False
     while t < end and not stops:
-        step, gain, error, failed = min(state[STEP], state[LONGEST]), 0.0, 0.0, False
+        step = min(state[STEP], TICK)
         last = 1.1 * step >= end - t
         step = end - t if last else step
-        if car.emulates > 0.0:
-            gain, error = seen(car, path, t - begin, step, state[CONTACT])
-            while error > TOLERANCE:
-                step *= 0.5 if failed else max(0.1, 0.8 * (TOLERANCE / error) ** 0.2)
-                failed, last = True, False
-                gain, error = seen(car, path, t - begin, step, state[CONTACT])
         new_t = end if last else t + step
         h, now = new_t - t, rate + growth * ((t - begin) / TICK)
         rise, change = summed(state[V], acceleration, now, growth * (h / TICK), h)
@@ -415,12 +386,10 @@ def integrate(
         if stops:
             h = -state[V] / acceleration
             rise, change = summed(state[V], acceleration, now, growth * (h / TICK), h)
-            gain = seen(car, path, t - begin, h, state[CONTACT])[0] if car.emulates > 0.0 else 0.0
             new_t = t + h
         state[V] = 0.0 if stops else state[V] + rise
         state[RANGE] += change
-        state[CONTACT] += gain
-        state[STEP] = step if failed else step / max(1.25 * (error / TOLERANCE) ** 0.2, 0.2)
+        state[STEP] = step / 0.2
         t = new_t
     return t - begin if stops else TICK
 
@@ -431,14 +400,13 @@ def run(encounter: NDArray, car: Car, state: NDArray, outcome: NDArray, trace: N
 
     A run ends when the host stops, when the time of the run is over, or when host and target cannot come
     closer any more. The post-encroachment time assumes that both then keep their speeds. ``encounter`` is the
-    initial state, shape (7,), and ``state``, shape (5,), the working memory of the solver. ``outcome``, shape
+    initial state, shape (7,), and ``state``, shape (3,), the working memory of the solver. ``outcome``, shape
     (7,), receives the outcomes in the order of `CrossingOutcomes`, and ``trace``, shape (n, 6), the states at
     the first n ticks.
     """
     memory, acceleration, tick, end, passed = (0.0, 0.0, 0.0, 0.0), 0.0, 0.0, 0.0, False
     ahead, aside, ticks = encounter[AHEAD], encounter[ASIDE], encounter[TICKS]
-    state[V], state[RANGE], state[CONTACT] = encounter[SPEED], ahead, 0.0
-    state[LONGEST] = ticks * TICK / car.least_steps if car.emulates > 0.0 else TICK
+    state[V], state[RANGE] = encounter[SPEED], ahead
     outcome[:], outcome[MIN_DISTANCE], outcome[CLEARANCE] = 0.0, np.inf, np.inf
     towards, across = velocity(encounter, 0.0)
     # Time at which the target crosses the path of the host [s], and the way of the host to this point [m].
@@ -462,7 +430,7 @@ def run(encounter: NDArray, car: Car, state: NDArray, outcome: NDArray, trace: N
         if tick == 0.0:
             state[STEP] = first_step(car, path, state[V], acceleration, towards)
         before = state[V]
-        end = integrate(car, path, acceleration, towards, growth, tick, state)
+        end = integrate(acceleration, towards, growth, tick, state)
         observe(car, path, end, outcome)
         if crossed < np.inf:
             left -= (before + state[V]) / 2 * end
@@ -477,7 +445,7 @@ def run(encounter: NDArray, car: Car, state: NDArray, outcome: NDArray, trace: N
         tick += 1.0
     outcome[MIN_DISTANCE] = min(outcome[MIN_DISTANCE], np.hypot(ahead, aside))
     outcome[CLEARANCE] = min(outcome[CLEARANCE], outcome[MIN_DISTANCE] - car.contact)
-    outcome[CRASH] = state[CONTACT] > 0.0 if car.emulates > 0.0 else outcome[CLEARANCE] < 0.0
+    outcome[CRASH] = outcome[CLEARANCE] < 0.0
     outcome[ENDED] = over
     if crossed == np.inf and across > 0.0:
         crossed = outcome[RUN_TIME] + aside / across
@@ -495,7 +463,7 @@ def simulate_slice(encounters: NDArray, begin: int, end: int, car: Car, outcomes
 
     The outcomes are written to ``outcomes``, shape (7, n). The rows of both arrays are listed in the module.
     """
-    state, outcome, trace = np.empty(5), np.empty(7), np.empty((0, TRACED))
+    state, outcome, trace = np.empty(3), np.empty(7), np.empty((0, TRACED))
     for i in range(begin, end):
         run(encounters[:, i].copy(), car, state, outcome, trace)
         outcomes[:, i] = outcome
@@ -504,4 +472,4 @@ def simulate_slice(encounters: NDArray, begin: int, end: int, car: Car, outcomes
 @compiled
 def trace_run(encounter: NDArray, car: Car, trace: NDArray) -> None:
     """Simulate one encounter, shape (7,), and write its first n states to ``trace``, shape (n, 6)."""
-    run(encounter, car, np.empty(5), np.empty(7), trace)
+    run(encounter, car, np.empty(3), np.empty(7), trace)
