@@ -112,7 +112,7 @@ format: $(ENVIRONMENT) ## format the sources for the linters
 	snakefmt $(RULES)
 
 lock: $(ENVIRONMENT) ## resolve environment.txt again from pyproject.toml
-	$(RESOLVE) --extra study --extra fmu --extra cluster --extra provenance --extra scenarios --extra osi --extra dev \
+	$(RESOLVE) --extra study --extra recordings --extra fmu --extra cluster --extra provenance --extra scenarios --extra osi --extra dev \
 	  --output-file environment.txt
 	$(RESOLVE) --extra peers --constraint environment.txt --output-file benchmarks/environment.txt
 	$(RESOLVE) --extra world --constraint environment.txt --output-file benchmarks/motorway/environment.txt

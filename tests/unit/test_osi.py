@@ -185,3 +185,11 @@ def test_a_missing_library_is_told(tmp_path, monkeypatch):
     monkeypatch.setitem(sys.modules, "betterosi", None)
     with pytest.raises(Exception, match=r"install it with `pip install 'accelerated-evaluation\[osi\]'`"):
         extract(tmp_path)
+
+
+def test_a_missing_database_is_told(tmp_path, monkeypatch):
+    """DuckDB is an optional extra, which only recordings need."""
+    one_message(tmp_path)
+    monkeypatch.setitem(sys.modules, "duckdb", None)
+    with pytest.raises(InputError, match=r"pip install 'accelerated-evaluation\[recordings\]'"):
+        extract(tmp_path)

@@ -48,7 +48,7 @@ pkgutil.iter_modules = lambda *where: (
 )
 """
 CONSOLE = "snakemake_logger_plugin_study"
-STUDY = {"numpy", "scipy", "pandas", "numba", "duckdb", "papermill", "typst"}
+STUDY = {"numpy", "scipy", "pandas", "numba", "papermill", "typst"}
 
 
 def bare(tmp_path, hidden, *arguments):

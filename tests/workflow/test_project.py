@@ -46,7 +46,7 @@ def test_every_rule_has_been_measured_for_the_cluster(project):
 @pytest.mark.parametrize(
     ("lock", "extras"),
     [
-        ("environment.txt", ("study", "cluster", "provenance", "dev")),
+        ("environment.txt", ("study", "recordings", "cluster", "provenance", "dev")),
         ("benchmarks/environment.txt", ("peers",)),
     ],
 )

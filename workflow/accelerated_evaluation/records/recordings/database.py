@@ -26,9 +26,17 @@ def database() -> Iterator[tuple["DuckDBPyConnection", Path]]:
     """Yield an empty database with limited memory, and a folder for temporary files.
 
     The folder is made in the folder that ``TMPDIR`` names, and removed at the end of the block. StudyError is
-    raised if there is no space left on the disk.
+    raised if there is no space left on the disk, and InputError if DuckDB is not installed.
     """
-    import duckdb
+    try:
+        import duckdb
+    except ImportError as error:
+        raise InputError(
+            "recordings",
+            seen="DuckDB, which reads them, is not installed",
+            expected="the optional extra `recordings` of this package",
+            change="Install it: pip install 'accelerated-evaluation[recordings]'.",
+        ) from error
 
     with tempfile.TemporaryDirectory(prefix="accelerated-evaluation-") as folder:
         settings = {"memory_limit": MEMORY, "threads": THREADS, "temp_directory": f"{folder}/spill"}
