@@ -196,7 +196,7 @@ class StratifiedLaw(Law):
 
     @property
     def box(self) -> Box:
-        """Lead speeds [m/s] are those of the records, so that their limits are not stated."""
+        """Limits of the cut-ins; none for the lead speed [m/s], which is drawn from the records."""
         farthest = max(stratum.range_max for stratum in self.strata.values())
         return Box(VARIABLES, (0.0, 0.0, 0.0), (math.inf, farthest, self.closing_speed_max))
 

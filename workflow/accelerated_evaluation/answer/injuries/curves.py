@@ -27,7 +27,7 @@ class RiskCurve(Protocol):
 
     @property
     def formula(self) -> str:
-        """The curve with its coefficients, in the units of the publication."""
+        """The formula of the curve as text, with its coefficients in the units of the publication."""
 
 
 @dataclass(frozen=True)

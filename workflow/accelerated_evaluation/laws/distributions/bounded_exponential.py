@@ -33,7 +33,7 @@ class Bounded(Described):
 
     @abstractmethod
     def _log_relative(self, x: ArrayLike, reference: ArrayLike) -> Array:
-        """Log of f(x) / f(reference)."""
+        """Return log(f(x) / f(reference)), where f is the density up to a constant factor."""
 
     @abstractmethod
     def _integral(self, low: ArrayLike, high: ArrayLike) -> Array:

@@ -81,7 +81,7 @@ class PiecewiseFamily:
 
     @classmethod
     def start(cls, model: PiecewiseMixture, minimum_weight: float, minimum_events: int) -> "PiecewiseFamily":
-        """Return the first family of a search: the model itself, with small weights raised to the bound."""
+        """Return the family with which a search starts: the model, with small weights raised to the bound."""
         weights = bounded_weights(np.asarray(model.weights), minimum_weight)
         return cls(model, (0.0,) * len(weights), weights, minimum_weight, minimum_events)
 
