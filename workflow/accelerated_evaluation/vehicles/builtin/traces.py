@@ -29,8 +29,8 @@ COLUMNS = (
 def trace_car(car: Car, encounter: Array, lead_speeds: Array | None = None) -> pd.DataFrame:
     """Simulate one encounter of the ACC + AEB car, and return its states with the columns `COLUMNS`.
 
-    The caller has checked the encounter, shape (3, 1), and the lead speeds. The controller does not act in the
-    last state. There the time to collision is infinite, and the state of the AEB is that of the state before.
+    The caller has checked the encounter, shape (3, 1), and the lead speeds. The controller does not act in
+    the last state, where the time to collision is infinite and the AEB is in the state of the step before.
     """
     state, index = np.empty((kernel.FIELDS, 1)), np.zeros(1, dtype=np.int64)
     kernel.start(encounter, 0, 1, car, state, index)
