@@ -204,3 +204,10 @@ def test_locks_of_a_living_run_stay_and_those_of_a_killed_one_go(tmp_path):
         run.kill()
     release_dead_locks(tmp_path).close()
     assert not lock.exists()
+
+
+def test_no_text_of_a_table_is_a_formula(tmp_path):
+    table = pd.DataFrame({"file": ["=cmd()", "@sum", "a=b", None], "value": [1.5, -2.0, 3.0, 4.0]})
+    write_csv(tmp_path / "t.csv", table)
+    text = (tmp_path / "t.csv").read_text()
+    assert text == "file,value\n'=cmd(),1.5\n'@sum,-2.0\na=b,3.0\n,4.0\n"

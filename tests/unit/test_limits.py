@@ -159,3 +159,20 @@ def test_the_smooth_laws_tell_speeds_and_ranges_beyond_the_paper_apart():
     # A median of 500 records of an exponential law is known within 6.5 %, a ratio within 9 %.
     assert ratio(Support((20.0, 45.0), 150.0, 40.0)) == pytest.approx(exact, rel=0.09)
     assert ratio(Support((5.0, 35.0), 150.0, 40.0)) == pytest.approx(1, abs=0.01)  # the paper's speeds: blind
+
+
+def test_limits_between_which_there_is_no_record_are_refused(motorway):
+    motorway["filters"]["lead_speed_min"] = 99
+    with pytest.raises(InputError, match="contains the lead speed of no record"):
+        resolved(motorway)
+
+
+@pytest.mark.parametrize("change", [{"seed": 7}, {"filters.range_max": 1}, None, "x"])
+def test_limits_that_were_changed_by_hand_are_read_off_the_records_again(change, motorway, tmp_path):
+    kept = tmp_path / "limits.json"
+    files = ["data/motorway.csv"]
+    right = resolved(motorway, files, kept)
+    content = json.loads(kept.read_text())
+    content["limits"] = content["limits"] | change if isinstance(change, dict) else change
+    kept.write_text(json.dumps(content))
+    assert resolved(motorway, files, kept) == right

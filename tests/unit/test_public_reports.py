@@ -16,7 +16,7 @@ from accelerated_evaluation.laws.paper.candidates import compare, fit_candidates
 from accelerated_evaluation.methods import METHODS
 from drone_checks import extract
 from scipy import stats
-from test_extreme_vehicles import From, before
+from test_certain_and_impossible_events import From, before
 
 ROOT = Path(__file__).resolve().parents[2]
 sys.path.append(str(ROOT / "benchmarks" / "recordings"))

@@ -15,6 +15,7 @@ from accelerated_evaluation import VEHICLES, InputError, Vehicle, load_vehicle, 
 from accelerated_evaluation.scenarios.parameters import available_threads, required_names
 from accelerated_evaluation.vehicles import AccAeb
 from accelerated_evaluation.vehicles.builtin import kernel
+from accelerated_evaluation.vehicles.loading import section_files
 from accelerated_evaluation.vehicles.protocol import INPUTS, OUTCOMES
 
 CARS = {
@@ -335,3 +336,8 @@ def test_a_new_built_in_vehicle_is_one_new_file(tmp_path):
     assert "rss, toy;" in command("--help").stdout
     command("in.csv", "out.csv", "--vehicle", "toy")
     assert pd.read_csv(tmp_path / "out.csv").crash.tolist() == [1, 0]
+
+
+def test_a_file_of_a_vehicle_has_to_exist():
+    with pytest.raises(InputError, match=r"nowhere\.py: seen no such file"):
+        section_files({"name": "acc_aeb", "parameters": {}, "files": ["nowhere.py"]})

@@ -103,3 +103,17 @@ def test_every_number_of_every_built_in_vehicle_has_limits():
 def test_json_is_read_as_before(tmp_path):
     path = written(tmp_path, json.dumps({"study": "a", "importance_sampling": {"beta": 0.2}}))
     assert load([path])["importance_sampling"]["beta"] == 0.2
+
+
+@pytest.mark.parametrize(
+    "text", ["a: &x {b: *x}", "a: &x [1, *x]", "a: &x {b: {c: [*x]}}", "data: &x {source: table, table: *x}"]
+)
+def test_a_configuration_that_holds_itself_is_refused(text, tmp_path):
+    (tmp_path / "self.yaml").write_text(text)
+    with pytest.raises(InputError, match="a part that holds itself by an alias"):
+        read_yaml(tmp_path / "self.yaml")
+
+
+def test_an_alias_that_is_used_twice_is_no_loop(tmp_path):
+    (tmp_path / "twice.yaml").write_text("a: &x {b: 1}\nc: *x\nd: [*x, *x]")
+    assert read_yaml(tmp_path / "twice.yaml")["d"] == [{"b": 1}, {"b": 1}]

@@ -62,7 +62,7 @@ rule study_lead_motion:
         vehicles=ancient(local(INPUTS.files_of(*MAPPED_VEHICLES))),
         profiles=of_project("data/europe/lead_motion.parquet"),
         exposure=rules.ingest_encounters.output.exposure,
-        draws=rules.compare_vehicles.output.vehicle_draws,
+        draws=result("laws", "vehicle_draws.csv"),
     output:
         moving=result("lead_motion.csv"),
         europe=result("lead_motion_europe.csv"),
