@@ -1,6 +1,6 @@
 """Estimate the crash probability in a scenario by every method that uses normal scores only."""
 
-from accelerated_evaluation.answer.by_simulations import compare_methods
+from accelerated_evaluation.answer.compared_methods import compare_methods
 from accelerated_evaluation.base.files import write_csv
 from accelerated_evaluation.laws.files import read_law
 from accelerated_evaluation.scenarios import SCENARIOS

@@ -1,25 +1,17 @@
 """The answer from crude Monte Carlo under the mean of all draws, reweighted for each draw."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
-import pandas as pd
 
 from accelerated_evaluation.answer.answer import Answer, Crashes
-from accelerated_evaluation.answer.by_scan import exact_probability
 from accelerated_evaluation.answer.posterior import SampledPosterior
 from accelerated_evaluation.base.arguments import a_number, checked
 from accelerated_evaluation.base.errors import InputError
-from accelerated_evaluation.base.randomness import child_generator
-from accelerated_evaluation.laws import Law
 from accelerated_evaluation.laws.draws import Draws
-from accelerated_evaluation.methods import METHODS
 from accelerated_evaluation.methods.problem import Problem
-from accelerated_evaluation.methods.study import study_method
-from accelerated_evaluation.scenarios.protocol import ENDED, Event, Scenario
-from accelerated_evaluation.vehicles.protocol import Vehicle, event_named
+from accelerated_evaluation.scenarios.protocol import Event
 
 ENOUGH_EVENTS = 100  # simulations are repeated with other encounters until there are so many events,
 ROUNDS = 25  # or so many repetitions
@@ -97,74 +89,3 @@ def _posterior(crashes: Crashes, draws: Draws, size: int) -> SampledPosterior | 
     variances = np.maximum(squares - estimates**2, 0) / size
     known = np.maximum(estimates, SMALLEST * estimates.mean())
     return SampledPosterior(known, draws.member, np.minimum(np.sqrt(variances) / known, 1), size)
-
-
-METHODS_OF_SCORES = ("crude", "normal_mixture", "surrogate")  # methods that only need normal scores
-
-
-def compare_methods(
-    scenario: Scenario,
-    laws: Mapping[str, Law],
-    vehicle: Vehicle,
-    config: Mapping[str, Any],
-) -> dict[str, pd.DataFrame]:
-    """Estimate the probability of an event under single laws by several methods.
-
-    The result has ``estimates``, with a row for each law, method and replicate, and ``runs``, with a row for
-    each simulation of the surrogate-guided method. The columns ``exact`` and ``exact_error`` of the estimates
-    have the probability from a scan and its relative standard error, NaN if the scenario has no scans.
-    """
-    event = event_named(config["scenario"]["event"], scenario)
-    parts: dict[str, list[pd.DataFrame]] = {"estimates": [], "runs": []}
-    for law_name, law in laws.items():
-        problem = Problem(scenario, vehicle, event, law=law)
-        known = exact_probability(problem, child_generator(config["seed"], "scenario", "exact", law_name))
-        for name in METHODS_OF_SCORES:
-            method = METHODS[name].configured(config)
-            count = method.replicates(config) or 1
-            stream = config["seed"], "scenario", name, law_name
-            generators = [child_generator(*stream, replicate) for replicate in range(count)]
-            labels = {"study": config["study"], "law": law_name, "method": name}
-            made = study_method(method, problem, method.stopping(config), generators, labels)
-            made["estimates"] = made["estimates"].assign(exact=known[0], exact_error=known[1])
-            for table, rows in made.items():
-                parts[table].append(rows)
-    made = {name: pd.concat(rows, ignore_index=True) for name, rows in parts.items() if rows}
-    return made | {"estimates": made["estimates"].assign(event=scenario.event_in_words(event))}
-
-
-def read_verdicts(scenario: Scenario, paths: Sequence[str]) -> pd.DataFrame:
-    """Read tables of published verdicts as one table, which is empty without a path.
-
-    It has the variables of the scenario, ``crash`` (0 or 1), and ``fragile`` (1 if rounding decides about the
-    crash).
-    """
-    columns = [*scenario.names, "crash", "fragile"]
-    parts = [pd.read_csv(path, usecols=columns) for path in paths]
-    return pd.concat(parts, ignore_index=True) if parts else pd.DataFrame(columns=columns, dtype=float)
-
-
-def agreement(scenario: Scenario, vehicle: Vehicle, verdicts: pd.DataFrame) -> pd.DataFrame:
-    """Compare the outcomes of a vehicle with published verdicts on the same encounters.
-
-    There is one row for the firm and one for the fragile verdicts, with their number, and the numbers of
-    those that ``agree``; of those in which only our vehicle crashes (``we_crash``) or only the published one
-    (``we_are_safe``); and of our simulations that ended at their time limit (``not_ended``).
-    """
-    outcomes = vehicle.simulate(*(verdicts[name].to_numpy(float) for name in scenario.names))
-    ended = getattr(outcomes, ENDED, np.ones(len(verdicts), bool))
-    published, fragile = verdicts["crash"].to_numpy() > 0, verdicts["fragile"].to_numpy() > 0
-    rows = []
-    for name, own in (("firm", ~fragile), ("fragile", fragile)):
-        ours, theirs = outcomes.crash[own], published[own]
-        rows.append(
-            {
-                "kind": name,
-                "verdicts": int(own.sum()),
-                "agree": int((ours == theirs).sum()),
-                "we_crash": int((ours & ~theirs).sum()),
-                "we_are_safe": int((~ours & theirs).sum()),
-                "not_ended": int((~ended[own]).sum()),
-            }
-        )
-    return pd.DataFrame(rows)
