@@ -11,6 +11,7 @@ from accelerated_evaluation.publishing.figures.style import (
     paper_style,
     save_figure,
 )
+from accelerated_evaluation.publishing.tables.display import NAMES
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from scipy.stats import gamma
@@ -29,8 +30,10 @@ COLORS = {
     "acc_aeb": "#000000",
 }
 MARKERS = {"cc_human": "s", "poor": "^", "human": "o", "acc_only": "D", "acc_aeb": "v"}
-LEAST = 0.3  # where predictions of less are drawn
+LEAST = 0.3  # predictions of less are drawn at the left of this, each host at a place of its own
+PLACES = dict(zip(COLORS, np.geomspace(0.03, 0.2, len(COLORS)), strict=True))
 LEVEL = 0.95
+WORDS = {**NAMES, "poor": "poor car"}
 
 
 def draw(table: pd.DataFrame) -> tuple[Figure, pd.DataFrame]:
@@ -51,7 +54,7 @@ def draw(table: pd.DataFrame) -> tuple[Figure, pd.DataFrame]:
             axes.set(title=title, xlabel="predicted crashes")
         panels[0].set_ylabel("counted crashes")
         handles, labels = panels[-1].get_legend_handles_labels()
-        drawn.legend(handles, labels, loc="outside upper center", ncols=4)
+        drawn.legend(handles, labels, loc="outside upper center", ncols=3)
         if data.empty:
             panels[1].text(0.5, 0.5, "no crash counted", transform=panels[1].transAxes, ha="center")
         note_source(
@@ -62,14 +65,15 @@ def draw(table: pd.DataFrame) -> tuple[Figure, pd.DataFrame]:
 
 def _draw_panel(axes: Axes, data: pd.DataFrame, name: str, largest: float) -> None:
     """Draw the cells of one prediction, with the line of agreement and a band of a factor of 2."""
-    line = np.array([LEAST / 2, largest])
+    line = np.array([min(PLACES.values()) / 1.5, largest])
+    axes.axvspan(line[0], LEAST, color="#f6f0e0", linewidth=0, label=f"predicted: less than {LEAST:g}")
     axes.fill_between(line, line / 2, line * 2, color="#e8e8e8", linewidth=0, label="a factor of 2")
     axes.plot(line, line, color="#808080", linewidth=0.6)
     for (host, gap), cells in data.groupby(["host", "gap"], sort=False):
         counted = cells["counted"]
         errors = [counted - cells["low95"], cells["high95"] - counted]
         axes.errorbar(
-            cells[name].clip(LEAST),
+            cells[name].mask(cells[name] < LEAST, PLACES[host]),
             counted,
             yerr=errors,
             fmt=MARKERS[host],
@@ -77,9 +81,9 @@ def _draw_panel(axes: Axes, data: pd.DataFrame, name: str, largest: float) -> No
             markerfacecolor=COLORS[host] if gap == "closing" else "white",
             markersize=4,
             elinewidth=0.5,
-            label=f"{host}, {gap}",
+            label=f"{WORDS.get(host, host)}, {gap}",
         )
-    axes.set(xscale="log", yscale="log", xlim=(LEAST / 2, largest), ylim=(LEAST / 2, largest), aspect="equal")
+    axes.set(xscale="log", yscale="log", xlim=line, ylim=line, aspect="equal")
 
 
 def main() -> None:
