@@ -23,7 +23,7 @@ from accelerated_evaluation.base.arrays import Array
 
 CLOSING_CUT_IN = "closing cut-in"
 KEEPS, CLOSING, OPENING, ALL = "closing, lead keeps its speed", "closing", "opening", "all"
-NO_RECORDS = "records of opening cut-ins: closing ones with the other sign, in the share of the paper"
+NO_RECORDS = "records of opening cut-ins (used: closing ones with the other sign)"
 NO_EXPOSURE = "distance and time of the records"
 NO_MOTION = "lead motion: the vehicle cannot be simulated with it, or never crashes without it"
 COLUMNS = ["vehicle", "part", "per", "mean", *SUMMARY[1:], "upper95", "share", "in_hundred_car", "missing"]
