@@ -28,9 +28,9 @@ SAMPLERS, DETAILS = (ROOT / f"fewruns/benchmarks/{name}.md" for name in ("README
 WORLDS, ANSWERS, MOTORWAY = (
     BENCHMARKS / folder / "README.md" for folder in ("worlds", "answers", "motorway")
 )
-JOINT_LAWS, FORMATS, EUROPE, EXPORT = (
+JOINT_LAWS, FORMATS, EUROPE, EXPORT, SAFETY = (
     ROOT / f"docs/{name}.md"
-    for name in ("joint_laws", "formats_of_recordings", "records_from_europe", "export")
+    for name in ("joint_laws", "formats_of_recordings", "records_from_europe", "export", "safety_case")
 )
 OURS = "surrogate"
 FAMILY = ("paper", "exponential", "heavy", "light", "two kinds")  # kinds of worlds that resemble the laws
@@ -222,6 +222,25 @@ def covered(worlds: pd.DataFrame) -> str:
     """Return how many of the worlds of some kinds the 80 % intervals cover, as a number and a percentage."""
     hits, size = round((worlds["coverage80"] * worlds["worlds"]).sum()), worlds["worlds"].sum()
     return f"{hits} of {size:.0f} worlds ({100 * hits / size:.0f} %)"
+
+
+def deciding_in_words(deciding: pd.DataFrame) -> str:
+    """Return how often the records that the table ``deciding`` asks for decide a criterion, on worlds."""
+    tried = deciding[deciding["verdict_before"] == "not decided"]
+    decided = tried[tried["verdict_after"] != "not decided"]
+    right = (decided["verdict_after"] == "met") == decided["should_be_met"]
+    promised = tried[np.isfinite(tried["needed"])]
+    kept = (promised["verdict_after"] != "not decided").sum()
+    fewer = (promised["simulated"] < promised["needed"]).sum()
+    sizes = f"{promised['needed'].min():,.0f} to {promised['needed'].max():,.0f}"
+    others = len(tried) - len(promised)
+    return (
+        f"In {len(tried)} worlds, the first records left the criterion undecided. The table named a number "
+        f"of records in {len(promised)} of them ({sizes}; more than were simulated in {fewer} worlds). With the "
+        f"simulated records, {kept} of these {len(promised)} criteria were decided. In the other {others} "
+        f"worlds, where by the table no number of records decides, {len(decided) - kept} were decided "
+        f"nevertheless. {right.sum()} of all {len(decided)} verdicts are right."
+    )
 
 
 def causes_table(causes: pd.DataFrame) -> str:
@@ -634,6 +653,7 @@ BLOCKS = {
     "worlds": result(WORLDS, "worlds", worlds_table),
     "beyond": result(WORLDS, "worlds_beyond", beyond_table),
     "causes": result(WORLDS, "worlds_causes", causes_table),
+    "deciding": result(SAFETY, "worlds_deciding", deciding_in_words),
     "size": result(FORMATS, "recordings", recordings_table),
     "europe": result(EUROPE, "europe", europe_table),
     "certificates": result(DETAILS, "certificates", certificates_table),

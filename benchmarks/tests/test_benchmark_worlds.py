@@ -7,10 +7,13 @@ from pathlib import Path
 import numpy as np
 import pandas as pd
 import pytest
+from accelerated_evaluation.answer.criterion import ENCOUNTER, Criterion, judge
+from accelerated_evaluation.answer.posterior import Posterior
 from accelerated_evaluation.crash_map.lines import CrashLines
 from accelerated_evaluation.crash_map.mapping import map_crashes
 from accelerated_evaluation.crash_map.maps import Grid
 from accelerated_evaluation.laws.smooth.family import Fitter, members_at
+from scipy.stats import norm
 
 pytestmark = pytest.mark.studies
 ROOT = Path(__file__).resolve().parents[2]
@@ -18,6 +21,7 @@ sys.path += [str(ROOT / "benchmarks" / "worlds"), str(ROOT / "tests" / "unit")]
 
 import beyond  # noqa: E402
 import causes  # noqa: E402
+import deciding  # noqa: E402
 import kinds  # noqa: E402
 import unseen  # noqa: E402
 from rate_car import RateCar, exponential_records  # noqa: E402
@@ -158,3 +162,18 @@ def test_worlds_beyond_the_family_by_hand():
     assert first["median_ratio"] == pytest.approx(1.25)
     assert [first["near_found"], first["host_found"]] == [0.5, 0.5]  # by Bonferroni among 24 and 40 cells
     assert [second[name] for name in ("worlds", "answers", "coverage95", "simulations")] == [2, 1, 0.5, 150]
+
+
+def test_the_records_that_decide_by_hand():
+    """Draws with a normal logarithm: the number follows from the variances."""
+    sigma, generator = 0.3, np.random.default_rng(4)
+    draws = np.exp(sigma * generator.standard_normal(4000))
+    posterior = Posterior(draws, np.zeros(4000, int))
+    limits = [float(np.quantile(draws, met)) for met in (0.9, 0.8)]
+    judged = [judge(Criterion("", limit, ENCOUNTER), posterior, 1000, {}) for limit in limits]
+    needed = [deciding.records_needed(each, posterior, 1000) for each in judged]
+    assert 1000 < needed[0] < needed[1] < np.inf
+    distance, after = norm.ppf(0.9), 1000 / needed[0]  # in units of sigma, all of which falls
+    margin, spread = norm.ppf(0.95) * np.sqrt(after), np.sqrt(1 - after)
+    chance = norm.cdf((distance - margin) / spread) + norm.cdf((-distance - margin) / spread)
+    assert chance == pytest.approx(0.8, abs=0.01)
