@@ -236,8 +236,8 @@ def deciding_in_words(deciding: pd.DataFrame) -> str:
     others = len(tried) - len(promised)
     return (
         f"In {len(tried)} worlds, the first records left the criterion undecided. The table named a number "
-        f"of records in {len(promised)} of them ({sizes}; more than were simulated in {fewer} worlds). With the "
-        f"simulated records, {kept} of these {len(promised)} criteria were decided. In the other {others} "
+        f"of records in {len(promised)} of them ({sizes}; more than were simulated in {fewer} worlds). With "
+        f"the simulated records, {kept} of these {len(promised)} criteria were decided. In the other {others} "
         f"worlds, where by the table no number of records decides, {len(decided) - kept} were decided "
         f"nevertheless. {right.sum()} of all {len(decided)} verdicts are right."
     )
