@@ -234,13 +234,14 @@ def deciding_in_words(deciding: pd.DataFrame) -> str:
     fewer = (promised["simulated"] < promised["needed"]).sum()
     sizes = f"{promised['needed'].min():,.0f} to {promised['needed'].max():,.0f}"
     others = len(tried) - len(promised)
-    return (
+    text = (
         f"In {len(tried)} worlds, the first records left the criterion undecided. The table named a number "
         f"of records in {len(promised)} of them ({sizes}; more than were simulated in {fewer} worlds). With "
-        f"the simulated records, {kept} of these {len(promised)} criteria were decided. In the other {others} "
-        f"worlds, where by the table no number of records decides, {len(decided) - kept} were decided "
-        f"nevertheless. {right.sum()} of all {len(decided)} verdicts are right."
+        f"the simulated records, {kept} of these {len(promised)} criteria were decided. In the other "
+        f"{others} worlds, where by the table no number of records decides, {len(decided) - kept} were "
+        f"decided nevertheless. {right.sum()} of the {len(decided)} verdicts are right."
     )
+    return text + "\n"
 
 
 def causes_table(causes: pd.DataFrame) -> str:
