@@ -1,6 +1,6 @@
 """Problems that the sampler was not made for: how often it claims a wrong answer, and how many runs it takes.
 
-    python benchmarks/samplers/general.py benchmarks/results/general.csv [--kinds parts bulk] [--seeds 100]
+    python fewruns/benchmarks/general.py benchmarks/results/general.csv [--kinds parts bulk] [--seeds 100]
 
 The kinds are events with a part next to, behind or in front of the known one (`parts`), large batches
 (`batches`), scores that jump and events of which the cover excludes little (`ends`), events in the bulk of
@@ -142,7 +142,7 @@ def bulk() -> Iterator[Trial]:
 def usual() -> Iterator[Trial]:
     """Yield problems that a change must not make worse."""
     textbook, public = problems(), public_problems()
-    for name in ("circle", "two_regions", "plane_6", "ball_4"):
+    for name in ("segment_5_15", "circle", "two_regions", "plane_6", "ball_4"):
         yield Trial(PublicProblem(name, textbook[name].event, exact=textbook[name].exact), seeds=24)
     four = textbook["four_branches"]
     inside = quad(lambda v: norm.pdf(v) * (1 - 2 * norm.sf(5 + 0.2 * v * v)), -4.5, 4.5)[0]

@@ -5,7 +5,8 @@ import pytest
 from fewruns import SystemProblem
 from fewruns.constants import CONTRADICTION, ENOUGH_DRAWS
 from fewruns.progress import LawDraws
-from sampler_checks import STOPPING, new_sampler, resumed, saved
+from fewruns.wide_laws import draw_wide
+from sampler_checks import STOPPING, new_sampler, resumed, saved, standard_normal_event
 from scipy.special import ndtr
 from scipy.stats import binom
 
@@ -73,6 +74,37 @@ def test_a_state_keeps_the_draws():
     assert again.draws_next
     assert saved(again) == saved(sampler)
     assert drive(again, event).row() == drive(sampler, event).row()
+
+
+@pytest.mark.parametrize(("count", "events"), [(60, 0), (60, 2)])
+def test_draws_of_a_search_in_vain_count_until_batches_give_an_estimate(count, events):
+    """They are runs as well; without them, nothing was known but that there are events and others."""
+    sampler, drawn = new_sampler(), np.random.default_rng(3).standard_normal((count, 2))
+    progress, happened = sampler.progress, np.arange(count) < events
+    progress.z, progress.happened = np.vstack([drawn, [[9.0, 9.0]]]), np.append(happened, True)
+    progress.score, progress.sizes = np.zeros(count + 1), np.array([count + 1])
+    found = sampler.estimate(STOPPING)
+    assert np.isnan(found.probability)
+    assert (found.low, found.high) == (0, 1)
+    progress.plain = progress.plain.extended(drawn, happened)
+    found = resumed(sampler).estimate(STOPPING)
+    assert (found.low, found.high) == of_counts(events, count)
+    assert found.probability == events / count if events else np.isnan(found.probability)
+    assert not found.converged
+
+
+def test_a_ball_at_the_origin_is_estimated_from_its_first_event():
+    """Wide draws do not meet it, so that pools need points around the known event."""
+    event = standard_normal_event(lambda z: np.linalg.norm(z, axis=1) - 0.05)
+    known = draw_wide(150, 2, generator := np.random.default_rng(5))
+    sampler = new_sampler(batch_size=5)
+    progress = sampler.progress
+    progress.z = np.vstack([known, generator.normal(size=(100, 2)), [[0.015, 0.01]]])
+    progress.happened, progress.score = event.evaluate(progress.z)
+    progress.sizes, progress.searched, progress.rarest = np.array([251]), 99.0, 0.001
+    assert progress.happened.sum() == 1
+    found = drive(sampler, event, 500)
+    assert found.low / 1.5 < -np.expm1(-(0.05**2) / 2) < found.high * 1.5
 
 
 def coverage(interval, probability, draws=900):

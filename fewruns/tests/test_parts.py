@@ -90,13 +90,14 @@ def test_open_balls_are_closed_by_few_runs(radius):
     while len(balls := open_balls(z, happened, centres, PLANE, 1.0)):
         z = np.vstack([z, draw_in_balls_together(5, balls, generator)])
         happened, added = margin(z, radius) <= 0, added + 5
-        assert added <= 50
+        assert added <= 100
     assert added > 0
 
 
 def test_an_estimate_does_not_converge_while_it_ignores_an_event(monkeypatch):
-    """A seed that had converged at two thirds of the probability, although runs had met the ball."""
+    """Without clearances, a seed converges below the probability, although runs have met the ball."""
     event, goal = standard_normal_event(margin, dimension=3), Stopping()
+    monkeypatch.setattr(results, "points_in_open_balls", lambda n, z, *_: z[:0])
     with monkeypatch.context() as without:
         without.setattr(results, "open_balls", lambda z, *_: z[:0])
         wrong = drive(sampler := new_sampler(3, 0, 5), event, goal)

@@ -81,6 +81,7 @@ class Progress:
     happened: Annotated[Flags, "runs"]
     score: Annotated[Array, "runs"]
     law_draws: LawDraws
+    plain: LawDraws  # the runs that the search has drawn from the law itself
     # Draws from the wide distribution to which the runs are equivalent: number, smallest and largest rarity.
     wide_draws: Annotated[Array, "groups", 3] = field(default_factory=lambda: np.empty((0, 3)))
     # The batches of the second phase, and their estimates. The last batch belongs to the last estimate. There
@@ -97,7 +98,6 @@ class Progress:
     sizes: Annotated[Indices, "sizes"] = field(
         default_factory=lambda: np.empty(0, np.int64)
     )  # of the batches
-    plain: int = 0  # number of the runs that the search has drawn from the law itself
     narrow_at: int | None = None  # number of runs when the interval last became narrow; None if it is not
     pending: Batch | None = None  # the batch that was requested and whose outcomes have not been received
     centres: Annotated[Array, "centres", "dimension"] | None = None  # of the next pool
@@ -111,7 +111,7 @@ class Progress:
     def start(cls, dimension: int) -> Self:
         """Return the progress of a sampler without any run."""
         nothing = np.empty((0, dimension)), np.empty(0, bool), np.empty(0)
-        return cls(*nothing, LawDraws.none(dimension))
+        return cls(*nothing, LawDraws.none(dimension), LawDraws.none(dimension))
 
     @property
     def cover_runs(self) -> Indices:
@@ -129,6 +129,7 @@ class Progress:
             self.happened[kept],
             self.score[kept],
             self.law_draws,
+            self.plain,
             estimates=self.estimates,
             foreseen=self.foreseen[foreseen],
             learnt_at=NEVER,

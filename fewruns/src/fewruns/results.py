@@ -30,8 +30,8 @@ def estimate(
 
     Without an event the estimate is 0, and the upper end of the interval is the bound for an event that no
     run has met; if all runs are events, the complement is treated like this. Before two batches can be used,
-    the estimate is NaN, and the interval is that of the draws of the law, or [0, 1] if there are none. If the
-    events are counted, the estimate is their share in the draws of the law itself.
+    or if the events are counted, the estimate is the share of events in the draws of the law itself, with its
+    interval. The estimate is then NaN if no draw is an event, and the interval is [0, 1] without draws.
     """
     events, (combined, ends) = int(np.count_nonzero(progress.happened)), combined_estimate(progress, stopping)
     draws, by_draws = progress.law_draws, is_counted(progress)
@@ -42,11 +42,13 @@ def estimate(
         probability = min(combined.probability, 1.0)
         interval = min(ends[0], 1.0), min(ends[1], 1.0)
     elif 0 < events < progress.happened.size:
-        probability, interval = math.nan, draws.interval(stopping.alpha) if len(draws) else (0.0, 1.0)
+        drawn = draws.extended(progress.plain.z, progress.plain.happened)
+        probability = drawn.share if drawn.events else math.nan
+        interval = drawn.interval(stopping.alpha) if len(drawn) else (0.0, 1.0)
     else:
         bound = bound_without_event(progress.wide_draws[:, 0].sum(), stopping.alpha)
-        if progress.plain:
-            bound = min(bound, 1 - stopping.alpha ** (1 / progress.plain))
+        if len(progress.plain):
+            bound = min(bound, 1 - stopping.alpha ** (1 / len(progress.plain)))
         probability, interval = (1.0, (1 - bound, 1.0)) if events else (0.0, (0.0, bound))
     estimating = len(draws) if by_draws else sum(batch.runs for batch in _that_count(progress))
     return Estimate(

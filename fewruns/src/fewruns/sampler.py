@@ -219,7 +219,7 @@ class Sampler:
         events = self.belief.space.coordinates(batch.z[happened])
         rarest = min(rarity(events).min(initial=REACH), progress.rarest)
         if batch.phase == PLAIN:
-            progress.plain += len(batch.z)
+            progress.plain = progress.plain.extended(batch.z, happened)
         elif batch.phase == WIDE:
             progress.wide_draws = np.vstack([progress.wide_draws, [len(batch.z), 0.0, self._first[1]]])
         else:

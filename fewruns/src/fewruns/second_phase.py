@@ -109,7 +109,10 @@ class SecondPhase:
             pool = self._pool(self._pool_size // 2)
             core = np.where(pool.probability >= CORE, pool.probability, 0.0)
             if not core.any():
-                break
+                # The event is so small that no wide draw meets it; pools around its known points do.
+                if progress.happened.any():
+                    progress.centres = progress.z[progress.happened]
+                continue
             w = pool.weight
             fringe_limit = (w @ (w * core)) / (w * core).sum()
             fringe_limit *= NOISY_FRINGE_WEIGHT if self._is_noisy else FRINGE_WEIGHT
