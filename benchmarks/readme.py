@@ -16,6 +16,7 @@ from accelerated_evaluation.methods.importance_sampling import crude_simulations
 from accelerated_evaluation.publishing.tables.claims import UNTESTED
 from accelerated_evaluation.publishing.tables.paper_claims import PAPER_PROBABILITY, PAPER_RATIOS
 from accelerated_evaluation.publishing.tables.spreads import rests_in_words
+from scipy.special import betaincinv
 
 sys.path += [str(Path(__file__).parent), str(Path(__file__).parent / "motorway")]
 
@@ -24,6 +25,7 @@ from tables import MOTORWAY_TABLES
 
 README = ROOT / "README.md"
 BENCHMARKS = ROOT / "benchmarks"
+FEWRUNS = ROOT / "fewruns" / "README.md"
 SAMPLERS, DETAILS = (ROOT / f"fewruns/benchmarks/{name}.md" for name in ("README", "details"))
 WORLDS, ANSWERS, MOTORWAY = (
     BENCHMARKS / folder / "README.md" for folder in ("worlds", "answers", "motorway")
@@ -627,6 +629,36 @@ def hidden_table(hidden: pd.DataFrame) -> str:
     )
 
 
+def general_table(general: pd.DataFrame) -> str:
+    """Return what the sampler claims, and when its interval is narrow and it ends, on further problems."""
+    return formatted(
+        counts(general.assign(problem=spaced(general["problem"])), "covered"),
+        {
+            "problem": "{problem}",
+            "seeds": "{seeds:.0f}",
+            "said to have converged": "{converged:.0f}",
+            "of these, off by a factor of 2": "{claimed_off:.0f}",
+            "intervals that cover": "{covered:.0f}",
+            "median / exact": "{median:.2f}",
+            "narrow after": "{narrow:,.0f}",
+            "ended after": "{runs:,.0f}",
+            "at most": "{most_runs:,.0f}",
+        },
+    )
+
+
+def parts_in_words(general: pd.DataFrame) -> str:
+    """Return how many estimates claim a wrong answer if a part is next to, behind or between known ones."""
+    parts = general[general["kind"] == "parts"]
+    seeds, claimed = parts["seeds"].sum(), parts["claimed_off"].sum()
+    limit = betaincinv(claimed + 1, seeds - claimed, 0.95)
+    return (
+        f"Of {seeds} estimates of {len(parts)} problems with a part next to, behind or in front of the known "
+        f"one, {parts['converged'].sum()} claim to have converged, {claimed or 'none'} of them off by a "
+        f"factor of 2 (with 95 % confidence, fewer than {100 * limit:.2g} % of the estimates are).\n"
+    )
+
+
 def result(text: Path, name: str, make: Callable[[pd.DataFrame], str]) -> Block:
     """Return the table that a text has of one file of the results."""
     return Block(text, RESULTS / f"{name}.csv", make)
@@ -659,6 +691,8 @@ BLOCKS = {
     "europe": result(EUROPE, "europe", europe_table),
     "certificates": result(DETAILS, "certificates", certificates_table),
     "chance": result(DETAILS, "chance", chance_table),
+    "general": result(DETAILS, "general", general_table),
+    "parts_in_words": result(FEWRUNS, "general", parts_in_words),
     "successors": result(DETAILS, "successors", successors_table),
 } | {name: result(MOTORWAY, name, make) for name, make in MOTORWAY_TABLES.items()}
 

@@ -50,6 +50,12 @@ def test_the_guide_runs_from_top_to_bottom(tmp_path):
     assert structure.converged
     assert 0.5 < structure.probability / exact < 2
     assert not 0.5 < structure.probability / resistance.cdf(load.mean()) < 2  # with a load that is not random
+
+    def given(z):  # probability of failure for a normal score of the resistance
+        return stats.norm.pdf(z) * stats.norm.sf((np.log((7 + z) / 1.5) / 0.3 + 0.6 * z) / 0.8)
+
+    assert names["joint"].converged
+    assert 0.5 < names["joint"].probability / quad(given, -6, 6)[0] < 2
     sums = stats.norm.sf((6 - names["means"]) / np.sqrt(2))
     assert np.abs(np.log(names["found"].probabilities / sums)).max() < 0.7
     assert names["sampler"].has_converged(names["goal"])
