@@ -167,7 +167,9 @@ def test_another_batch_size_holds_from_the_next_batch_on(begun):
     assert len(drive()) == 10
     begun("tell", "done.csv")
     begun("ask", "next", "--no-scenarios")
-    assert drive()["run"].tolist() == list(range(11, 36))
+    runs = drive()["run"].tolist()  # while it searches, the sampler may ask for fewer
+    assert runs == list(range(11, 11 + len(runs)))
+    assert 10 < len(runs) <= 25
     begun("tell", "done.csv")
     driven_to_the_end(begun)
     assert status_of(read_campaign("c.json")).may_stop
