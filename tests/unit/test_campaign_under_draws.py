@@ -25,16 +25,16 @@ from accelerated_evaluation.vehicles.protocol import CRASH
 from mean_law import braking_probabilities, encounters_, law_, one_draw  # noqa: F401
 
 LIMIT = 6.0  # [m/s^2], constant deceleration from which a cut-in ends in a crash
-BATCHES = 11
+RUNS = 220  # number of runs of a campaign
 
 
 def drive(own, name, encounters, folder, seed=3):
-    """Return a campaign under a law that was driven for some batches of 20 runs."""
+    """Return a campaign under a law that was driven in batches of 20 runs or fewer."""
     write_encounters(folder / "encounters.parquet", encounters, "made up")
     write_law(folder / name, own, encounters)
     sources = source_of(folder / name), source_of(folder / "encounters.parquet")
     begun = Campaign.begin(*sources, CRASH, stopping(0.8, 0.2, anytime=False), batch_size=20, seed=seed)
-    for _ in range(BATCHES):
+    while len(begun.runs) < RUNS:
         runs = begun.ask(own)
         begun.tell({run.number: driven(run) for run in runs})
     return begun
@@ -78,9 +78,10 @@ def test_a_campaign_under_one_law_is_read_under_all(campaign, law, encounters, f
     # three. `_reach` warns of the rest.
     other = drive(one_draw(few, middle), "one.json", encounters, folder, seed=5)
     draws = read_draws(folder / "law.json", other)
-    found = laws_under(law_of(other), draws).refined(other.sampler).probabilities
-    assert abs(np.log(found[middle] / known[middle])) < 0.6  # three relative errors of the sampling
-    assert np.median(np.abs(np.log(found / known))) < 0.6
+    found = laws_under(law_of(other), draws).refined(other.sampler)
+    errors = np.abs(np.log(found.probabilities / known)) / found.errors  # in stated errors of the sampling
+    assert errors[middle] < 3
+    assert np.median(errors) < 3
     write_campaign(folder / "campaign.json", other)
     command = ["campaign", "status", str(folder / "campaign.json")]
     assert cli.main([*command, "--under", str(folder / "law.json")]) == 0

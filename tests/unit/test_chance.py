@@ -105,6 +105,7 @@ def test_a_replicate_without_an_estimate_is_described_next_to_one_with_an_estima
         for posterior in (own, None)
     ]
     silent = SimpleNamespace(stop_lines=list, warning_lines=list, doubts=[], in_words="", per_km=None)
+    silent.unseen, silent.replays = lambda probability: None, SimpleNamespace(replayed=0)
     found = ae.Estimated(answers, silent, silent, None, {}, ae.Request(replicates=2), silent)
     lines = found.lines()
     detailed = found.lines(verbose=True)
