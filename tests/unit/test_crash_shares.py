@@ -24,7 +24,7 @@ class SlowCrashes:
     def simulate(self, speed, walking_speed, distance):
         crash = (np.abs(walking_speed) < 1) | (walking_speed < -3)
         none = np.zeros(len(crash), dtype=bool)
-        return PEDESTRIAN.outcomes_of([crash, ~none, none, none, np.abs(walking_speed), none])
+        return PEDESTRIAN.outcomes_of([crash, ~none, none, none, np.abs(walking_speed), none, none])
 
 
 def test_shares_and_probabilities_are_those_of_the_law():
