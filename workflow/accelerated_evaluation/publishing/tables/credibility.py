@@ -23,6 +23,9 @@ def _percent(share: float) -> str:
 
 def records_used(account: pd.DataFrame) -> str:
     """Return how many rows of the records were read and used."""
+    if "fitted" in account:  # that of a scenario, with one row for each variable
+        read, fitted = account[["records", "fitted"]].iloc[0].astype(int)
+        return f"{read:,} records were read, and laws are fitted to {fitted:,}"
     rows = account[["rows_in", "rows_kept"]].astype(int)
     return f"{rows['rows_in'].iloc[0]:,} rows were read, and {rows['rows_kept'].iloc[-1]:,} are used"
 
