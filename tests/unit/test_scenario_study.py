@@ -85,7 +85,10 @@ def test_the_event_of_an_estimate_can_be_an_impact(tmp_path, monkeypatch, capsys
             ["--scenario", "left_turn", "--event", "min_range=1"],
             "--event: seen 'min_range=1'; expected crash, or",
         ),
-        (["--config", "speed.yaml"], "scenario.event: seen 'speed'; expected crash, or impact_speed or post_encroachment_time"),
+        (
+            ["--config", "speed.yaml"],
+            "scenario.event: seen 'speed'; expected crash, or impact_speed or post_encroachment_time",
+        ),
     ],
 )
 def test_options_that_do_not_fit_the_scenario_are_named(tmp_path, monkeypatch, capsys, options, message):

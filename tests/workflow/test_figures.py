@@ -13,7 +13,7 @@ def test_no_figure_of_a_study_has_a_defect(finished):
     done = subprocess.run(
         [sys.executable, str(CHECKS), "results/smoke", "figures/smoke"],
         cwd=finished.folder,
-        env=finished.environment,
+        env=finished.library,
         capture_output=True,
         text=True,
     )

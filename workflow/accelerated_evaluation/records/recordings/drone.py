@@ -137,7 +137,7 @@ def _usual_reading(connection: "DuckDBPyConnection", file: Path, header: set[str
     if marks & header:
         return of_relative
     classes = [name for (name,) in connection.execute("SELECT DISTINCT class FROM meta").fetchall()]
-    if of_relative and all(name == name.lower() for name in classes if name):
+    if of_relative and any(classes) and all(name == name.lower() for name in classes if name):
         names = ", ".join(sorted(filter(None, classes)))
         raise InputError(
             f"{file}, column x",
