@@ -6,7 +6,7 @@ import pandas as pd
 from accelerated_evaluation.answer.all_cut_ins import rates_table
 from accelerated_evaluation.answer.fitted_records import stored_records
 from accelerated_evaluation.answer.law_study import LawStudy
-from accelerated_evaluation.answer.lead_motion import motion_table
+from accelerated_evaluation.answer.lead_motion import motion_tables
 from accelerated_evaluation.base.files import read_json, write_csv
 from accelerated_evaluation.base.randomness import child_generator
 from accelerated_evaluation.crash_map.maps import read_crash_map
@@ -18,32 +18,22 @@ from accelerated_evaluation.scenarios.cut_in import CUT_IN
 from accelerated_evaluation.study.jobs import job
 from accelerated_evaluation.vehicles.external.slow import all_loaded
 
-RESAMPLED = 20  # number of laws of European lead motion that are fitted to resampled profiles
-
 if __name__ == "__main__":
     with job(snakemake.log[0]):
         files, params = snakemake.input, snakemake.params
         records = stored_records(CUT_IN, files.encounters, params.support, read_json(files.exposure))
         raw = read_source(params.data, child_generator(params.seed, "sample"))
         opening = DistinctRecords.of(opening_cut_ins(raw, dict(params.items())), records.data.support)
-        stream, generator = (
-            partial(child_generator, params.seed, "laws"),
-            partial(child_generator, params.seed, "lead motion"),
-        )
+        stream = partial(child_generator, params.seed, "laws")
+        generator = partial(child_generator, params.seed, "lead motion")
         study = LawStudy.of(records, params.draws, stream, files.family).smooth_only()
         maps = dict(zip(params.vehicles, map(read_crash_map, files.maps), strict=True))
-        europe, resamples = Recorded.read(files.profiles), generator("resampled profiles")
-        resampled = [europe.resampled(resamples) for _ in range(RESAMPLED)]
         with all_loaded(params.vehicles, params.simulations | {"workers": 1}) as vehicles:
-            tables = [
-                motion_table(vehicles, maps, study, opening, generator(), *motion)
-                for motion in ((), (europe, resampled))
-            ]
-        for table in tables:
-            table["vehicle"] = table["vehicle"].replace("under_test", "under test")
-        for path, table in zip((snakemake.output.moving, snakemake.output.europe), tables, strict=True):
+            motions = motion_tables(vehicles, maps, study, opening, Recorded.read(files.profiles), generator)
+        for path, table in zip(
+            (snakemake.output.moving, snakemake.output.europe), motions.values(), strict=True
+        ):
             write_csv(path, table)
-        motions = dict(zip(("NGSIM", "Europe"), tables, strict=True))
         draws = pd.read_csv(files.draws)
         rates = rates_table(draws, motions, records.size, records.exposure, opening.size, generator("rates"))
         write_csv(snakemake.output.together, rates)

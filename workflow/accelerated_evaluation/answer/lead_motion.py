@@ -20,7 +20,7 @@ study has no records of opening cut-ins, recorded closing cut-ins with the oppos
 are used.
 """
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from copy import deepcopy
 from dataclasses import dataclass, replace
 from functools import partial
@@ -33,7 +33,7 @@ from accelerated_evaluation.base.arrays import Array
 from accelerated_evaluation.crash_map.lines import CrashLines
 from accelerated_evaluation.crash_map.maps import CrashMap, Intervals
 from accelerated_evaluation.laws.motion import LARGEST_WEIGHT, LeadMotion, draw_wide
-from accelerated_evaluation.laws.motion.recorded import Ngsim
+from accelerated_evaluation.laws.motion.recorded import Ngsim, Recorded
 from accelerated_evaluation.laws.smooth.conditional import SpeedLaw
 from accelerated_evaluation.laws.smooth.family import DistinctRecords
 from accelerated_evaluation.laws.smooth.smooth_hazard import SmoothHazard
@@ -51,6 +51,7 @@ OPENING = 60_000  # number of opening cut-ins that are drawn preferentially at s
 PILOT = 20_000  # number of those that decide whether crashes are rare; they are not used otherwise
 RARE = 1_000_000  # number of opening cut-ins that are drawn without preference if the pilot has no crash
 AT_ONCE = 20_000  # number of opening cut-ins that are simulated at once, so that 100 MB of memory are enough
+RESAMPLED = 20  # number of laws of European lead motion that are fitted to resampled profiles
 ONE_SIDED = 1.645  # number of standard errors up to a one-sided upper 95 % limit
 NONE = 3.0  # upper 95 % limit of the mean of a Poisson distribution if the count is 0
 
@@ -307,3 +308,28 @@ def motion_budget(moving: pd.DataFrame, vehicle: str, together: float) -> pd.Dat
             "effect": own["factor"],
         }
     )
+
+
+def motion_tables(
+    vehicles: Mapping[str, Vehicle],
+    maps: Mapping[str, CrashMap],
+    study: LawStudy,
+    opening: DistinctRecords,
+    europe: Recorded,
+    generators: Callable[..., np.random.Generator],
+) -> dict[str, pd.DataFrame]:
+    """Return the table of `motion_table` with American and with European lead motion, by name.
+
+    The error of the European motion is that of laws fitted to resampled profiles. ``generators`` returns a
+    generator for the names of a step.
+    """
+    stream = generators("resampled profiles")
+    resampled = [europe.resampled(stream) for _ in range(RESAMPLED)]
+    tables = {
+        name: motion_table(vehicles, maps, study, opening, generators(), *motion)
+        for name, motion in {"NGSIM": (), "Europe": (europe, resampled)}.items()
+    }
+    return {
+        name: table.assign(vehicle=table["vehicle"].replace("under_test", "under test"))
+        for name, table in tables.items()
+    }
