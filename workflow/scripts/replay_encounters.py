@@ -1,7 +1,4 @@
-"""Simulate the most probable crashes and most critical records, and find which crashes are preventable.
-
-The tests of regulations and the numerical error of the simulation need the same vehicles, so they come here.
-"""
+"""Simulate likely crashes, critical records and tests of regulations; find which crashes are preventable."""
 
 import numpy as np
 import pandas as pd
