@@ -1,7 +1,4 @@
-"""Compare the vehicle under test with others, which are fast to simulate, under the same draws of the law.
-
-The criteria of the configuration are judged, too.
-"""
+"""Compare the vehicle under test with others under the same draws of the law, and judge the criteria."""
 
 from collections.abc import Iterator, Mapping
 from functools import partial
@@ -37,11 +34,9 @@ if __name__ == "__main__":
                 yield name, evaluate(problem, draws, way, generator=stream("references", name))
 
         own = {name: pd.read_csv(path) for name, path in files.items() if name in params.own}
-        criteria = criteria_of(params.criteria, scenario)
-        simulations = params.simulations | {"workers": snakemake.threads}
-        with all_loaded(params.vehicles, simulations, scenario) as vehicles:
-            tables = comparison_tables(
-                own, answers(vehicles), records, scenario.references, params.half_width, criteria
-            )
+        criteria, workers = criteria_of(params.criteria, scenario), {"workers": snakemake.threads}
+        with all_loaded(params.vehicles, params.simulations | workers, scenario) as vehicles:
+            shared = records, scenario.references, params.half_width, criteria
+            tables = comparison_tables(own, answers(vehicles), *shared)
         for name, path in snakemake.output.items():
             write_csv(path, tables[name])
