@@ -135,13 +135,6 @@ class Project:
     def environment(self) -> dict[str, str]:
         return os.environ | {"PYTHONPATH": f"{self.folder}/workflow{os.pathsep}{self.folder}/fewruns/src"}
 
-    @property
-    def library(self) -> dict[str, str]:
-        """The environment of a process that uses the library alone, with the modules of the user."""
-        modules = json.loads((self.folder / "results/smoke/config.json").read_text())["modules"]
-        paths = [str((self.folder / "config" / each).resolve()) for each in modules]
-        return self.environment | {"ACCELERATED_EVALUATION_MODULES": os.pathsep.join(paths)}
-
     def run(self, *arguments: str, **options: str | int) -> subprocess.CompletedProcess:
         return subprocess.run(
             self.command(*arguments, **options),

@@ -1,5 +1,6 @@
 """Members of registries that live in a folder or a package of their user, and faulty ones."""
 
+import json
 import os
 import subprocess
 import sys
@@ -10,6 +11,7 @@ from accelerated_evaluation import InputError
 from accelerated_evaluation.base import extensions
 from accelerated_evaluation.laws import LAWS
 from accelerated_evaluation.laws.distributions.described import DISTRIBUTIONS
+from accelerated_evaluation.publishing.study import Study
 from accelerated_evaluation.records.checks import CHECKS
 from accelerated_evaluation.study.configuration import load, load_modules
 from accelerated_evaluation.study.dependencies import code_up_to, digest_of
@@ -86,11 +88,17 @@ BROKEN = {
 def own_registries(monkeypatch):
     """Remove what a test has registered."""
     monkeypatch.setenv(extensions.VARIABLE, "")
-    before = dict(extensions.EXTENSIONS)
+    before = set(extensions.EXTENSIONS)
     yield
+    forget(before)
+
+
+def forget(before):
+    """Remove the members of all extensions but those named."""
     for name in extensions.EXTENSIONS.keys() - before:
         for registry, member in extensions.EXTENSIONS.pop(name).members:
             registry.remove(member)
+    os.environ[extensions.VARIABLE] = ""
     digest_of.cache_clear()
 
 
@@ -135,6 +143,28 @@ def test_a_path_begins_in_the_folder_of_the_configuration(tmp_path, monkeypatch)
     assert "other" not in CHECKS
     load_modules({"modules": ["mine.py"]}, ["one/study.yaml", "other/more.yaml"])
     assert CHECKS["other"](None) == "other"
+
+
+def test_a_finished_study_brings_its_modules(tmp_path, monkeypatch):
+    """The stored paths begin in the folder in which the study ran, wherever it is opened."""
+    for folder in ("ran/settings", "ran/results/one", "elsewhere"):
+        (tmp_path / folder).mkdir(parents=True)
+    (tmp_path / "ran/mine.py").write_text(CHECK.format(name="mine", body="return 5"))
+    (tmp_path / "ran/settings/study.yaml").write_text("modules: [../mine.py]\n")
+    monkeypatch.chdir(tmp_path / "ran")
+    config = load(["settings/study.yaml"])
+    assert config["modules"] == ["mine.py"]
+    Path("results/one/config.json").write_text(json.dumps(config))
+    forget(set())
+    assert "mine" not in CHECKS
+    monkeypatch.chdir(tmp_path / "elsewhere")
+    study = Study("../ran/results/one", "../ran/figures/one")
+    assert CHECKS["mine"](None) == 5
+    assert study.used.reads == []
+    forget(set())
+    (tmp_path / "ran/mine.py").unlink()
+    with pytest.raises(InputError, match=r"modules: seen no file mine.py in \.\./ran or \."):
+        Study("../ran/results/one", "../ran/figures/one")
 
 
 def test_a_module_counts_as_code_of_the_rooms_to_which_it_adds(tmp_path, monkeypatch):

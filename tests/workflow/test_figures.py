@@ -13,7 +13,7 @@ def test_no_figure_of_a_study_has_a_defect(finished):
     done = subprocess.run(
         [sys.executable, str(CHECKS), "results/smoke", "figures/smoke"],
         cwd=finished.folder,
-        env=finished.library,
+        env=finished.environment,
         capture_output=True,
         text=True,
     )

@@ -22,7 +22,7 @@ def test_a_notebook_draws_its_figures_at_both_widths(finished, tmp_path):
     done = subprocess.run(
         [sys.executable, "-c", DRAW, str(tmp_path)],
         cwd=finished.folder,
-        env=finished.library,
+        env=finished.environment,
         capture_output=True,
         text=True,
     )

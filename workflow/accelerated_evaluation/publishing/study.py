@@ -19,6 +19,7 @@ from accelerated_evaluation.records.verdict import Verdict, read_report, summary
 from accelerated_evaluation.scenarios import SCENARIOS
 from accelerated_evaluation.scenarios.cut_in import CUT_IN
 from accelerated_evaluation.scenarios.protocol import Scenario
+from accelerated_evaluation.study.configuration import load_modules
 
 if TYPE_CHECKING:
     from accelerated_evaluation.laws import Factors
@@ -150,12 +151,18 @@ class Study:
     parts in braces represents several files. ``used`` are the results that were read, and the figures and
     tables that were published; tables are in ``tables`` inside the folder of the figures. Each property
     raises InputError with the command that makes its result, if this does not exist yet.
+
+    The user's modules that the configuration of the study names are imported when the study is opened,
+    because its results may contain members of theirs, such as a law. Their paths begin in the folder in which
+    the study ran. InputError is raised if such a module does not exist any more, or cannot be used.
     """
 
     def __init__(self, results: str | Path, figures: str | Path) -> None:
         display_in_notebooks()
         self.results, self.figures = Path(results), Path(figures)
         self.used = Contents([], [], [])
+        if (configuration := self.results / "config.json").is_file():
+            load_modules(read_json(configuration), [self.results.parent])  # the folder with ``results``
 
     @classmethod
     def named(cls, name: str) -> "Study":

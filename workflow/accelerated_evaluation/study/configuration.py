@@ -85,7 +85,7 @@ def load(paths: Sequence[str | os.PathLike] = (), given: Mapping[str, Any] | Non
     config: dict[str, Any] = {}
     for part in (*map(read_yaml, map(Path, paths)), given or {}):
         config = _merged(config, part)
-    load_modules(config, paths)
+    config["modules"] = load_modules(config, paths)
     config = completed(config)
     validate(config)
     source = config["data"][config["data"]["source"]]
@@ -93,12 +93,12 @@ def load(paths: Sequence[str | os.PathLike] = (), given: Mapping[str, Any] | Non
     return config
 
 
-def load_modules(config: Mapping[str, Any], paths: Iterable[str | os.PathLike]) -> None:
-    """Import the modules that the key ``modules`` of a configuration names, before it is checked.
+def load_modules(config: Mapping[str, Any], paths: Iterable[str | os.PathLike]) -> list[str]:
+    """Import the modules that the key ``modules`` of a configuration names, and return their paths.
 
     ``paths`` are the configuration files. A relative path of a module begins in the folder of one of them,
-    the last one first, or in the working directory. InputError is raised if the key is not a list of files
-    that exist, or if a module cannot be used.
+    the last one first, or in the working directory, and the returned paths begin in the latter. InputError is
+    raised if the key is not a list of files that exist, or if a module cannot be used.
     """
     named = config.get("modules", [])
     if not isinstance(named, list) or not all(isinstance(each, str) for each in named):
@@ -122,6 +122,10 @@ def load_modules(config: Mapping[str, Any], paths: Iterable[str | os.PathLike]) 
         files.append(found[0])
     load_files(files)
     schema.cache_clear()  # a module may add the section of a source or method
+    return [
+        name if Path(name).is_absolute() else os.path.relpath(file)
+        for name, file in zip(named, files, strict=True)
+    ]
 
 
 def default_configuration() -> dict[str, Any]:

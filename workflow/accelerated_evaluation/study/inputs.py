@@ -67,7 +67,7 @@ class StudyInputs:
         """
         paths = list(paths)
         config = read_again(config, paths)
-        load_modules(config, paths)
+        config["modules"] = load_modules(config, paths)
         config = completed(config)
         validate(config)
         criteria_of(config["criteria"], SCENARIOS[config["scenario"]["name"]])
