@@ -83,7 +83,9 @@ def test_every_method_describes_itself(name):
     assert set(method.sections) <= set(CONFIG)
     read = method.configured({section: CONFIG[section] for section in method.sections})
     assert vars(read) == vars(method.configured(CONFIG))  # it reads no other section
-    assert method.replicates(CONFIG) >= 0
+    plan = {section: CONFIG[section] for section in method.plan}
+    assert method.replicates(plan) == method.replicates(CONFIG) >= 0
+    assert method.stopping(plan) == method.stopping(CONFIG)
     streams = {method.stream(scope, replicate) for scope in ("all", "slow") for replicate in (0, 1)}
     assert len(streams) == 4
 

@@ -7,8 +7,9 @@ import pandas as pd
 import pytest
 from accelerated_evaluation import CUT_IN, Problem, map_crashes
 from accelerated_evaluation.crash_map.exact_variance import exact_variation
-from accelerated_evaluation.methods.cross_entropy import search as repeated
-from accelerated_evaluation.methods.cross_entropy.search import parameter_change, repeated_searches
+from accelerated_evaluation.methods import METHODS, Stopping
+from accelerated_evaluation.methods.cross_entropy import repeated
+from accelerated_evaluation.methods.cross_entropy.repeated import parameter_change, repeated_searches
 from toy_segment import SETTINGS
 from wall_car import GRID, RANGE_LAWS, TTC_LAWS, WallCar, law_of
 
@@ -34,14 +35,16 @@ def test_longer_searches_continue_the_shorter_ones(monkeypatch):
     monkeypatch.setattr(repeated, "CRASH_UPDATES", (2, 3))
     problem = Problem(CUT_IN, WallCar(hole=(99, 99)), law=law_of(RANGE_LAWS["pieces"], TTC_LAWS["pieces"]))
     crash_map = map_crashes(problem.vehicle, GRID, [], np.random.default_rng(1))
-    arguments = SETTINGS, problem, "5-15", crash_map, lambda _, seed: np.random.default_rng(seed)
-    table = repeated_searches(["single", "piecewise"], *arguments)
+    methods = [METHODS[name].configured(SETTINGS) for name in ("single", "piecewise")]
+    stopping = Stopping(SETTINGS["importance_sampling"]["alpha"], SETTINGS["importance_sampling"]["beta"])
+    arguments = methods, stopping, problem, "5-15", crash_map, lambda _, seed: np.random.default_rng(seed)
+    table = repeated_searches(*arguments)
     few, more = (table[table["crash_updates"] == updates].set_index(["method", "seed"]) for updates in (2, 3))
     assert ((more["simulations"] - few["simulations"]) % 1000 == 0).all()
     assert (more["simulations"] > few["simulations"]).all()
     assert table["needed"].between(20, 100_000).all()
     assert (few["needed"] != more["needed"]).all()
-    pd.testing.assert_frame_equal(table, repeated_searches(["single", "piecewise"], *arguments))
+    pd.testing.assert_frame_equal(table, repeated_searches(*arguments))
     variation = exact_variation(
         crash_map, problem.law, {"5-15": problem.law.strata["5-15"].factors}, ignored_shares=(1e-3,)
     )

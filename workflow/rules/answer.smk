@@ -54,15 +54,10 @@ rule study_answer:
     priority: 85
     threads: WORKERS
     params:
-        settings=part(
-            config,
-            "seed",
-            "scenario",
-            "vehicle",
-            "importance_sampling",
-            "surrogate",
-        ),
+        settings=part(config, "seed", "scenario", "vehicle"),
         slow=SLOW,
+        stopping=plan_of("surrogate")["stopping"],
+        batch_size=config["surrogate"]["batch_size"],
         draws=config["answer"]["draws"] if IS_CUT_IN else config["scenario"]["draws"],
         events=config["answer"]["events"],
         closing_speed_max=config["answer"]["grid"]["closing_speed_max"],

@@ -12,7 +12,7 @@ from pathlib import Path
 from accelerated_evaluation.base.errors import StudyError
 from accelerated_evaluation.base.files import content_digest
 from accelerated_evaluation.laws.smooth.splines import Support
-from accelerated_evaluation.methods import METHODS
+from accelerated_evaluation.methods import METHODS, configured_stopping
 from accelerated_evaluation.records.segments import segment_names
 from accelerated_evaluation.scenarios import SCENARIOS
 from accelerated_evaluation.study.configuration import WORKFLOW
@@ -54,12 +54,24 @@ STUDY = config["study"]
 SCENARIO = config["scenario"]["name"]
 IS_CUT_IN = SCENARIO == "cut_in"
 # Limits of the smooth laws of cut-ins, which contain the records; other laws have those of their scenario.
-SUPPORT = Support.configured(config).content() if IS_CUT_IN else None
+SUPPORT = (
+    Support.within(
+        config["filters"],
+        config["models"]["closing_speed_max"],
+        config["segments"]["lead_speed_edges"],
+    ).content()
+    if IS_CUT_IN
+    else None
+)
 RESULTS = Path("results") / STUDY
 FIGURES = Path("figures") / STUDY
 # Whether the vehicle is slow to simulate: about 150 simulations are made, but no crash map and no crude Monte Carlo.
 SLOW = config["simulations"]["slow"]
-REPLICATED = [name for name in config["methods"] if METHODS[name].replicates(config)]
+REPLICATED = [
+    name
+    for name in config["methods"]
+    if METHODS[name].replicates(part(config, *METHODS[name].plan))
+]
 SEARCHING = [name for name in REPLICATED if METHODS[name].learns_apart]
 JUDGED = [*SEARCHING, "crude"]
 SEGMENTS = segment_names(config["segments"]["lead_speed_edges"])
@@ -96,6 +108,15 @@ def content_of_records(_) -> str:
 def settings_of(method: str) -> dict:
     """Sections of the configuration that a method reads."""
     return part(config, *METHODS[method].sections)
+
+
+def plan_of(method: str) -> dict:
+    """Number of replicates and stopping rule of a method."""
+    plan = part(config, *METHODS[method].plan)
+    return {
+        "replicates": METHODS[method].replicates(plan),
+        "stopping": asdict(METHODS[method].stopping(plan)),
+    }
 
 
 def result(*parts: str) -> str:

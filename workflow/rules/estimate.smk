@@ -29,12 +29,11 @@ for _method in REPLICATED:
         threads: WORKERS
         params:
             **UNDER_TEST,
+            **plan_of(_method),
             study=STUDY,
             seed=config["seed"],
             method=_method,
             settings=settings_of(_method),
-            stopping=asdict(METHODS[_method].stopping(config)),
-            replicates=METHODS[_method].replicates(config),
             library=code_up_to("methods"),
         message:
             f"Estimating by the method {_method}, segments {{wildcards.scope}}"

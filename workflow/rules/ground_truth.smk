@@ -85,6 +85,7 @@ rule repeat_searches:
         segment=SEGMENTS[0],
         methods=SEARCHING,
         settings=part(config, "cross_entropy", "importance_sampling"),
+        stopping=asdict(configured_stopping(config["importance_sampling"])),
         library=code_up_to("methods"),
     message:
         "Cross-Entropy searches with more updates, segment {params.segment}"

@@ -21,12 +21,14 @@ rule compare_scenario_methods:
     threads: WORKERS
     params:
         **UNDER_TEST,
-        config=part(
-            config, "study", "seed", "scenario", "importance_sampling", "surrogate"
-        ),
+        study=STUDY,
+        seed=config["seed"],
+        scenario=SCENARIO,
+        event=config["scenario"]["event"],
+        settings=part(config, "importance_sampling", "surrogate"),
         library=code_up_to("answer"),
     message:
-        "Comparing the methods on the scenario {params.config[scenario][name]}"
+        "Comparing the methods on the scenario {params.scenario}"
     script:
         "../scripts/compare_scenario_methods.py"
 

@@ -1,20 +1,30 @@
 """Estimate the crash probability in a scenario by every method that uses normal scores only."""
 
+from functools import partial
+
 from accelerated_evaluation.answer.compared_methods import compare_methods
 from accelerated_evaluation.base.files import write_csv
+from accelerated_evaluation.base.randomness import child_generator
 from accelerated_evaluation.laws.files import read_law
 from accelerated_evaluation.scenarios import SCENARIOS
 from accelerated_evaluation.study.jobs import job
 from accelerated_evaluation.vehicles.external.slow import loaded_for
+from accelerated_evaluation.vehicles.protocol import event_named
 
 if __name__ == "__main__":
     with job(snakemake.log[0]):
         params = snakemake.params
-        scenario = SCENARIOS[params.config["scenario"]["name"]]
-        laws = {"heaviest": read_law(snakemake.input.law)}
-        with loaded_for(
-            params.vehicle, params.simulations | {"workers": snakemake.threads}, scenario
-        ) as vehicle:
-            tables = compare_methods(scenario, laws, vehicle, params.config)
+        scenario = SCENARIOS[params.scenario]
+        simulations = params.simulations | {"workers": snakemake.threads}
+        with loaded_for(params.vehicle, simulations, scenario) as vehicle:
+            tables = compare_methods(
+                scenario,
+                {"heaviest": read_law(snakemake.input.law)},
+                vehicle,
+                event_named(params.event, scenario),
+                params.settings,
+                partial(child_generator, params.seed, "scenario"),
+                {"study": params.study},
+            )
         for name, path in snakemake.output.items():
             write_csv(path, tables[name])

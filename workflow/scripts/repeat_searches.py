@@ -3,7 +3,8 @@
 from accelerated_evaluation.base.files import write_csv
 from accelerated_evaluation.base.randomness import child_generator
 from accelerated_evaluation.crash_map.maps import read_crash_map
-from accelerated_evaluation.methods.cross_entropy.search import repeated_searches
+from accelerated_evaluation.methods import METHODS, Stopping
+from accelerated_evaluation.methods.cross_entropy.repeated import repeated_searches
 from accelerated_evaluation.methods.problem import loaded_problem
 from accelerated_evaluation.study.jobs import job
 
@@ -13,8 +14,8 @@ if __name__ == "__main__":
         simulations = params.simulations | {"workers": snakemake.threads}
         with loaded_problem(files.model, files.encounters, params.vehicle, simulations) as problem:
             table = repeated_searches(
-                params.methods,
-                params.settings,
+                [METHODS[name].configured(params.settings) for name in params.methods],
+                Stopping(**params.stopping),
                 problem,
                 params.segment,
                 read_crash_map(files.quarter),

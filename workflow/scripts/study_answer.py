@@ -9,6 +9,7 @@ from accelerated_evaluation.answer.study_tables import answer_tables, fast_way
 from accelerated_evaluation.base.files import read_json, write_csv
 from accelerated_evaluation.base.randomness import child_generator
 from accelerated_evaluation.laws.files import write_law
+from accelerated_evaluation.methods import Stopping
 from accelerated_evaluation.methods.problem import Problem
 from accelerated_evaluation.records.verdict import Verdict, read_report
 from accelerated_evaluation.scenarios import SCENARIOS
@@ -25,8 +26,8 @@ if __name__ == "__main__":
         study = LawStudy.of(records, params.draws, stream, next(iter(files.family), None), fastest)
         draws = study.draws(stream("draws"))
         fast = fast_way(records, settings["scenario"]["simulations"], *files.map)
-        way = FewRuns.configured(settings) if params.slow else fast
-        events, half_width = events_of(scenario, params.events), settings["importance_sampling"]["beta"]
+        way = FewRuns(Stopping(**params.stopping), params.batch_size) if params.slow else fast
+        events, half_width = events_of(scenario, params.events), params.stopping["beta"]
         simulations = params.simulations | {"workers": snakemake.threads}
         with loaded_for(settings["vehicle"], simulations, scenario) as vehicle:
             problem = Problem(scenario, vehicle, scenario.events[0], law=draws.proposal)

@@ -15,13 +15,13 @@ class ToyLaw(IndependentLaw):
 
 
 @FITS.add("toy_law")
-def fit(encounters, config):
+def fit(encounters, settings):
     """Fit the law to an encounter table."""
     segments = {name: rows["inverse_ttc"] for name, rows in encounters.groupby("segment")}
     return ToyLaw(
         "a toy",
         {name: len(rows) for name, rows in segments.items()},
-        Pareto.fit(encounters["inverse_range"].to_numpy(), 1 / config["filters"]["range_max"]),
+        Pareto.fit(encounters["inverse_range"].to_numpy(), 1 / settings.range_max),
         {name: BoundedExponential.fit(rows.to_numpy(), 0.0, math.inf) for name, rows in segments.items()},
         recorded_lead_speeds(encounters, segments),
     )

@@ -1,9 +1,9 @@
 """The answer from a few hundred chosen runs: simulated under the proposal, and reweighted for each draw."""
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, fields, replace
 from functools import partial
-from typing import Any, Self
+from typing import Any
 
 import numpy as np
 import pandas as pd
@@ -20,7 +20,7 @@ from accelerated_evaluation.base.arrays import Array
 from accelerated_evaluation.laws.draws import Draws
 from accelerated_evaluation.methods.problem import Problem
 from accelerated_evaluation.methods.study import with_encounters
-from accelerated_evaluation.methods.surrogate import Surrogate, sampler_of
+from accelerated_evaluation.methods.surrogate import sampler_of
 from accelerated_evaluation.scenarios.protocol import ENDED, Event
 from accelerated_evaluation.vehicles.protocol import CRASH, Outcomes
 
@@ -101,11 +101,6 @@ class FewRuns:
     share: float = SHARE
     predecessor: Predecessor | None = None
     on_batch: Shown | None = None
-
-    @classmethod
-    def configured(cls, config: Mapping[str, Any], **settings: Any) -> Self:  # noqa: ANN401
-        """Return the way with the stopping rule and the batch size of a configuration."""
-        return cls(Surrogate.stopping(config), config["surrogate"]["batch_size"], **settings)
 
     def answer(
         self, problem: Problem, draws: Draws, events: Sequence[Event], generator: np.random.Generator

@@ -1,9 +1,7 @@
 """The law that a user names: all laws by their weights, one candidate, a kind of law, or a law file."""
 
-from collections.abc import Mapping
 from functools import partial
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 import pandas as pd
@@ -15,23 +13,21 @@ from accelerated_evaluation.answer.law_study import LawStudy
 from accelerated_evaluation.answer.settings import LawSettings
 from accelerated_evaluation.answer.smooth_family import SmoothFamily, named
 from accelerated_evaluation.base.errors import InputError
-from accelerated_evaluation.laws import FITS, LAWS
+from accelerated_evaluation.laws import FITS, LAWS, FitSettings
 from accelerated_evaluation.laws.draws import Draws, OneLaw, as_draws
 from accelerated_evaluation.laws.joint import JointLaw
 from accelerated_evaluation.laws.paper.models import PAPER_LAWS, IndependentLaw, fit_paper_laws
 from accelerated_evaluation.laws.smooth.family import DistinctRecords, Fitter, Member
 from accelerated_evaluation.methods.problem import read_law_of
-from accelerated_evaluation.records.sources import describe
 
 ANSWER, PAPER = "answer", "paper"
 FILE = ".json"
 
 
-def fit_paper_law(name: str, encounters: pd.DataFrame, config: Mapping[str, Any]) -> IndependentLaw:
-    """Fit the paper's laws to an encounter table by a complete configuration, and return one by its name."""
-    models = config["models"]
-    limits = config["filters"]["range_max"], describe(config["data"]), models["closing_speed_max"]
-    return fit_paper_laws(encounters, models, *limits)[name]
+def fit_paper_law(name: str, encounters: pd.DataFrame, settings: FitSettings) -> IndependentLaw:
+    """Fit the paper's laws to an encounter table, and return one by its name."""
+    limits = settings.range_max, settings.description, settings.closing_speed_max
+    return fit_paper_laws(encounters, settings.models, *limits)[name]
 
 
 for _name in PAPER_LAWS:
@@ -78,14 +74,14 @@ def choose_draws(choice: str, records: FittedRecords, settings: LawSettings) -> 
     if is_smooth and choice in named():
         with threadpool_limits(1, "blas"):
             return _one_member(choice, records, settings).draws(generator)
-    if is_smooth and choice in (PAPER, *settings.fits):
-        fit = settings.fits[settings.paper if choice == PAPER else choice]
-        return OneLaw(fit(records.table))
+    if is_smooth and choice in (PAPER, *FITS):
+        fit = FITS[settings.paper if choice == PAPER else choice]
+        return OneLaw(fit(records.table, settings.fitting))
     kinds = {} if is_smooth else {n: k for n, k in LAWS.items() if issubclass(k, JointLaw)}
     if choice in kinds:
         own = settings.streams("fit", choice)
         return OneLaw(Candidate(choice, kinds[choice], {}).fit(records.data, own))
-    known = (PAPER, *settings.fits, *named()) if is_smooth else kinds
+    known = (PAPER, *FITS, *named()) if is_smooth else kinds
     raise InputError(
         "--law",
         seen=repr(choice),

@@ -1,18 +1,18 @@
 """Estimates of one event by all methods that only need normal scores, and by a scan if there is one."""
 
-from collections.abc import Mapping
-from typing import Any
+from collections.abc import Callable, Mapping
 
+import numpy as np
 import pandas as pd
 
 from accelerated_evaluation.answer.by_scan import exact_probability
-from accelerated_evaluation.base.randomness import child_generator
+from accelerated_evaluation.base.sections import Sections
 from accelerated_evaluation.laws import Law
 from accelerated_evaluation.methods import METHODS
 from accelerated_evaluation.methods.problem import Problem
 from accelerated_evaluation.methods.study import study_method
-from accelerated_evaluation.scenarios.protocol import Scenario
-from accelerated_evaluation.vehicles.protocol import Vehicle, event_named
+from accelerated_evaluation.scenarios.protocol import Event, Scenario
+from accelerated_evaluation.vehicles.protocol import Vehicle
 
 METHODS_OF_SCORES = ("crude", "normal_mixture", "surrogate")  # methods that only need normal scores
 
@@ -21,26 +21,29 @@ def compare_methods(
     scenario: Scenario,
     laws: Mapping[str, Law],
     vehicle: Vehicle,
-    config: Mapping[str, Any],
+    event: Event,
+    sections: Sections,
+    stream: Callable[..., np.random.Generator],
+    labels: Mapping[str, str],
 ) -> dict[str, pd.DataFrame]:
     """Estimate the probability of an event under single laws by several methods.
 
-    The result has ``estimates``, with a row for each law, method and replicate, and ``runs``, with a row for
-    each simulation of the surrogate-guided method. The columns ``exact`` and ``exact_error`` of the estimates
-    have the probability from a scan and its relative standard error, NaN if the scenario has no scans.
+    ``sections`` has the sections of the configuration of these methods, ``stream`` returns the generator of a
+    step by its name, and ``labels`` are columns that name the study. The result has ``estimates``, with a row
+    for each law, method and replicate, and ``runs``, with a row for each simulation of the surrogate-guided
+    method. The columns ``exact`` and ``exact_error`` of the estimates have the probability from a scan and
+    its relative standard error, NaN if the scenario has no scans.
     """
-    event = event_named(config["scenario"]["event"], scenario)
     parts: dict[str, list[pd.DataFrame]] = {"estimates": [], "runs": []}
     for law_name, law in laws.items():
         problem = Problem(scenario, vehicle, event, law=law)
-        known = exact_probability(problem, child_generator(config["seed"], "scenario", "exact", law_name))
+        known = exact_probability(problem, stream("exact", law_name))
         for name in METHODS_OF_SCORES:
-            method = METHODS[name].configured(config)
-            count = method.replicates(config) or 1
-            stream = config["seed"], "scenario", name, law_name
-            generators = [child_generator(*stream, replicate) for replicate in range(count)]
-            labels = {"study": config["study"], "law": law_name, "method": name}
-            made = study_method(method, problem, method.stopping(config), generators, labels)
+            method = METHODS[name].configured(sections)
+            count = method.replicates(sections) or 1
+            generators = [stream(name, law_name, replicate) for replicate in range(count)]
+            named = {**labels, "law": law_name, "method": name}
+            made = study_method(method, problem, method.stopping(sections), generators, named)
             made["estimates"] = made["estimates"].assign(exact=known[0], exact_error=known[1])
             for table, rows in made.items():
                 parts[table].append(rows)

@@ -1,19 +1,18 @@
 """What a configuration says about an answer, as values: made once, at the top of a command or script."""
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
 from typing import Any, Self
 
-import pandas as pd
-
 from accelerated_evaluation.base.randomness import child_generator
 from accelerated_evaluation.crash_map.maps import Grid
-from accelerated_evaluation.laws import FITS, Law
+from accelerated_evaluation.laws import FitSettings
 from accelerated_evaluation.laws.smooth.splines import Support
 from accelerated_evaluation.methods import Stopping
 from accelerated_evaluation.methods.surrogate import Surrogate
+from accelerated_evaluation.records.sources import describe
 from accelerated_evaluation.scenarios import SCENARIOS, Event, Scenario
 from accelerated_evaluation.vehicles.protocol import events_of
 
@@ -40,7 +39,13 @@ class RecordSettings:
             scenario,
             config["scenario"]["records"],
             {name: config[name] for name in OF_RECORDS},
-            Support.configured(config) if scenario.has_sources else None,
+            Support.within(
+                config["filters"],
+                config["models"]["closing_speed_max"],
+                config["segments"]["lead_speed_edges"],
+            )
+            if scenario.has_sources
+            else None,
             config["data"]["accepted_warnings"],
             config["seed"],
         )
@@ -63,7 +68,7 @@ class LawSettings:
     closing_speed_max: float  # cap on the closing speed of laws of cut-ins [m/s]
     store: Path  # file in which the fit of smooth laws is kept
     paper: str  # name of the paper's law that the study uses
-    fits: Mapping[str, Callable[[pd.DataFrame], Law]]  # functions that fit a law to an encounter table
+    fitting: FitSettings  # of the laws in `FITS`
 
     @classmethod
     def of(cls, config: Mapping[str, Any]) -> Self:
@@ -75,7 +80,12 @@ class LawSettings:
             config["answer"]["grid"]["closing_speed_max"],
             Path("results", config["study"], "laws", "family.npz"),
             config["models"]["inverse_range"]["variant"],
-            {name: partial(fit, config=config) for name, fit in FITS.items()},
+            FitSettings(
+                config["models"],
+                config["filters"]["range_max"],
+                config["models"]["closing_speed_max"],
+                describe(config["data"]),
+            ),
         )
 
     @property

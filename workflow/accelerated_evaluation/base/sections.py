@@ -11,6 +11,7 @@ from dataclasses import dataclass
 from typing import Any
 
 Schema = Mapping[str, Any]
+Sections = Mapping[str, Mapping[str, Any]]  # values of some sections of the configuration, by their names
 
 
 @dataclass(frozen=True)

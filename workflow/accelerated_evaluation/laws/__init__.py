@@ -1,6 +1,7 @@
 """Laws of encounters: their components, sampling, densities, fits and files."""
 
 from collections.abc import Callable, Mapping
+from dataclasses import dataclass
 from typing import Any
 
 import pandas as pd
@@ -9,12 +10,22 @@ from accelerated_evaluation.base.registry import Registry
 from accelerated_evaluation.laws.protocol import Box, Law
 from accelerated_evaluation.laws.strata import Factors, StratifiedLaw, Stratum
 
+
+@dataclass(frozen=True)
+class FitSettings:
+    """What a fit of a law of cut-ins may use, besides the encounter table."""
+
+    models: Mapping[str, Any]  # the section of the configuration that describes the paper's models
+    range_max: float  # largest range of the records [m]
+    closing_speed_max: float  # cap on the closing speed [m/s]
+    description: str  # of the records
+
+
 # Classes of laws, by the name in law files.
 LAWS: Registry[type[Law]] = Registry("law", __name__, __path__, "kind", contract=[Law])
-# Functions that fit a law of cut-ins to an encounter table by a complete configuration, by the name that a
-# user gives to the option --law.
-FITS: Registry[Callable[[pd.DataFrame, Mapping[str, Any]], Law]] = Registry(
+# Functions that fit a law of cut-ins to an encounter table, by the name that a user gives to --law.
+FITS: Registry[Callable[[pd.DataFrame, FitSettings], Law]] = Registry(
     "fitted law", __name__, __path__, contract=[Callable]
 )
 
-__all__ = ["FITS", "LAWS", "Box", "Factors", "Law", "StratifiedLaw", "Stratum"]
+__all__ = ["FITS", "LAWS", "Box", "Factors", "FitSettings", "Law", "StratifiedLaw", "Stratum"]

@@ -9,7 +9,7 @@ from fewruns.estimates import Estimate, Stopping, normal_reach
 from fewruns.problems import ScoreProblem
 
 from accelerated_evaluation.base.registry import Registry
-from accelerated_evaluation.base.sections import Schema
+from accelerated_evaluation.base.sections import Schema, Sections
 
 
 def configured_stopping(section: Mapping[str, Any]) -> Stopping:
@@ -27,27 +27,29 @@ class Method(ABC):
     settings: ClassVar[Mapping[str, Schema]] = {}
     # Names of all sections of the configuration that `configured` reads.
     sections: ClassVar[tuple[str, ...]] = ()
+    # Names of those that `replicates` and `stopping` read.
+    plan: ClassVar[tuple[str, ...]] = ("importance_sampling",)
     tables: ClassVar[tuple[str, ...]] = ()  # names of the tables in its estimates
     # Whether the study runs the learning in separate jobs, whose results the replicates share.
     learns_apart: ClassVar[bool] = False
 
     @classmethod
-    def configured(cls, config: Mapping[str, Any]) -> Self:
-        """Return the method with the settings of a configuration; only ``sections`` of it are read."""
+    def configured(cls, sections: Sections) -> Self:
+        """Return the method with the settings of its ``sections`` of the configuration."""
         return cls()
 
     @classmethod
-    def replicates(cls, config: Mapping[str, Any]) -> int:
+    def replicates(cls, sections: Sections) -> int:
         """Return the number of independent replicates that the study runs with this method.
 
         By default it is the number in the section ``importance_sampling`` (ten in the paper).
         """
-        return config["importance_sampling"]["replicates"]
+        return sections["importance_sampling"]["replicates"]
 
     @classmethod
-    def stopping(cls, config: Mapping[str, Any]) -> Stopping:
-        """Return the stopping rule of this method for a configuration, by default the paper's rule."""
-        return configured_stopping(config["importance_sampling"])
+    def stopping(cls, sections: Sections) -> Stopping:
+        """Return the stopping rule of this method, by default the paper's rule."""
+        return configured_stopping(sections["importance_sampling"])
 
     @classmethod
     def stream(cls, scope: str, replicate: int) -> tuple[str | int, ...]:

@@ -18,7 +18,7 @@ from tqdm import tqdm
 
 from accelerated_evaluation.base.files import file_digest, read_json, value_digest, write_json
 from accelerated_evaluation.base.randomness import child_generator
-from accelerated_evaluation.base.sections import Schema, integer, section
+from accelerated_evaluation.base.sections import Schema, Sections, integer, section
 from accelerated_evaluation.methods import METHODS, Estimate, Method, Stopping
 from accelerated_evaluation.methods.intervals import (
     Sums,
@@ -150,7 +150,7 @@ class Crude(Method):
     settings: ClassVar[dict[str, Schema]] = {"crude_monte_carlo": SETTINGS}
 
     @classmethod
-    def replicates(cls, config: Mapping[str, Any]) -> int:
+    def replicates(cls, sections: Sections) -> int:
         """Return 0, because the study runs crude Monte Carlo once, in its own rule."""
         return 0
 

@@ -17,7 +17,7 @@ from fewruns.running import estimate_problem, sampler_for
 from fewruns.sampler import Sampler
 
 from accelerated_evaluation.base.errors import InputError
-from accelerated_evaluation.base.sections import Schema, choice, integer, section
+from accelerated_evaluation.base.sections import Schema, Sections, choice, integer, section
 from accelerated_evaluation.base.tables import column_of_numbers, read_csv, require_file
 from accelerated_evaluation.methods import METHODS, Method, configured_stopping
 from accelerated_evaluation.methods.problem import Problem
@@ -99,6 +99,7 @@ class Surrogate(Method):
     style: ClassVar[dict[str, Any]] = {"color": "#6a3d9a", "linestyle": (0, (3, 1, 1, 1)), "marker": "D"}
     settings: ClassVar[dict[str, Schema]] = {"surrogate": SETTINGS}
     sections: ClassVar[tuple[str, ...]] = ("surrogate",)
+    plan: ClassVar[tuple[str, ...]] = ("importance_sampling", "surrogate")
     tables: ClassVar[tuple[str, ...]] = ("runs",)
 
     batch_size: int = 5
@@ -110,24 +111,24 @@ class Surrogate(Method):
     predecessor: Predecessor | None = None
 
     @classmethod
-    def configured(cls, config: Mapping[str, Any]) -> Self:
-        """Return the method with the settings of a configuration."""
-        return cls(config["surrogate"]["batch_size"])
+    def configured(cls, sections: Sections) -> Self:
+        """Return the method with the settings of its section."""
+        return cls(sections["surrogate"]["batch_size"])
 
     @classmethod
-    def replicates(cls, config: Mapping[str, Any]) -> int:
+    def replicates(cls, sections: Sections) -> int:
         """Return the number of independent replicates of the study."""
-        return config["surrogate"]["replicates"]
+        return sections["surrogate"]["replicates"]
 
     @classmethod
-    def stopping(cls, config: Mapping[str, Any]) -> Stopping:
+    def stopping(cls, sections: Sections) -> Stopping:
         """Return the stopping rule of this method: the paper's level and precision with other limits.
 
         One event is enough, the number of simulations is limited by ``maximum_calls``, and the interval may
         be one that is valid at every check (``anytime``).
         """
-        rule = configured_stopping(config["importance_sampling"])
-        own = config["surrogate"]
+        rule = configured_stopping(sections["importance_sampling"])
+        own = sections["surrogate"]
         anytime = own["interval"] == "anytime"
         return replace(rule, minimum_events=1, maximum_simulations=own["maximum_calls"], anytime=anytime)
 

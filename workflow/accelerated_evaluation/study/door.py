@@ -174,7 +174,7 @@ def fit_paper_law(
     ('lead_speed', 'range', 'closing_speed')
     """
     table = records.table if isinstance(records, FittedRecords) else records
-    return choices.fit_paper_law(name, table, config)
+    return choices.fit_paper_law(name, table, LawSettings.of(config).fitting)
 
 
 @checked(config=A_CONFIGURATION, request=one_of(Request, words="a request", change="Write Request(...)."))

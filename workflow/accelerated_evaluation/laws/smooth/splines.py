@@ -179,14 +179,15 @@ class Support:
         return cls(**content | tuples)
 
     @classmethod
-    def configured(cls, config: Mapping[str, Any]) -> "Support":
-        """Return the limits within which records are kept, from a complete configuration."""
-        filters = config["filters"]
+    def within(
+        cls, filters: Mapping[str, Any], closing_speed_max: float, edges: Sequence[float]
+    ) -> "Support":
+        """Return the limits by filters of records, a closing speed and the edges of segments [m/s]."""
         return cls(
             (float(filters["lead_speed_min"]), float(filters["lead_speed_max"])),
             float(filters["range_max"]),
-            float(ceil(config["models"]["closing_speed_max"])),
-            tuple(float(edge) for edge in config["segments"]["lead_speed_edges"][1:-1]),
+            float(ceil(closing_speed_max)),
+            tuple(float(edge) for edge in edges[1:-1]),
         )
 
     def content(self) -> dict[str, Any]:

@@ -7,7 +7,7 @@ from typing import Any, ClassVar, Self
 
 import numpy as np
 
-from accelerated_evaluation.base.sections import Schema, integer, number, section, share
+from accelerated_evaluation.base.sections import Schema, Sections, integer, number, section, share
 from accelerated_evaluation.laws import Factors
 from accelerated_evaluation.methods import METHODS, Estimate, Method, Stopping
 from accelerated_evaluation.methods.cross_entropy.families import (
@@ -89,10 +89,10 @@ class CrossEntropyMethod(Method):
     course_step: int  # number of simulations between two rows of the course of an estimate
 
     @classmethod
-    def configured(cls, config: Mapping[str, Any]) -> Self:
-        """Return the method with the settings of a configuration."""
-        settings = config["importance_sampling"]
-        return cls(config["cross_entropy"], settings["simulations"], settings["course_step"])
+    def configured(cls, sections: Sections) -> Self:
+        """Return the method with the settings of its sections."""
+        settings = sections["importance_sampling"]
+        return cls(sections["cross_entropy"], settings["simulations"], settings["course_step"])
 
     @classmethod
     def stream(cls, scope: str, replicate: int) -> tuple[str | int, ...]:
