@@ -12,18 +12,14 @@ from accelerated_evaluation.records.checks.known import (
     Picture,
     known_cut_ins,
 )
-from accelerated_evaluation.study.configuration import load
 
 NAMES = ["lead_speed", "range", "closing_speed"]
 FEET = 1 / 0.3048
 
 
 def records_of(rows):
-    limits = {
-        "filters": {"lead_speed_min": 0, "lead_speed_max": 70, "range_max": 300},
-        "segments": {"lead_speed_edges": [0, 70]},
-    }
-    return Records.of(rows.set_axis(range(1, len(rows) + 1)), load() | limits)
+    filters = {"lead_speed_min": 0, "lead_speed_max": 70, "range_max": 300}
+    return Records.of(rows.set_axis(range(1, len(rows) + 1)), filters, [0, 70])
 
 
 def found(rows, check="known_records"):

@@ -16,14 +16,17 @@ from accelerated_evaluation.records.limits import (
     edges_of,
     limits_in_words,
     limits_of,
-    value_of,
-    with_limits,
-    with_values,
 )
 from accelerated_evaluation.study.configuration import ConfigurationError, completed, load, resolved, validate
+from accelerated_evaluation.study.limits import value_of, with_limits, with_values
 from motorway import motorway_, motorway_table  # noqa: F401
 
 ROOT = Path(__file__).resolve().parents[2]
+
+
+def derived(raw, config):
+    """Return the limits that a configuration does not state, and those that it states."""
+    return limits_of(raw, {key: value_of(config, key) for key in AUTOMATIC}, config["data"])
 
 
 def test_the_paper_keeps_its_limits():
@@ -35,7 +38,7 @@ def test_the_paper_keeps_its_limits():
 def test_the_rules_would_give_the_paper_its_own_limits():
     config = load()
     raw = SOURCES["spmd"].read(config["data"]["spmd"] | {"path": ROOT / config["data"]["spmd"]["path"]})
-    limits = limits_of(raw, with_values(config, dict.fromkeys(AUTOMATIC, AUTO)))
+    limits = limits_of(raw, dict.fromkeys(AUTOMATIC, AUTO), config["data"])
     for key in (*AUTOMATIC[:4], "sensitivity.lead_speed_edges"):
         assert limits[key] == value_of(config, key)
     assert limits["models.closing_speed_max"] == pytest.approx(23.49, abs=0.05)
@@ -48,7 +51,7 @@ def test_other_records_get_limits_of_their_own(motorway):
     edges = config["segments"]["lead_speed_edges"]
     assert (edges[0], edges[-1]) == (20, 45)
     assert config["crash_map"]["grid"]["closing_speed_max"] == config["models"]["closing_speed_max"]
-    assert "20 to 45 m/s" in limits_in_words(config)
+    assert "20 to 45 m/s" in limits_in_words(config["filters"], edges, config["models"]["closing_speed_max"])
 
 
 def test_the_estimate_alone_has_the_limits_of_the_records(motorway, monkeypatch):
@@ -56,7 +59,7 @@ def test_the_estimate_alone_has_the_limits_of_the_records(motorway, monkeypatch)
     seen = []
 
     def stop(settings, request):
-        seen.append(settings.records.sections["filters"])
+        seen.append(settings.records.cut_ins.filters)
         raise InputError("here", seen="enough", expected="no more", change="Nothing.")
 
     monkeypatch.setattr(alone, "estimate", stop)
@@ -87,7 +90,7 @@ def test_limits_are_kept_as_long_as_the_records_are_the_same(motorway, tmp_path,
     first = with_limits(motorway, files, kept)
     read = []
     monkeypatch.setattr(
-        "accelerated_evaluation.records.limits.read_source", lambda *_: read.append(1) or motorway_raw()
+        "accelerated_evaluation.study.limits.read_source", lambda *_: read.append(1) or motorway_raw()
     )
     assert with_limits(motorway, files, kept) == first
     assert read == []
@@ -113,18 +116,18 @@ def motorway_raw():
 def test_impossible_rows_do_not_stretch_the_limits(motorway):
     raw = motorway_raw()
     raw.loc[3, "range"], raw.loc[4, "lead_speed"], raw.loc[5, "range"] = 999.0, 120.0, -1.0
-    assert limits_of(raw, motorway)["filters.range_max"] == 150
-    assert limits_of(raw, motorway)["filters.lead_speed_max"] <= 45
+    assert derived(raw, motorway)["filters.range_max"] == 150
+    assert derived(raw, motorway)["filters.lead_speed_max"] <= 45
 
 
 def test_records_with_the_wrong_sign_get_limits_so_that_the_report_can_tell(motorway):
-    limits = limits_of(motorway_raw(), motorway)
-    assert limits_of(motorway_raw().assign(range_rate=lambda rows: -rows["range_rate"]), motorway) == limits
+    limits = derived(motorway_raw(), motorway)
+    assert derived(motorway_raw().assign(range_rate=lambda rows: -rows["range_rate"]), motorway) == limits
 
 
 def test_without_a_number_the_study_ends_with_one_message(motorway):
     with pytest.raises(InputError, match="none of them with three valid numbers"):
-        limits_of(motorway_raw().assign(range_rate=np.nan), motorway)
+        derived(motorway_raw().assign(range_rate=np.nan), motorway)
 
 
 def test_thin_segments_are_joined():

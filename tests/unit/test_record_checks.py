@@ -36,7 +36,10 @@ def sound():
 
 
 def records_of(raw):
-    return Records.of(raw, load(), load_vehicle("acc_aeb").simulate)
+    config = load()
+    return Records.of(
+        raw, config["filters"], config["segments"]["lead_speed_edges"], load_vehicle("acc_aeb").simulate
+    )
 
 
 @cache

@@ -116,7 +116,8 @@ def test_the_records_of_the_project_do_not_alarm(scenario, monkeypatch):
 
 def test_the_cut_ins_of_the_project_do_not_alarm():
     raw, config = real(), load()
-    assert verdict_on(Records.of(raw, config), "spmd").lines() == []
+    records = Records.of(raw, config["filters"], config["segments"]["lead_speed_edges"])
+    assert verdict_on(records, "spmd").lines() == []
     encounters = complete(raw).assign(
         segment=np.where(raw["lead_speed"] < 15, "5-15", np.where(raw["lead_speed"] < 25, "15-25", "25-35"))
     )

@@ -119,10 +119,12 @@ def test_empty_cells_and_a_few_cells_are_shown(tmp_path, monkeypatch, capsys):
 )
 def test_sorted_rows_are_no_stuck_sensor(name, put_in_order):
     columns = ["verdict", "seen", "advice"]
+    config = load()
     for order in (put_in_order, lambda rows, _: rows):
         rows = order(cut_ins(2000), name).reset_index(drop=True)
         rows.index += 1
-        found = inspect_records(Records.of(rows, load())).set_index("check")
+        records = Records.of(rows, config["filters"], config["segments"]["lead_speed_edges"])
+        found = inspect_records(records).set_index("check")
         verdict, seen, advice = found.loc["order of rows", columns]
         if order is put_in_order:
             assert (verdict, seen) == (STOP, f"sorted by {name}")

@@ -7,8 +7,9 @@ import pandas as pd
 import pytest
 from accelerated_evaluation import InputError, Verdict, cli
 from accelerated_evaluation.records.checks import CHECKS, Records, inspect_records
-from accelerated_evaluation.records.limits import limits_of, with_values
+from accelerated_evaluation.records.limits import AUTOMATIC, limits_of
 from accelerated_evaluation.study.configuration import load
+from accelerated_evaluation.study.limits import value_of
 from law_folder import write_law_folder
 from scipy.stats import lognorm, norm
 
@@ -38,7 +39,10 @@ def sound(rows=2000):
 def verdict_of(raw):
     config = load(given={"data": {"source": "table", "table": {"path": "x.csv"}}})
     rows = raw.set_axis(pd.RangeIndex(1, len(raw) + 1, name="row"))
-    return Verdict.of(inspect_records(Records.of(rows, with_values(config, limits_of(rows, config)))))
+    stated = {key: value_of(config, key) for key in AUTOMATIC}
+    limits = limits_of(rows, stated, config["data"])
+    filters = {key.split(".")[1]: value for key, value in limits.items() if key.startswith("filters.")}
+    return Verdict.of(inspect_records(Records.of(rows, filters, limits["segments.lead_speed_edges"])))
 
 
 def test_sound_records_have_no_stop():
@@ -132,4 +136,4 @@ def test_campaigns_and_exports_ask_the_encounter_table(door, tmp_path, monkeypat
 
 def test_an_unknown_check_cannot_be_accepted():
     with pytest.raises(InputError, match="seen 'speed'; expected names of checks"):
-        Verdict.of(inspect_records(Records.of(sound(), load())), ["speed"])
+        Verdict.of(inspect_records(Records.of(sound(), load()["filters"], [5, 35])), ["speed"])

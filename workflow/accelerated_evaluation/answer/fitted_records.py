@@ -12,7 +12,6 @@ from accelerated_evaluation.answer.joint_family import ClusteredRecords
 from accelerated_evaluation.answer.settings import RecordSettings
 from accelerated_evaluation.base.arrays import Array
 from accelerated_evaluation.base.errors import InputError
-from accelerated_evaluation.base.randomness import child_generator
 from accelerated_evaluation.base.tables import read_parquet, write_parquet
 from accelerated_evaluation.laws import Box
 from accelerated_evaluation.laws.smooth.family import DistinctRecords
@@ -101,11 +100,12 @@ def read_records(settings: RecordSettings, check: Callable[[Records], None] | No
             known = load_vehicle(scenario.default_vehicle, scenario)
             check(records_to_check(scenario, table, known.simulate))
         return FittedRecords.of(scenario, table)
-    raw = read_source(settings.sections["data"], child_generator(settings.seed, "sample"))
+    cut_ins = settings.cut_ins
+    raw = read_source(cut_ins.data, settings.generator)
     if check is not None:
-        check(Records.of(raw, settings.sections))
+        check(Records.of(raw, cut_ins.filters, cut_ins.edges))
     account = Account.of(raw)
-    encounters = ingest(raw, settings.sections, account)
+    encounters = ingest(raw, cut_ins, account)
     require_rows(encounters)
     data = DistinctRecords.of(encounters, settings.support)
     return FittedRecords(scenario, encounters, data, raw.attrs["exposure"], account.table())

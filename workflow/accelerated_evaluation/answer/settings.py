@@ -6,18 +6,20 @@ from functools import partial
 from pathlib import Path
 from typing import Any, Self
 
+import numpy as np
+
 from accelerated_evaluation.base.randomness import child_generator
 from accelerated_evaluation.crash_map.maps import Grid
 from accelerated_evaluation.laws import FitSettings
 from accelerated_evaluation.laws.smooth.splines import Support
 from accelerated_evaluation.methods import Stopping
 from accelerated_evaluation.methods.surrogate import Surrogate
+from accelerated_evaluation.records.settings import CutInSettings
 from accelerated_evaluation.records.sources import describe
 from accelerated_evaluation.scenarios import SCENARIOS, Event, Scenario
 from accelerated_evaluation.vehicles.protocol import events_of
 
 LIMITS = ("lead_speed_min", "lead_speed_max", "range_max")  # limits of a crash map
-OF_RECORDS = ("data", "filters", "segments")  # sections that say how cut-ins are read
 
 
 @dataclass(frozen=True)
@@ -26,7 +28,7 @@ class RecordSettings:
 
     scenario: Scenario
     table: str | None  # file of the records of a scenario without sources; None for those of the project
-    sections: Mapping[str, Any]  # the sections `OF_RECORDS`
+    cut_ins: CutInSettings  # how records of cut-ins are read
     support: Support | None  # limits of the laws of cut-ins; None for other scenarios
     accepted: Sequence[str]  # checks whose verdict "stop" the user accepts
     seed: int
@@ -38,7 +40,7 @@ class RecordSettings:
         return cls(
             scenario,
             config["scenario"]["records"],
-            {name: config[name] for name in OF_RECORDS},
+            CutInSettings.of(config),
             Support.within(
                 config["filters"],
                 config["models"]["closing_speed_max"],
@@ -51,9 +53,14 @@ class RecordSettings:
         )
 
     @property
+    def generator(self) -> np.random.Generator:
+        """Generator that draws a sample of the records, as in the jobs of a study."""
+        return child_generator(self.seed, "sample")
+
+    @property
     def named(self) -> str:
         """The file or folder of the records, or words for those that come with the project."""
-        data = self.sections["data"]
+        data = self.cut_ins.data
         if self.scenario.has_sources:
             return str(data[data["source"]]["path"])
         return str(self.table or f"records of the scenario {self.scenario.name} in the project")

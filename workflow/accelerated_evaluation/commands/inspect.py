@@ -56,12 +56,14 @@ class Inspect:
     def run(arguments: argparse.Namespace) -> None:
         """Check the records, and print the report; exit with status 1 if a verdict is ``stop``."""
         from accelerated_evaluation.base.files import write_csv
+        from accelerated_evaluation.base.randomness import child_generator
         from accelerated_evaluation.records.checks import STOP, inspect_records
         from accelerated_evaluation.records.limits import limits_in_words
+        from accelerated_evaluation.records.settings import CutInSettings
         from accelerated_evaluation.records.verdict import report_in_words
         from accelerated_evaluation.scenarios import SCENARIOS
         from accelerated_evaluation.scenarios.cut_in import CUT_IN
-        from accelerated_evaluation.scenarios.record_table import configured_records
+        from accelerated_evaluation.scenarios.record_table import records_for_checks
         from accelerated_evaluation.study.configuration import load, resolved
         from accelerated_evaluation.vehicles.external.slow import loaded_for
 
@@ -74,9 +76,12 @@ class Inspect:
             vehicle = {"name": arguments.vehicle, "parameters": {}, "files": []}
         if scenario is CUT_IN:
             config = resolved(config)
-            print(limits_in_words(config))
+            cap = config["models"]["closing_speed_max"]
+            print(limits_in_words(config["filters"], config["segments"]["lead_speed_edges"], cap))
         with loaded_for(vehicle, config["simulations"], scenario) as car:
-            report = inspect_records(configured_records(config, car.simulate))
+            named = scenario, config["scenario"]["records"], CutInSettings.of(config)
+            stream = child_generator(config["seed"], "sample")
+            report = inspect_records(records_for_checks(*named, stream, car.simulate))
         print(report_in_words(report))
         if arguments.report is not None:
             write_csv(arguments.report, report)

@@ -8,23 +8,15 @@ records are kept, except physically impossible ones.
 import json
 import math
 from collections.abc import Mapping, Sequence
-from contextlib import suppress
-from copy import deepcopy
-from functools import reduce
 from itertools import pairwise
-from operator import getitem
-from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pandas as pd
 
 from accelerated_evaluation.base.errors import InputError
-from accelerated_evaluation.base.files import content_digest, read_json, value_digest, write_json
-from accelerated_evaluation.base.randomness import child_generator
 from accelerated_evaluation.records.ingest import Account, drop_invalid, no_number
 from accelerated_evaluation.records.segments import MINIMUM_ROWS
-from accelerated_evaluation.records.sources import read_source
 
 AUTO = "auto"
 AUTOMATIC = (
@@ -48,65 +40,10 @@ CAPS = (0.75, 0.85, 0.95, 1.05, 1.25)  # multiples of the cap that the sensitivi
 LARGEST_SPEED = 100.0  # [m/s], the largest value that the configuration allows
 
 
-def value_of(config: Mapping[str, Any], key: str) -> Any:  # noqa: ANN401
-    """Return the value of a key such as ``filters.range_max`` in a configuration."""
-    return reduce(getitem, key.split("."), config)
+def limits_of(raw: pd.DataFrame, stated: Mapping[str, Any], data: Mapping[str, Any]) -> dict[str, Any]:
+    """Return a value for each key of `AUTOMATIC`; those that are ``stated`` and not ``auto`` are not changed.
 
-
-def with_values(config: Mapping[str, Any], values: Mapping[str, Any]) -> dict[str, Any]:
-    """Return a copy of a configuration with the given values for keys such as ``filters.range_max``."""
-    changed = deepcopy(dict(config))
-    for key, value in values.items():
-        *sections, name = key.split(".")
-        reduce(getitem, sections, changed)[name] = value
-    return changed
-
-
-def with_limits(
-    config: Mapping[str, Any],
-    files: Sequence[str] = (),
-    kept: Path | None = None,
-    *,
-    trust: bool = False,
-) -> dict[str, Any]:
-    """Return a configuration in which each ``auto`` is replaced by a value.
-
-    The limits are saved in ``kept``, so that the records are read only once; they are reused only if the
-    contents of ``files`` are unchanged. With ``trust`` they are used without this check. The jobs of a run do
-    so, because the run has already checked the limits. InputError is raised if the records cannot be read, if
-    no row has three valid numbers, or if no lead speed is within the stated limits.
-    """
-    asked = [key for key in AUTOMATIC if value_of(config, key) == AUTO]
-    if not asked:
-        return dict(config)
-    stated = {key: value_of(config, key) for key in AUTOMATIC}
-    has_kept = kept is not None and kept.is_file()
-    if has_kept and trust:
-        return with_values(config, read_json(kept)["limits"])
-    of = value_digest([config["data"], config["seed"], stated, content_digest([*files, __file__])])
-    found = None
-    with suppress(ValueError):  # a damaged file is written again
-        found = read_json(kept) if has_kept else None
-    if not isinstance(found, Mapping) or found.get("of") != of or found != _kept(of, found.get("limits")):
-        raw = read_source(config["data"], child_generator(config["seed"], "sample"))
-        limits = limits_of(raw, config)
-        found = _kept(of, {key: limits[key] for key in asked})
-        if kept is not None:
-            write_json(kept, found)
-    return with_values(config, found["limits"])
-
-
-def _kept(of: str, limits: object) -> dict[str, Any]:
-    """Return the content of the file of limits.
-
-    It has the limits, the digest ``of`` of the settings and files to which they belong, and a checksum that
-    detects changes by hand.
-    """
-    return {"of": of, "limits": limits, "checksum": value_digest([of, limits])}
-
-
-def limits_of(raw: pd.DataFrame, config: Mapping[str, Any]) -> dict[str, Any]:
-    """Return a value for each key of `AUTOMATIC`; values that the configuration states are not changed.
+    ``data`` is the section of the configuration that names the records, for an error.
 
     The values are computed from the closing cut-ins with physically possible speeds and ranges:
 
@@ -121,13 +58,13 @@ def limits_of(raw: pd.DataFrame, config: Mapping[str, Any]) -> dict[str, Any]:
 
     InputError is raised if no row has three valid numbers, or if no lead speed is within the stated limits.
     """
-    limits = {key: value_of(config, key) for key in AUTOMATIC}
+    limits = {key: stated[key] for key in AUTOMATIC}
 
     def settle(key: str, value: Any) -> Any:  # noqa: ANN401
         limits[key] = value if limits[key] == AUTO else limits[key]
         return limits[key]
 
-    rows = _possible(raw, config)
+    rows = _possible(raw, data)
     low = settle("filters.lead_speed_min", math.floor(rows["lead_speed"].min()))
     high = settle("filters.lead_speed_max", math.floor(rows["lead_speed"].max()) + 1)
     # Rounding errors of a unit's factor must not add a metre.
@@ -172,18 +109,17 @@ def edges_of(lead_speed: pd.Series, low: float, high: float, width: float, rows:
     return edges
 
 
-def limits_in_words(config: Mapping[str, Any]) -> str:
-    """Return a sentence with the limits within which a resolved configuration keeps records."""
-    filters, edges = config["filters"], config["segments"]["lead_speed_edges"]
+def limits_in_words(filters: Mapping[str, float], edges: Sequence[float], closing_speed_max: float) -> str:
+    """Return a sentence with the limits within which records are kept, and the cap [m/s]."""
     speeds = f"{filters['lead_speed_min']:g} to {filters['lead_speed_max']:g} m/s"
-    cap = f"{config['models']['closing_speed_max']:g} m/s"
+    cap = f"{closing_speed_max:g} m/s"
     return (
         f"Limits: lead speeds of {speeds} in segments with the edges {json.dumps(edges)}, ranges up to "
         f"{filters['range_max']:g} m, closing speeds capped at {cap} in the paper's laws."
     )
 
 
-def _possible(raw: pd.DataFrame, config: Mapping[str, Any]) -> pd.DataFrame:
+def _possible(raw: pd.DataFrame, data: Mapping[str, Any]) -> pd.DataFrame:
     """Return the closing cut-ins with physically possible speeds and ranges.
 
     If there are none, all valid rows are returned, clipped to possible values. Limits can then be derived, so
@@ -192,9 +128,9 @@ def _possible(raw: pd.DataFrame, config: Mapping[str, Any]) -> pd.DataFrame:
     """
     rows = drop_invalid(raw, Account(len(raw)), policy="drop", where="the records")
     if rows.empty:
-        source, (example, correction) = config["data"]["source"], no_number(raw)
+        source, (example, correction) = data["source"], no_number(raw)
         raise InputError(
-            config["data"][source]["path"],
+            data[source]["path"],
             seen=f"{len(raw):,} rows, none of them with three valid numbers{example and f'; {example}'}",
             expected="valid cut-ins, from which limits can be derived",
             change=f"{correction}Check the columns and units under data.{source}.",

@@ -232,7 +232,7 @@ def verdict_on_encounters(encounters: pd.DataFrame, where: str, accepted: Iterab
         "range_max": float(encounters["range"].max()) * (1 + 1e-9),  # so that rounding drops no row
     }
     rows = encounters[list(NUMBERS[:3])].set_axis(range(1, len(encounters) + 1))
-    records = Records.of(rows, {"filters": filters, "segments": {"lead_speed_edges": edges}})
+    records = Records.of(rows, filters, edges)
     return verdict_on(records, where, accepted)
 
 

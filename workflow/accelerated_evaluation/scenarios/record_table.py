@@ -1,20 +1,17 @@
 """Tables of records of a scenario: reading, checks, and flags for the rows to which laws are fitted."""
 
 import os
-from collections.abc import Mapping
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 import pandas as pd
 
 from accelerated_evaluation.base.errors import InputError
 from accelerated_evaluation.base.files import project_file
-from accelerated_evaluation.base.randomness import child_generator
 from accelerated_evaluation.base.tables import column_of_numbers, read_csv, read_parquet, require_file
 from accelerated_evaluation.records.checks import Records, Simulate
+from accelerated_evaluation.records.settings import CutInSettings
 from accelerated_evaluation.records.sources import read_source
-from accelerated_evaluation.scenarios import SCENARIOS
 from accelerated_evaluation.scenarios.protocol import CLUSTER, FITTED, Scenario
 
 REPEATED, OUTSIDE = "repeated", "outside"  # columns of flags for the two reasons why a row is left out
@@ -65,17 +62,23 @@ def read_scenario_records(scenario: Scenario, path: str | os.PathLike | None = N
     return table
 
 
-def configured_records(config: Mapping[str, Any], simulate: Simulate | None = None) -> Records:
-    """Return the records that a configuration names, of any scenario, in the form for the checks of records.
+def records_for_checks(
+    scenario: Scenario,
+    source: str | None,
+    cut_ins: CutInSettings,
+    generator: np.random.Generator,
+    simulate: Simulate | None = None,
+) -> Records:
+    """Return the records of any scenario in the form for the checks of records.
 
-    Without ``simulate``, the check that replays the records is skipped.
+    The records are those of ``cut_ins`` if the scenario has sources of records; a sample of them is drawn by
+    the generator. Otherwise they are the file ``source``, as in `read_scenario_records`. Without
+    ``simulate``, the check that replays the records is skipped.
     """
-    settings = config["scenario"]
-    if settings["name"] == "cut_in":
-        raw = read_source(config["data"], child_generator(config["seed"], "sample"))
-        return Records.of(raw, config, simulate)
-    scenario = SCENARIOS[settings["name"]]
-    return records_to_check(scenario, read_scenario_records(scenario, settings["records"]), simulate)
+    if scenario.has_sources:
+        raw = read_source(cut_ins.data, generator)
+        return Records.of(raw, cut_ins.filters, cut_ins.edges, simulate)
+    return records_to_check(scenario, read_scenario_records(scenario, source), simulate)
 
 
 def records_to_check(scenario: Scenario, table: pd.DataFrame, simulate: Simulate | None = None) -> Records:

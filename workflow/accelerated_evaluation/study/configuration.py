@@ -8,7 +8,7 @@ import os
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from difflib import get_close_matches
 from functools import reduce
-from operator import eq, getitem
+from operator import eq
 from pathlib import Path
 from typing import Any
 
@@ -19,7 +19,7 @@ from accelerated_evaluation.base.errors import InputError, StudyError
 from accelerated_evaluation.base.extensions import load_files
 from accelerated_evaluation.base.files import project_file, write_text
 from accelerated_evaluation.base.sections import default_of
-from accelerated_evaluation.records.limits import AUTO, AUTOMATIC, with_limits, with_values
+from accelerated_evaluation.records.limits import AUTO, AUTOMATIC
 from accelerated_evaluation.study.consistency import (
     WORKFLOW,
     conditions,
@@ -30,6 +30,7 @@ from accelerated_evaluation.study.consistency import (
     shown,
 )
 from accelerated_evaluation.study.jobs import without
+from accelerated_evaluation.study.limits import value_of, with_limits, with_values
 
 with without("rfc3987_syntax"):
     from jsonschema import Draft202012Validator, ValidationError, validators
@@ -225,7 +226,7 @@ def validate(config: Mapping[str, Any]) -> None:
         paths = [key.split(".") for key in check.keys]
         if any(all(map(eq, path, wrong)) for path in paths for wrong, _ in violations):
             continue
-        values = [reduce(getitem, path, config) for path in paths]
+        values = [value_of(config, key) for key in check.keys]
         if any(isinstance(value, str) and value == AUTO for value in values):
             continue  # the key is checked again after its value has been derived from the records
         if not check.holds(*values):
@@ -246,7 +247,7 @@ def tables_of_keys() -> str:
     for key, part in keys():
         if "properties" in part:
             continue
-        default = reduce(getitem, key.split("."), defaults)
+        default = value_of(defaults, key)
         cells = (f"`{key}`", f"`{shown(default)}`", in_words(part), part["description"])
         row = f"| {' | '.join(cell.replace('|', '&#124;') for cell in cells)} |"
         rows.setdefault(_section(key), []).append(row)

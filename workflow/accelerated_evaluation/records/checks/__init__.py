@@ -85,11 +85,16 @@ class Records:
     warnings: Sequence[str] = ()  # texts about units of the source that could not be checked
 
     @classmethod
-    def of(cls, raw: pd.DataFrame, config: Mapping[str, Any], simulate: Simulate | None = None) -> "Records":
+    def of(
+        cls,
+        raw: pd.DataFrame,
+        filters: Mapping[str, float],
+        edges: Sequence[float],
+        simulate: Simulate | None = None,
+    ) -> "Records":
         """Return the records of cut-ins in the forms that the checks need.
 
-        The unfiltered records are as for `ingest`; of the configuration, ``filters`` and ``segments`` are
-        used.
+        The unfiltered records are as for `ingest`; ``filters`` and ``edges`` as in `CutInSettings`.
         """
         account = Account(len(raw))
         valid = drop_invalid(raw, account, policy="drop", where="the records")
@@ -97,11 +102,11 @@ class Records:
             units=UNITS_OF_CUT_INS,
             limits={"lead_speed": (0.0, FASTEST), "range": (0.0, FARTHEST)},
             valid=valid,
-            kept=apply_filters(valid, account, config["filters"]),
+            kept=apply_filters(valid, account, filters),
             repeated=valid.index[(valid == valid.shift()).all(axis=1)],
             invalid=raw.index.difference(valid.index),
             no_number=no_number(raw),
-            edges=config["segments"]["lead_speed_edges"],
+            edges=edges,
             simulate=simulate,
             warnings=raw.attrs.get("warnings", ()),
         )
