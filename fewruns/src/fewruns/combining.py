@@ -4,7 +4,7 @@ Batches and weights depend only on what was known before a batch was drawn, so e
 """
 
 import math
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from functools import lru_cache
 
@@ -91,7 +91,13 @@ def estimate_batch(batch: TwoPhaseBatch, happened: Flags) -> BatchEstimate:
 
 
 def counted_batches(batches: Sequence[BatchEstimate], usable: float = USABLE) -> Sequence[BatchEstimate]:
-    """Return the last batches, on which the estimate is based; none if it has not begun.
+    """Return the last batches, on which the estimate is based; none if it has not begun."""
+    *_, first = (None, *beginnings(batches, usable))
+    return batches[len(batches) if first is None else first :]
+
+
+def beginnings(batches: Sequence[BatchEstimate], usable: float = USABLE) -> Iterator[int | None]:
+    """Yield after each batch the first one on which the estimate is then based; None if it has not begun.
 
     It begins with a batch whose predicted coefficient of variation of a run is below ``usable`` and whose
     predicted probability agrees with that of the batch before. It begins again if the prediction changes or
@@ -109,7 +115,7 @@ def counted_batches(batches: Sequence[BatchEstimate], usable: float = USABLE) ->
             reference = now
         if batch.surprising:
             first, reference = None, 0.0
-    return batches[len(batches) if first is None else first :]
+        yield first
 
 
 def combine(batches: Sequence[BatchEstimate]) -> Combined:

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from fewruns.arrays import Array
 from fewruns.certificate import Certificate, Unseen, look_beyond
 from fewruns.clearance import points_in_open_balls
-from fewruns.combining import BatchEstimate, Combined, anytime_interval, combine, counted_batches
+from fewruns.combining import BatchEstimate, Combined, anytime_interval, beginnings, combine, counted_batches
 from fewruns.constants import AGREEMENT, COVERED, FEW, NOISY_USABLE, UNSEEN_ALPHA, USABLE
 from fewruns.cover import Cover
 from fewruns.estimates import Estimate, Stopping, effective_number, largest_pareto_k, pareto_k
@@ -203,8 +203,18 @@ def _that_count(progress: Progress) -> Sequence[BatchEstimate]:
 
 def counted(progress: Progress) -> Sequence[BatchEstimate]:
     """Return the last consistent batches, without those before noise was noticed."""
-    usable = NOISY_USABLE if progress.repeats.vary_often else USABLE
-    return counted_batches(progress.estimates[progress.chance_since :], usable)
+    return counted_batches(progress.estimates[progress.chance_since :], _usable(progress))
+
+
+def has_learnt(progress: Progress, batches: int) -> bool:
+    """Return whether there was an estimate after any of the last ``batches`` batches."""
+    begun = [*beginnings(progress.estimates[progress.chance_since :], _usable(progress))]
+    return any(first is not None for first in begun[-batches:])
+
+
+def _usable(progress: Progress) -> float:
+    """Return the coefficient of variation of a run below which the surrogate is usable."""
+    return NOISY_USABLE if progress.repeats.vary_often else USABLE
 
 
 def _unseen(progress: Progress, probability: float, certificate: Certificate | Cover) -> Unseen:

@@ -370,8 +370,9 @@ class Sampler:
         a system that may lapse they are at least half of the runs, and all that are left then.
         """
         progress = self.progress
-        enough = max(ENOUGH_UNLEARNT, ENOUGH_BATCHES * self.batch_size)
-        unlearnt = len(progress.foreseen) >= enough and not results.counted(progress)
+        batches = max(ENOUGH_UNLEARNT // self.batch_size, ENOUGH_BATCHES)
+        enough = len(progress.foreseen) >= batches * self.batch_size
+        unlearnt = enough and not results.has_learnt(progress, batches)
         if not self.may_lapse and not self._draws_wanted():
             return unlearnt
         is_last = certify and results.is_certified(progress, self.required)
