@@ -5,7 +5,9 @@
 The kinds are events with a part next to, behind or in front of the known one (`parts`), large batches
 (`batches`), scores that jump and events of which the cover excludes little (`ends`), events in the bulk of
 the law (`bulk`), and problems that any change must not make worse (`usual`). A row has the number of runs at
-which the interval was narrow for the first time, and at the end.
+which the interval was narrow for the first time, and at the end. The estimates themselves are kept in a file
+with the suffix `.seeds.csv`, from which an interrupted command continues; delete it after a change of the
+sampler.
 """
 
 import argparse
@@ -223,10 +225,14 @@ def main() -> None:
     trials = [(kind, trial) for kind in arguments.kinds for trial in KINDS[kind]()]
     trials = [t for t in trials if not arguments.problems or t[1].problem.name in arguments.problems]
     tasks = [(*trial, seed) for seed in range(arguments.seeds) for trial in trials if seed < trial[1].seeds]
-    rows = []
-    for task in tqdm(tasks):  # one seed of all problems before the next, so that a table can be made early
-        rows.append(row(*task))
-        summary(pd.DataFrame(rows)).round(3).to_csv(arguments.output, index=False)
+    kept = arguments.output.with_suffix(".seeds.csv")
+    rows = pd.read_csv(kept).to_dict("records") if kept.exists() else []
+    made = {(each["problem"], each["seed"]) for each in rows}
+    for kind, trial, seed in tqdm(tasks):  # one seed of all problems before the next: a table is made early
+        if (trial.problem.name, seed) not in made:
+            rows.append(row(kind, trial, seed))
+            pd.DataFrame(rows).to_csv(kept, index=False)
+    summary(pd.DataFrame(rows)).round(3).to_csv(arguments.output, index=False)
 
 
 if __name__ == "__main__":

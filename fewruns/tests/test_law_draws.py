@@ -1,12 +1,15 @@
 """Draws of the law itself: they show events in thin stripes, which repeats of runs cannot show."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from fewruns import SystemProblem
 from fewruns.constants import CONTRADICTION, ENOUGH_DRAWS
 from fewruns.progress import LawDraws
+from fewruns.two_phase import Prediction
 from fewruns.wide_laws import draw_wide
-from sampler_checks import STOPPING, new_sampler, resumed, saved, standard_normal_event
+from sampler_checks import STOPPING, half_plane, new_sampler, resumed, saved, standard_normal_event
 from scipy.special import ndtr
 from scipy.stats import binom
 
@@ -105,6 +108,22 @@ def test_a_ball_at_the_origin_is_estimated_from_its_first_event():
     assert progress.happened.sum() == 1
     found = drive(sampler, event, 500)
     assert found.low / 1.5 < -np.expm1(-(0.05**2) / 2) < found.high * 1.5
+
+
+@pytest.mark.parametrize(("vain", "is_drawn"), [(1, False), (3, False), (4, True)])
+def test_the_law_is_drawn_if_no_recent_batch_gave_an_estimate_and_not_after_one_bad_batch(
+    monkeypatch, vain, is_drawn
+):
+    event, sampler = half_plane(), new_sampler(batch_size=5)
+    while not sampler.is_narrow(STOPPING):
+        step(sampler, event)
+    monkeypatch.setattr("fewruns.sampler.ENOUGH_UNLEARNT", 20)
+    monkeypatch.setattr("fewruns.sampler.ENOUGH_BATCHES", 4)
+    estimates = sampler.progress.estimates
+    for i in range(-vain, 0):
+        estimates[i] = replace(estimates[i], prediction=Prediction(0.0, np.inf))
+    sampler.ask()
+    assert sampler.draws_next == is_drawn
 
 
 def coverage(interval, probability, draws=900):
