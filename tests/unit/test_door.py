@@ -1,5 +1,7 @@
 """The mistakes of a user of Python get the same messages as mistakes in files."""
 
+from dataclasses import replace
+
 import accelerated_evaluation as ae
 import numpy as np
 import pytest
@@ -40,6 +42,22 @@ class Crashing:
     def simulate(self, sdv_speed_mps, turning_speed_mps, distance_to_conflict_m):
         outcome_type = ae.SCENARIOS["left_turn"].outcome_type
         return outcome_type(*(np.zeros(len(sdv_speed_mps) - 1, bool) for _ in range(6)))
+
+
+def too_few(lead_speed, range_, closing_speed):
+    return ae.Outcomes(*(np.zeros(len(lead_speed) - 1, bool) for _ in range(4)))
+
+
+def without_a_number(lead_speed, range_, closing_speed):
+    outcomes = ae.load_vehicle("acc_aeb").simulate(lead_speed, range_, closing_speed)
+    return replace(outcomes, min_range=outcomes.min_range * np.nan)
+
+
+def at_random(lead_speed, range_, closing_speed):
+    """Outcomes of the car under test for other ranges in every simulation."""
+    other = range_ * np.random.default_rng().uniform(0.5, 1, len(range_))
+    outcomes = ae.load_vehicle("acc_aeb").simulate(lead_speed, other, closing_speed)
+    return replace(outcomes, min_range=np.minimum(outcomes.min_range, range_))
 
 
 PROBLEMS = [
@@ -147,6 +165,15 @@ def test_an_evaluation_says_what_it_cannot_use(changed, message, law):
         (lambda turns: ae.map_crashes("acc_aeb", 8, [], 1), "argument grid: seen 8; expected a grid"),
         (lambda turns: ae.map_crashes("acc", GRID, [], 1), "vehicle: seen 'acc'"),
         (
+            lambda turns: ae.map_crashes(too_few, GRID, [], 1),
+            "vehicle too_few, crash: seen shape (39,); expected shape",
+        ),
+        (
+            lambda turns: ae.map_crashes(without_a_number, GRID, [], 1),
+            "vehicle without_a_number, min_range[0] of the enc",
+        ),
+        (lambda turns: ae.map_crashes(at_random, GRID, [], 1), "seen a vehicle whose outcomes are random"),
+        (
             lambda turns: ae.read_records(3),
             "argument config: seen 3; expected a configuration, a file with one, or",
         ),
@@ -163,6 +190,25 @@ def test_other_functions_say_what_they_cannot_use(call, message, turns):
     with pytest.raises(ae.InputError) as error:
         call(turns)
     assert message in str(error.value)
+
+
+@pytest.mark.parametrize(
+    "use",
+    [
+        lambda problem: problem.dimension,
+        lambda problem: problem.evaluate(np.zeros((2, 3))),
+        lambda problem: problem.repeat(np.zeros((2, 3))),
+        lambda problem: problem.coordinates(np.zeros((2, 3))),
+        lambda problem: problem.fingerprint,
+        lambda problem: problem.only("a stratum"),
+    ],
+)
+def test_what_needs_a_law_says_that_the_problem_has_none(use, law):
+    with pytest.raises(ae.InputError, match="Problem, argument law: seen None; expected a law of the enc"):
+        use(ae.Problem("left_turn", "acc_aeb"))
+    problem = ae.Problem("left_turn", "acc_aeb", law=law)
+    assert problem.dimension == 3
+    assert problem.evaluate(np.zeros((2, 3)))[0].shape == (2,)
 
 
 def test_text_seeds_and_one_law_are_the_objects_for_which_they_stand(turns, law):

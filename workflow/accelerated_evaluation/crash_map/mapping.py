@@ -14,7 +14,7 @@ from accelerated_evaluation.base.errors import InputError
 from accelerated_evaluation.crash_map.maps import LINES_PER_CELL, Cells, CrashMap, Grid, Intervals
 from accelerated_evaluation.scenarios.cut_in import CUT_IN
 from accelerated_evaluation.scenarios.protocol import Event
-from accelerated_evaluation.vehicles.loading import as_vehicle
+from accelerated_evaluation.vehicles.loading import as_vehicle, checked_vehicle
 from accelerated_evaluation.vehicles.protocol import (
     CRASH,
     Outcomes,
@@ -60,8 +60,8 @@ def map_crashes(
     Raises
     ------
     InputError
-        If the outcomes of the vehicle are random and it is not a `RandomVehicle`, because it then has no
-        crash map.
+        If the outcomes of the vehicle are not valid, or if they are random and it is not a `RandomVehicle`,
+        because it then has no crash map.
 
     Examples
     --------
@@ -71,7 +71,7 @@ def map_crashes(
     >>> grid = ae.Grid(**limits, **cells, closing_speed_max=60, closing_speed_points=40)
     >>> crash_map = ae.map_crashes("acc_aeb", grid, ["impact_speed=5"], 1)
     """
-    vehicle = as_vehicle(vehicle, CUT_IN, "map_crashes, argument vehicle")
+    vehicle = checked_vehicle(as_vehicle(vehicle, CUT_IN, "map_crashes, argument vehicle"), CUT_IN)
     events = [event_named(each) if isinstance(each, str) else each for each in events]
     _require_repeating(vehicle)
     whole = grid.cells(np.ones((grid.lead_speed_cells, grid.range_cells), dtype=int))

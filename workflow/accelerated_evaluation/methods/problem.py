@@ -87,14 +87,26 @@ class Problem:
             require_law(self.scenario, A_LAW.of(self.law, f"{where} law"))
 
     @property
+    def known_law(self) -> Law:
+        """The law of the variables. InputError is raised if the problem has none."""
+        if self.law is None:
+            raise InputError(
+                "Problem, argument law",
+                seen="None",
+                expected="a law of the encounters, which normal scores belong to",
+                change="Write Problem(scenario, vehicle, law=law). Only `evaluate` with draws needs none.",
+            )
+        return self.law
+
+    @property
     def dimension(self) -> int:
         """Number d of variables, and of normal scores."""
-        return self.law.dimension
+        return self.known_law.dimension
 
     @cached_property
     def fingerprint(self) -> str:
         """Text that identifies the problem, so that a saved state is only resumed for the same problem."""
-        parts = self.scenario.name, self.law.digest, self.vehicle, self.event, self.graded
+        parts = self.scenario.name, self.known_law.digest, self.vehicle, self.event, self.graded
         return without_addresses(repr(parts))
 
     @property
@@ -117,7 +129,7 @@ class Problem:
 
     def only(self, stratum: str) -> Self:
         """Return the problem in one stratum of a stratified law, given by its name."""
-        return replace(self, law=self.law.only(stratum))
+        return replace(self, law=self.known_law.only(stratum))
 
     def simulate(self, x: Array) -> Any:  # noqa: ANN401
         """Simulate the vehicle in n encounters x, shape (n, d), and return the outcomes of the scenario."""
@@ -125,16 +137,16 @@ class Problem:
 
     def evaluate(self, z: Array) -> Response:
         """Simulate at normal scores z, shape (n, d); return the flags of the event and the scores."""
-        return self.response(self.simulate(self.law.from_normal_scores(z)))
+        return self.response(self.simulate(self.known_law.from_normal_scores(z)))
 
     def repeat(self, z: Array) -> Response:
         """Simulate again, without stored outcomes, at normal scores z, shape (n, d)."""
         again = getattr(self.vehicle, "repeat", self.vehicle.simulate)
-        return self.response(again(*self.scenario.to_inputs(self.law.from_normal_scores(z)).T))
+        return self.response(again(*self.scenario.to_inputs(self.known_law.from_normal_scores(z)).T))
 
     def coordinates(self, z: Array) -> dict[str, Array]:
         """Return the variables, each of shape (n,), at normal scores z, shape (n, d), by name."""
-        return dict(zip(self.scenario.names, self.law.from_normal_scores(z).T, strict=True))
+        return dict(zip(self.scenario.names, self.known_law.from_normal_scores(z).T, strict=True))
 
     def response(self, outcomes: Any) -> Response:  # noqa: ANN401
         """Return whether the event happened in n runs, shape (n,), and the scores, or None if not graded."""
