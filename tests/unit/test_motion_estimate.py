@@ -183,6 +183,17 @@ def test_the_standard_error_is_the_spread_of_the_estimates(asked, replicates):
     assert np.mean(covered) > 0.78
 
 
+def test_estimates_of_several_laws_of_motion_are_those_of_each(asked):
+    laws = [Ngsim(scale) for scale in (0.5, 1.0, 2.0)]
+    together = asked.closing_with(laws, np.random.default_rng(12), 200)
+    for law, found in zip(laws, together, strict=True):
+        (alone,) = asked.closing_with([law], np.random.default_rng(12), 200)
+        assert (found.still, found.moved, found.limit) == (alone.still, alone.moved, alone.limit)
+        np.testing.assert_array_equal(found.covariance, alone.covariance)
+    assert together[0].still == together[2].still
+    assert together[0].moved < together[2].moved
+
+
 def test_an_estimator_without_the_tail_of_the_closing_speed_is_noticed(asked, monkeypatch):
     monkeypatch.setattr(module, "STRATA", 2)
     monkeypatch.setattr(module.np, "inf", 1.0)

@@ -5,7 +5,14 @@ import pandas as pd
 import pytest
 from accelerated_evaluation.base.errors import InputError
 from accelerated_evaluation.laws.motion import MOTIONS, STATES, STEP, draw_lead_speeds
-from accelerated_evaluation.laws.motion.recorded import AWAY, NAMES, Recorded, _balanced, recorded_courses
+from accelerated_evaluation.laws.motion.recorded import (
+    AWAY,
+    NAMES,
+    Recorded,
+    _balanced,
+    _solved,
+    recorded_courses,
+)
 from accelerated_evaluation.vehicles.lead_motion import lead_speeds_of
 from scipy.optimize import minimize
 
@@ -159,6 +166,15 @@ def test_balanced_weights_are_those_of_the_smallest_relative_entropy():
         expected = weights * np.exp(places @ tilt)
         np.testing.assert_allclose(found, expected / expected.sum(), rtol=1e-3)
         assert np.linalg.norm(found @ places) < 0.5 * np.linalg.norm(weights @ places / weights.sum())
+
+
+def test_a_few_equations_have_the_solution_of_lapack():
+    generator = np.random.default_rng(8)
+    for size in (1, 2, 3, 5):
+        points, right = generator.normal(size=(size + 2, size)), generator.normal(size=size)
+        matrix = points.T @ points + 0.1 * np.eye(size)
+        expected = np.linalg.solve(matrix, right)
+        np.testing.assert_allclose(_solved(matrix.copy(), right.copy()), expected, rtol=1e-10)
 
 
 def test_far_from_all_records_the_law_is_that_of_the_nearest_ones():

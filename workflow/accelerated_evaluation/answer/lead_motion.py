@@ -20,7 +20,7 @@ study has no records of opening cut-ins, recorded closing cut-ins with the oppos
 are used.
 """
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from copy import deepcopy
 from dataclasses import dataclass, replace
 from functools import partial
@@ -118,11 +118,19 @@ class MovingProblem:
     law: SpeedLaw  # of the closing speed given lead speed and range
     motion: LeadMotion
 
-    def closing(self, generator: np.random.Generator, places: int | None = None) -> Means:
-        """Estimate the crash probability of a closing cut-in with a constant and a changing lead speed.
+    def closing(self, generator: np.random.Generator) -> Means:
+        """Estimate the crash probability of a closing cut-in with a constant and a changing lead speed."""
+        (found,) = self.closing_with([self.motion], generator)
+        return found
 
-        Lead speeds, ranges and motions are drawn and weighted; the closing speed is stratified. The number of
-        drawn places is by default `PLACES`.
+    def closing_with(
+        self, motions: Sequence[LeadMotion], generator: np.random.Generator, places: int | None = None
+    ) -> list[Means]:
+        """Return estimates as those of `closing` for several laws of motion with equally many inputs.
+
+        Lead speeds, ranges and inputs of motions are drawn and weighted; the closing speed is stratified. The
+        number of drawn places is by default `PLACES`. All laws of motion have the same draws, so that only
+        the simulations with a changing lead speed have to be made for each of them.
         """
         size = places or PLACES
         records = self.records
@@ -134,19 +142,22 @@ class MovingProblem:
         proposals = [each / each.sum() for each in proposals if each.any()]
         chance = np.mean(proposals, axis=0)
         row = generator.choice(chance.size, size, p=chance)
-        inputs, weights = draw_wide(self.motion, size, generator)
+        inputs, weights = draw_wide(motions[0], size, generator)
         weights *= place[row] / chance[row]
         drawn = lines.places.only(row)
         given, inner = self.law.given(drawn), None if lines.inner is None else lines.inner[row]
-        terms = np.zeros((2, size))
+        terms = np.zeros((1 + len(motions), size))
         for stratum in range(STRATA):
             least, width = float(stratum), np.inf if stratum == STRATA - 1 else 1.0
             level = least - np.log1p(generator.random(size) * np.expm1(-width))
             # Tails of very few records are so heavy that they have larger speeds than a vehicle accepts.
             closing_speed = np.minimum(given.inverse(level), SPEED_LIMIT)
             cut_ins = np.array([drawn.lead_speed, drawn.range_, closing_speed])
-            terms += -np.expm1(-width) * np.exp(-least) * self._crashes(cut_ins, inputs, inner)
-        return Means.of(weights * terms, LARGEST_WEIGHT * len(proposals) * place.sum())
+            mass = -np.expm1(-width) * np.exp(-least)
+            for term, crash in zip(terms, self._crashes(cut_ins, inputs, inner, motions), strict=True):
+                term += mass * crash
+        largest = LARGEST_WEIGHT * len(proposals) * place.sum()
+        return [Means.of(weights * terms[[0, which]], largest) for which in range(1, len(terms))]
 
     def opening(self, recorded: DistinctRecords, generator: np.random.Generator) -> Means:
         """Estimate the crash probability of an opening cut-in with a constant and a changing lead speed.
@@ -178,15 +189,19 @@ class MovingProblem:
             if isinstance(self.vehicle, RandomVehicle):
                 inner = self.vehicle.draw_inner(part.size, generator)
             columns = recorded.lead_speed, recorded.range_, recorded.closing_speed
-            crashes = self._crashes(np.array([column[row] for column in columns]), inputs, inner)
+            cut_ins = np.array([column[row] for column in columns])
+            crashes = list(self._crashes(cut_ins, inputs, inner, [self.motion]))
             parts.append(weights / (recorded.size * chance[row]) * crashes)
         return np.hstack(parts)
 
-    def _crashes(self, cut_ins: Array, inputs: Array, inner: Array | None) -> Array:
-        """Return whether cut-ins crash with a constant and with a changing lead speed, shape (2, n)."""
-        speeds = self.motion.lead_speeds(cut_ins, inputs)
-        still = simulate_inner(self.vehicle, tuple(cut_ins), inner)
-        return np.array([still.crash, simulate_motion(self.vehicle, tuple(cut_ins), speeds, inner).crash])
+    def _crashes(
+        self, cut_ins: Array, inputs: Array, inner: Array | None, motions: Sequence[LeadMotion]
+    ) -> Iterator[Array]:
+        """Yield whether each cut-in crashes with a constant lead speed, and then with each law of motion."""
+        yield simulate_inner(self.vehicle, tuple(cut_ins), inner).crash
+        for motion in motions:
+            speeds = motion.lead_speeds(cut_ins, inputs)
+            yield simulate_motion(self.vehicle, tuple(cut_ins), speeds, inner).crash
 
 
 def with_first_crashes(crash_map: CrashMap) -> CrashMap:
@@ -258,7 +273,8 @@ def motion_table(
         if motion is None:
             halves = _kinds(still(Ngsim(0.5)), recorded, share, deepcopy(generator))
         fewer = PLACES // FEWER  # the spread of the factors is larger than their errors
-        factors = [still(each).closing(deepcopy(generator), fewer).factor()[0] for each in resampled]
+        spread = still(motion).closing_with(resampled, deepcopy(generator), fewer) if resampled else []
+        factors = [each.factor()[0] for each in spread]
         cut_ins = {"closing": 1 - share, "opening": share, "all": 1.0}
         for gap, found in wholes.items():
             own = cut_ins[gap], exact.get(gap, np.nan), found.still, found.moved, found.error, found.limit

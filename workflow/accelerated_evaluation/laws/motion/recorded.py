@@ -164,19 +164,24 @@ def _balanced(weights: Array, offsets: Array) -> Array:
     distance of the farthest neighbour, shape (n, k, 3).
     """
     rows, neighbours, features = offsets.shape
-    shares = np.empty_like(weights)
+    shares, spread = np.empty_like(weights), np.empty((features, features))
     for row in range(rows):
         shares[row] = weights[row] / weights[row].sum()
         ridge, tilt = (shares[row] ** 2).sum(), np.zeros(features)
         for _ in range(NEWTON_STEPS):
-            mean, spread = np.zeros(features), ridge * np.eye(features)
+            mean = np.zeros(features)
+            spread[:] = 0.0
             for near in range(neighbours):
                 for one in range(features):
                     part = shares[row, near] * offsets[row, near, one]
                     mean[one] += part
                     for two in range(features):
                         spread[one, two] += part * offsets[row, near, two]
-            tilt -= np.linalg.solve(spread - np.outer(mean, mean), mean + ridge * tilt)
+            for one in range(features):
+                spread[one, one] += ridge
+                for two in range(features):
+                    spread[one, two] -= mean[one] * mean[two]
+            tilt -= _solved(spread, mean + ridge * tilt)
             largest = -np.inf
             for near in range(neighbours):
                 exponent = 0.0
@@ -186,6 +191,26 @@ def _balanced(weights: Array, offsets: Array) -> Array:
             shares[row] = weights[row] * np.exp(shares[row] - largest)
             shares[row] /= shares[row].sum()
     return shares
+
+
+@cached_njit()
+def _solved(matrix: Array, right: Array) -> Array:
+    """Return the solution of a few equations with a positive definite matrix; both arguments are overwritten.
+
+    Such a matrix needs no pivots. A call of LAPACK would take longer than all else in a step of Newton.
+    """
+    size = right.size
+    for one in range(size):
+        for two in range(one + 1, size):
+            factor = matrix[two, one] / matrix[one, one]
+            right[two] -= factor * right[one]
+            for column in range(one, size):
+                matrix[two, column] -= factor * matrix[one, column]
+    for one in range(size - 1, -1, -1):
+        for two in range(one + 1, size):
+            right[one] -= matrix[one, two] * right[two]
+        right[one] /= matrix[one, one]
+    return right
 
 
 def recorded_courses(
