@@ -176,6 +176,8 @@ def test_a_module_counts_as_code_of_the_rooms_to_which_it_adds(tmp_path, monkeyp
     assert code_up_to("base") == before[0]
     assert code_up_to("records").keys() - before[1].keys() == {"mine.py"}
     assert code_up_to("laws").keys() - before[2].keys() == {"mine.py", shape}
+    assert code_up_to("laws", "records").keys() - before[2].keys() == {"mine.py"}
+    assert code_up_to("laws", "laws").keys() - before[2].keys() == {shape}
     first = code_up_to("records")["mine.py"]
     Path("mine.py").write_text(CHECK.format(name="mine", body="return 2"))
     digest_of.cache_clear()

@@ -27,7 +27,7 @@ rule map_crashes:
         checked=True,
         vehicle=config["vehicle"],
         simulations=SIMULATIONS,
-        library=code_up_to("crash_map"),
+        library=code_up_to("crash_map", "scenarios", "vehicles"),
     message:
         "Mapping the crashes of {params.mapped[vehicle]}"
     script:

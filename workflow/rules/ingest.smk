@@ -26,7 +26,7 @@ rule ingest_encounters:
         data=config["data"],
         filters=config["filters"],
         segments=config["segments"],
-        library=code_up_to("scenarios"),
+        library=code_up_to("scenarios", "records", "scenarios"),
     message:
         "Ingesting the records"
     script:

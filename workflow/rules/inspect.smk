@@ -25,7 +25,7 @@ rule inspect_records:
         filters=config["filters"],
         segments=config["segments"],
         replays=not SLOW,
-        library=code_up_to("vehicles"),
+        library=code_up_to("vehicles", "records", "scenarios", "vehicles"),
     message:
         "Checking the records of the study"
     script:

@@ -28,7 +28,7 @@ rule map_crashes_uncapped:
         or bool(INPUTS.files[UNCAPPED[wildcards.mapped]]),
         vehicle=lambda wildcards: VEHICLES[UNCAPPED[wildcards.mapped]],
         simulations=lambda wildcards: INPUTS.simulating(UNCAPPED[wildcards.mapped])[1],
-        library=code_up_to("crash_map"),
+        library=code_up_to("crash_map", "scenarios", "vehicles"),
     message:
         "Mapping the crashes of {params.mapped[vehicle]} without a cap on closing speeds"
     script:

@@ -36,13 +36,16 @@ LIBRARY = Path(__file__).resolve().parents[1]
 JOBS = "study/jobs"  # the module that all scripts use
 
 
-def code_up_to(room: str) -> dict[str, str]:
+def code_up_to(room: str, *uses: str) -> dict[str, str]:
     """Return digests of all code that a script importing from ``room`` may run, by the name of the room.
 
-    Extensions that add members to one of these rooms are also included, by the names of `extension_names`.
+    Extensions are also included, by the names of `extension_names`, if they add members to one of the rooms
+    ``uses``, by default to one of all these rooms. A script that imports a room need not use all kinds of
+    members in it. For example, the records of a study are read without any law.
     """
     rooms = ROOMS[: ROOMS.index(room) + 1]
-    extensions = [name for name, each in extension_names().items() if each.rooms & {*rooms}]
+    used = {*(uses or rooms)}
+    extensions = [name for name, each in extension_names().items() if each.rooms & used]
     return {name: digest_of(name) for name in (JOBS, *rooms, *extensions)}
 
 
