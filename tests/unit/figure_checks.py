@@ -23,7 +23,7 @@ from accelerated_evaluation.publishing import study as study_module
 from accelerated_evaluation.publishing.figures import style
 from accelerated_evaluation.publishing.figures.style import COLUMN_WIDTH, paper_style, save_figure
 from accelerated_evaluation.publishing.provenance import described
-from accelerated_evaluation.publishing.published import registered_figures
+from accelerated_evaluation.publishing.published import FIGURES
 from accelerated_evaluation.publishing.study import Study
 from accelerated_evaluation.scenarios.cut_in import CUT_IN
 from matplotlib import pyplot as plt
@@ -133,7 +133,7 @@ def main(results, published=None):
         mock.patch.object(study_module, "pd", reader).start()
     of_scenario = study.scenario is not CUT_IN
     found = {}
-    for name, make in sorted(registered_figures().items()):
+    for name, make in sorted(FIGURES.items()):
         if name.startswith(("fig35", "fig36")) or ("scenario" in name) != of_scenario:
             continue  # a figure of another kind of study
         given = _given(study, name)

@@ -9,8 +9,11 @@ from pathlib import Path
 import pytest
 from accelerated_evaluation import InputError
 from accelerated_evaluation.base import extensions
+from accelerated_evaluation.base.extensions import added
 from accelerated_evaluation.laws import LAWS
 from accelerated_evaluation.laws.distributions.described import DISTRIBUTIONS
+from accelerated_evaluation.publishing import figures
+from accelerated_evaluation.publishing.published import ALWAYS, results_of
 from accelerated_evaluation.publishing.study import Study
 from accelerated_evaluation.records.checks import CHECKS
 from accelerated_evaluation.study.configuration import load, load_modules
@@ -182,6 +185,19 @@ def test_a_module_counts_as_code_of_the_rooms_to_which_it_adds(tmp_path, monkeyp
     Path("mine.py").write_text(CHECK.format(name="mine", body="return 2"))
     digest_of.cache_clear()
     assert code_up_to("records")["mine.py"] != first
+
+
+def test_the_results_of_a_figure_of_a_user_are_known_by_its_parameters(tmp_path):
+    assert added(figures.__name__) == []
+    (tmp_path / "mine.py").write_text(
+        "from accelerated_evaluation.publishing.published import figure\n"
+        "@figure\ndef mine(anwser, source): ...\n"
+    )
+    extensions.load_files([TOYS / "toy_figure.py", tmp_path / "mine.py"])
+    assert added(figures.__name__) == ["mine", "toy_figure"]
+    assert set(results_of("toy_figure")) == {*ALWAYS, "laws/answer.csv"}
+    with pytest.raises(InputError, match="figure mine, parameter anwser: seen no such result"):
+        results_of("mine")
 
 
 def test_members_of_the_library_that_a_module_imports_first_are_not_its_own(tmp_path):

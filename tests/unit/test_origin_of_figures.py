@@ -12,7 +12,7 @@ from accelerated_evaluation.publishing.book.catalogue import read_contents
 from accelerated_evaluation.publishing.book.site import Parts
 from accelerated_evaluation.publishing.figures.estimates import fig12_crash_probability
 from accelerated_evaluation.publishing.provenance import page_of_code
-from accelerated_evaluation.publishing.published import registered_figures
+from accelerated_evaluation.publishing.published import FIGURES
 from accelerated_evaluation.publishing.study import Study
 
 ROOT = Path(__file__).resolve().parents[2]
@@ -51,7 +51,7 @@ def test_a_figure_names_its_function_its_results_and_its_rule(tmp_path):
     assert "`run_06_simulation_analysis`" in origin
     assert "`snakemake --cores 2 figures/spmd/fig12_crash_probability.png`" in origin
     shown = {name for path in NOTEBOOKS for name in read_contents(path).figures}
-    assert shown <= registered_figures().keys()
+    assert shown <= FIGURES.keys()
 
 
 @pytest.fixture

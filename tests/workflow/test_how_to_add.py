@@ -36,6 +36,16 @@ def test_a_new_vehicle_is_mapped_and_simulated(finished):
     assert compared.loc["toy_car", "probability"] > compared.loc["under test", "probability"] > 0
 
 
+def test_a_figure_of_a_users_module_is_drawn(finished):
+    drawn, answer = (
+        pd.read_csv(finished.folder / path)
+        for path in ("figures/smoke/toy_figure.csv", "results/smoke/laws/answer.csv")
+    )
+    assert drawn["event"].tolist() == answer["event"].tolist()
+    np.testing.assert_allclose(drawn["probability"], answer["probability"], rtol=1e-5)
+    assert (finished.folder / "figures/smoke/toy_figure.png").read_bytes().startswith(b"\x89PNG")
+
+
 def test_a_new_source_is_read_and_a_new_law_fitted_and_simulated(finished, tmp_path):
     generator = np.random.default_rng(1)
     rows = pd.DataFrame(

@@ -2,6 +2,7 @@
 #
 # In: the notebooks, the captions. Out: nothing; definitions only.
 
+from accelerated_evaluation.base.extensions import added
 from accelerated_evaluation.publishing.article.tables import shown_figures
 from accelerated_evaluation.publishing.book.catalogue import (
     read_contents,
@@ -39,6 +40,12 @@ try:
         [name for made in NOTEBOOKS.values() for name in [*made.figures, *made.tables]],
         CAPTIONS,
     )
+    # Figures that modules of the user register, which no notebook shows. The module that knows their results is
+    # imported only then, because it takes a second.
+    if OWN_FIGURES := added("accelerated_evaluation.publishing.figures"):
+        from accelerated_evaluation.publishing.published import results_of
+
+        READ_BY_OWN = {name: results_of(name) for name in OWN_FIGURES}
 except StudyError as error:
     raise WorkflowError(str(error)) from None
 

@@ -50,6 +50,29 @@ for _notebook in NOTEBOOKS:
             "../scripts/run_notebook.py"
 
 
+for _figure in OWN_FIGURES:
+
+    rule:
+        name:
+            f"draw_{_figure}"
+        input:
+            results=[result(name) for name in READ_BY_OWN[_figure]],
+        output:
+            [str(FIGURES / f"{_figure}.{extension}") for extension in FIGURE_FORMATS],
+        log:
+            log_of("figures", f"{_figure}.log"),
+        benchmark:
+            benchmark_of("figures", f"{_figure}.tsv")
+        params:
+            figure=_figure,
+            study=folders_of_study,
+            library=code_up_to("publishing"),
+        message:
+            f"Drawing {_figure}"
+        script:
+            "../scripts/draw_figure.py"
+
+
 if IS_CUT_IN:
 
     rule explorer:

@@ -64,6 +64,13 @@ def current() -> Extension | None:
     return _being_imported[-1] if _being_imported and not is_ours else None
 
 
+def added(package: str) -> list[str]:
+    """Return the names of the members that extensions add to the registry of a package of the library."""
+    load_known()
+    members = [member for each in EXTENSIONS.values() for member in each.members]
+    return sorted(name for registry, name in members if registry.package == package)
+
+
 def load_files(paths: Iterable[Path]) -> None:
     """Import files of the key ``modules`` of a configuration, also in all processes that this one starts.
 

@@ -13,9 +13,7 @@ The names of its parameters are those of the properties of `Study` that it uses.
 list the figure, and the results that it reads (`publishing.book.catalogue`).
 """
 
-import importlib
 import inspect
-import pkgutil
 from collections.abc import Callable
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -24,14 +22,23 @@ from typing import Any, TypeVar
 import pandas as pd
 from matplotlib.figure import Figure
 
+from accelerated_evaluation.base.errors import InputError
+from accelerated_evaluation.base.registry import Registry
 from accelerated_evaluation.publishing import figures
 from accelerated_evaluation.publishing.figures.style import COLUMN_WIDTH, save_figure
 from accelerated_evaluation.publishing.provenance import described
-from accelerated_evaluation.publishing.study import Study
+from accelerated_evaluation.publishing.study import TABLES, Study
 from accelerated_evaluation.publishing.tables.display import as_html, readable, save_table
 
 Make = TypeVar("Make", bound=Callable[..., Any])
 WIDTH = 150 * COLUMN_WIDTH  # [px], width of a figure in a notebook
+# Results that every study has, and those that are no tables or that are computed from tables.
+ALWAYS = ("config.json", "encounters.parquet", "records_report.csv")
+FILES = TABLES | {name: f"models/{name}.json" for name in ("two_pieces", "three_pieces", "single")}
+FILES |= {"account": "encounters_account.csv", "truth": TABLES["exact"]}
+FILES |= dict.fromkeys(("replicates", "estimates"), "estimates.csv")
+# Functions that make figures, by the names of the figures.
+FIGURES: Registry[Callable[..., Any]] = Registry("figure", figures.__name__, figures.__path__)
 
 
 def figure(make: Make) -> Make:
@@ -49,18 +56,26 @@ def figure(make: Make) -> Make:
         return ShownFigure(data, study.figures / f"{make.__name__}.png")
 
     make.publish = publish
-    return make
+    return FIGURES.add(make.__name__)(make)
 
 
-def registered_figures() -> dict[str, Callable[..., Any]]:
-    """Return the functions of all registered figures, by the names of the figures."""
-    modules = [
-        importlib.import_module(f"{figures.__name__}.{each.name}")
-        for each in pkgutil.iter_modules(figures.__path__)
-    ]
-    return {
-        name: make for module in modules for name, make in vars(module).items() if hasattr(make, "publish")
-    }
+def results_of(name: str) -> list[str]:
+    """Return the paths, inside the folder of the results of a study, of the results that a figure may read.
+
+    InputError is raised if a parameter of its function is not the name of a result.
+    """
+    reads = dict.fromkeys(ALWAYS)
+    for parameter in inspect.signature(FIGURES[name]).parameters:
+        if parameter in FILES:
+            reads[FILES[parameter]] = None
+        elif not hasattr(Study, parameter):
+            raise InputError(
+                f"figure {name}, parameter {parameter}",
+                seen="no such result",
+                expected="a result of a study, such as answer or encounters, or a value such as source",
+                change="Rename the parameter. INTERFACE.yaml lists the results.",
+            )
+    return [*reads]
 
 
 def table(

@@ -29,7 +29,7 @@ from accelerated_evaluation.base.errors import StudyError
 from accelerated_evaluation.base.files import PROJECT, file_digest
 from accelerated_evaluation.publishing.book.catalogue import caption, fill, read_contents
 from accelerated_evaluation.publishing.provenance import commit_of, page_of_code
-from accelerated_evaluation.publishing.published import registered_figures
+from accelerated_evaluation.publishing.published import FIGURES
 from accelerated_evaluation.publishing.study import TABLES, Study
 from accelerated_evaluation.publishing.tables.claims import departure
 from accelerated_evaluation.publishing.tables.exact import contradictions
@@ -173,7 +173,7 @@ class Parts:
 
     def origin(self, name: str) -> str:
         """Return the function, the rule and the results that make a figure, with a link to the code."""
-        make = registered_figures()[name]
+        make = FIGURES[name]
         file, line = Path(inspect.getsourcefile(make)), inspect.getsourcelines(make)[1]
         code = f"`{name}` ({file.resolve().relative_to(PROJECT.resolve()).as_posix()}, line {line})"
         if page := page_of_code(PROJECT, file, line):

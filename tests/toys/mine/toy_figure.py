@@ -1,0 +1,16 @@
+"""A toy: a figure of the answer, which the study draws without a chapter."""
+
+import matplotlib.pyplot as plt
+import pandas as pd
+from accelerated_evaluation.publishing.published import figure
+from matplotlib.figure import Figure
+
+
+@figure
+def toy_figure(answer: pd.DataFrame, source: str) -> tuple[Figure, pd.DataFrame]:
+    """Draw the probability of each event of the answer."""
+    data = answer[["event", "probability"]].assign(data=source)
+    drawn, axes = plt.subplots()
+    axes.barh(data["event"], data["probability"])
+    axes.set_xlabel("probability per cut-in")
+    return drawn, data
