@@ -131,8 +131,10 @@ def of_project(*parts: str) -> str:
 
 def folders_of_study(_, output) -> dict:
     """Folders of the results and the figures of this study, with the prefix of a module if there is one."""
-    own = next(path for path in output if str(RESULTS) in path)
-    prefix = own.partition(str(RESULTS))[0]
+    own = str(RESULTS), str(FIGURES)
+    prefix = next(
+        path.partition(folder)[0] for path in output for folder in own if folder in path
+    )
     return {"results": f"{prefix}{RESULTS}", "figures": f"{prefix}{FIGURES}"}
 
 
