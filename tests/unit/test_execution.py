@@ -13,6 +13,7 @@ import sys
 from accelerated_evaluation.publishing.book.execution import run_notebook
 run_notebook(sys.argv[1], {"number": 2}, sys.argv[1] + ".executed.ipynb")
 """
+FILLED = "from accelerated_evaluation.publishing.book import catalogue\ncatalogue.fill_in_notebooks()"
 SPAWN = """
 from multiprocessing import get_context
 get_context("spawn").Process(target=abs, args=[1]).start()
@@ -22,11 +23,11 @@ get_context("spawn").Process(target=abs, args=[1]).start()
 def run(path, *cells, command=RUN, **metadata):
     """Run a notebook of these cells in a process of its own, which its interactive shell takes over.
 
-    A cell that begins with a star is text.
+    A cell that begins with a star is a text with placeholders.
     """
     parameters = nbformat.v4.new_code_cell("number = 1", metadata={"tags": ["parameters"]})
-    new = {True: nbformat.v4.new_markdown_cell, False: nbformat.v4.new_code_cell}
-    cells = [parameters, *(new[cell.startswith("*")](cell) for cell in cells)]
+    cells = [f"%%text\n{cell}" if cell.startswith("*") else cell for cell in (FILLED, *cells)]
+    cells = [parameters, *map(nbformat.v4.new_code_cell, cells)]
     metadata |= {"kernelspec": {"name": "python3", "language": "python", "display_name": "Python 3"}}
     nbformat.write(nbformat.v4.new_notebook(cells=cells, metadata=metadata), path)
     return subprocess.run(
@@ -59,7 +60,7 @@ def test_a_text_with_an_unknown_name_is_one_error_and_leaves_nothing_behind(tmp_
     finished = run(tmp_path / "n.ipynb", "number", "*There are* {{ nummer }}.", "print('not reached')")
     assert finished.returncode != 0
     last = finished.stderr.strip().splitlines()[-1]
-    assert "n.ipynb, text after cell 3: UndefinedError: 'nummer' is undefined" in last
+    assert "n.ipynb, cell 5: StudyError: UndefinedError: 'nummer' is undefined" in last
     assert [path.name for path in tmp_path.iterdir()] == ["n.ipynb"]
 
 
@@ -70,7 +71,7 @@ def test_an_error_names_notebook_and_cell_and_leaves_nothing_behind(tmp_path, co
     finished = run(tmp_path / "n.ipynb", "number", code, "print('not reached')")
     assert finished.returncode != 0
     last = finished.stderr.strip().splitlines()[-1]
-    assert "n.ipynb, cell 4: " in finished.stderr
+    assert "n.ipynb, cell 5: " in finished.stderr
     assert message in finished.stderr
     assert "not reached" not in last
     assert [path.name for path in tmp_path.iterdir()] == ["n.ipynb"]

@@ -22,10 +22,16 @@ def test_notebooks_are_parameterised_and_committed_without_outputs(path):
     nbformat.validate(notebook)
     code = [cell for cell in notebook.cells if cell.cell_type == "code"]
     assert notebook.cells[0].cell_type == "markdown"
+    placeholders = [
+        cell for cell in notebook.cells if cell.cell_type == "markdown" and re.search(r"{{|{%", cell.source)
+    ]
+    assert not placeholders, "a reader in Jupyter would see them: begin a cell of code with %%text"
     assert code[0].metadata.get("tags") == ["parameters"]
     for cell in code:
         assert not cell.outputs
         assert cell.execution_count is None
+        hidden = cell.metadata.get("jupyter", {}).get("source_hidden", False)
+        assert hidden == cell.source.startswith("%%text")
         assert not re.search(r"^\s*(def|class) ", cell.source, flags=re.MULTILINE)
 
 

@@ -7,10 +7,14 @@ that it reads::
 
 A part of a name in braces, as in ``cross_entropy/{method}_0.json``, represents several files. When a notebook
 runs, `publishing.book.execution` compares this declaration with what the notebook did.
+
+A text with placeholders is a cell of code that begins with ``%%text``. It shows the text with the values that
+the variables have at this place, whoever runs the notebook: a reader in Jupyter, papermill or the study.
 """
 
 import json
 import math
+import sys
 from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
 from types import SimpleNamespace
@@ -94,6 +98,20 @@ def fill(text: str, names: Mapping[str, Any]) -> str:
     except Exception as error:
         # The message of a KeyError is only the key, so the type of the error is written too.
         raise StudyError(f"{type(error).__name__}: {error}") from error
+
+
+def fill_in_notebooks() -> None:
+    """Let a notebook, if this is one, show cells that begin with ``%%text`` as Markdown, by `fill`."""
+    shell = sys.modules["IPython"].get_ipython() if "IPython" in sys.modules else None
+    if shell is None:
+        return
+    from IPython.display import Markdown, display  # slow to import, and only notebooks need it
+
+    def text(_: str, cell: str) -> None:
+        """Show Markdown with placeholders for values of variables."""
+        display(Markdown(fill(cell, shell.user_ns).rstrip("\n")))
+
+    shell.register_magic_function(text, "cell")
 
 
 def caption(folder: Path, name: str, config: Mapping[str, Any]) -> list[str]:

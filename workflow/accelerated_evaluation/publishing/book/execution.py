@@ -19,7 +19,6 @@ from traitlets.config import Config
 
 from accelerated_evaluation.base.errors import StudyError
 from accelerated_evaluation.base.files import atomic_path, value_digest, write_text
-from accelerated_evaluation.publishing.book.catalogue import fill
 from accelerated_evaluation.publishing.study import Study
 from accelerated_evaluation.study.jobs import without
 
@@ -45,9 +44,9 @@ class ThisProcess(Engine):
     ) -> None:
         """Run the cells of a notebook in order, up to the first error.
 
-        Papermill calls this method, saves the notebook, and raises the error afterwards. The placeholders in
-        a cell of text are filled in with the values that the variables have at this place
-        (`publishing.book.catalogue`). The name of the kernel is ignored, because none is started.
+        Papermill calls this method, saves the notebook, and raises the error afterwards. A cell that shows a
+        text (`publishing.book.catalogue`) is replaced by this text, as a cell of Markdown. The name of the
+        kernel is ignored, because none is started.
         """
         # Figures that a cell shows without saving them are embedded in the notebook, as in a kernel.
         os.environ["MPLBACKEND"] = "module://matplotlib_inline.backend_inline"
@@ -70,9 +69,12 @@ class ThisProcess(Engine):
                 if not result.success:
                     nb_man.cell_exception(cell, number, exception=result.error_in_exec)
                     return
-            elif cell.cell_type == "markdown":
-                cell.source = _filled(cell.source, shell.user_ns, ran)
             nb_man.cell_complete(cell, number)
+            if is_text(cell):
+                (shown,) = cell.outputs
+                cell.cell_type, cell.source = "markdown", shown.data["text/markdown"]
+                del cell["outputs"], cell["execution_count"]
+                cell.metadata.pop("jupyter", None)  # which would hide the text
         if isinstance(study := shell.user_ns.get("study"), Study):
             nb_man.nb.metadata["study"] = _as_declared(nb_man.nb.metadata.get("study", {}), study)
 
@@ -80,11 +82,16 @@ class ThisProcess(Engine):
 papermill_engines.register(ENGINE, ThisProcess)
 
 
-def run_notebook(notebook: str, parameters: dict[str, str], executed: str) -> None:
-    """Execute a notebook with given parameters: run its code, and fill in the placeholders of its texts.
+def is_text(cell: NotebookNode) -> bool:
+    """Return whether a cell shows a text with placeholders."""
+    return cell.cell_type == "code" and cell.source.startswith("%%text")
 
-    StudyError is raised if a cell of code or a placeholder fails, in which case the error names the cell, or
-    if the notebook used something that its metadata do not declare.
+
+def run_notebook(notebook: str, parameters: dict[str, str], executed: str) -> None:
+    """Execute a notebook with given parameters.
+
+    StudyError is raised if a cell fails, which the error names, or if the notebook used something that its
+    metadata do not declare.
     """
     with atomic_path(executed) as temporary, _main_module_kept():
         try:
@@ -124,14 +131,6 @@ def _main_module_kept() -> Iterator[None]:
         yield
     finally:
         sys.modules["__main__"] = main
-
-
-def _filled(text: str, names: dict[str, Any], ran: int) -> str:
-    """Fill in the placeholders of a text; an error names the number ``ran`` of the last cell before it."""
-    try:
-        return fill(text, names)
-    except StudyError as error:
-        raise StudyError(f"text after cell {ran}: {error}") from error
 
 
 def _outputs(captured: CapturedIO) -> Iterator[NotebookNode]:
