@@ -71,3 +71,12 @@ def test_every_question_is_asked_in_a_published_table():
     parameters = [make.__code__.co_varnames for make in (module.credibility_table,)]
     parameters += [module.scenario_credibility_table.__code__.co_varnames]
     assert asked == {name for names in parameters for name in names}
+
+
+def test_a_vehicle_that_never_crashes_has_no_number_where_none_is_known():
+    none = {
+        "extrapolation": RESULTS["extrapolation"].assign(share=float("nan")),
+        "numerical_error": RESULTS["numerical_error"].assign(ratio=float("nan"), standard_error=float("nan")),
+    }
+    table = credibility(none).set_index("table")["answer"]
+    assert (table == UNKNOWN).all(), table.to_dict()

@@ -62,15 +62,16 @@ def shares_of(budget: pd.DataFrame) -> str:
 
 def beyond_records(extrapolation: pd.DataFrame) -> str:
     """Return the share of the answer that does not rest on replayed records or their neighbours."""
-    if extrapolation.empty:
+    shares = extrapolation.set_index("part")["share"].dropna()  # there are none if the vehicle never crashes
+    if shares.empty:
         return UNKNOWN
-    share = 1 - extrapolation.set_index("part")["share"].get(RECORDED, 0.0)
+    share = 1 - shares.get(RECORDED, 0.0)
     return f"{_percent(share)} of the probability belongs to events unlike any record"
 
 
 def steps_of(numerical_error: pd.DataFrame) -> str:
     """Return the ratios of the crash probability with finer steps, for the vehicle under test."""
-    own = numerical_error[numerical_error["vehicle"] == UNDER_TEST]
+    own = numerical_error[numerical_error["vehicle"] == UNDER_TEST].dropna(subset="ratio")
     rows = own[["steps", "ratio", "standard_error"]].itertuples(index=False)
     return "; ".join(f"{steps}: times {ratio:.2f} ± {error:.2f}" for steps, ratio, error in rows) or UNKNOWN
 
