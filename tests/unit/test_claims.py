@@ -1,6 +1,5 @@
 """The paper's claims: the rule of the verdict, what is not comparable, and the paper quoted rightly."""
 
-import copy
 import math
 from dataclasses import replace
 from pathlib import Path
@@ -22,7 +21,9 @@ from accelerated_evaluation.publishing.tables.paper_claims import (
 )
 from accelerated_evaluation.publishing.tables.readings import readings_table
 from accelerated_evaluation.publishing.tables.spreads import Spread, exactly
+from accelerated_evaluation.records.sources import describe
 from accelerated_evaluation.study.configuration import load
+from accelerated_evaluation.study.limits import value_of
 
 ROOT = Path(__file__).resolve().parents[2]
 SEGMENTS = ("5-15", "15-25", "25-35")
@@ -69,8 +70,19 @@ def study():
         "coverage": coverage,
         "course": course,
         "exact": pd.DataFrame({"segment": ["all"], "probability": [7.5e-7], "standard_error": [1e-10]}),
-        "config": load(),
+        **of(load()),
         **evidence(),
+    }
+
+
+def of(config):
+    """Return what the table of claims uses of a configuration."""
+    sampling = config["importance_sampling"]
+    return {
+        "premises": {key: value_of(config, key) for key in PREMISES},
+        "source": describe(config["data"]),
+        "alpha": sampling["alpha"],
+        "beta": sampling["beta"],
     }
 
 
@@ -222,7 +234,7 @@ def test_a_probability_off_the_papers_interval_differs_and_says_how_far(study):
 
 
 def test_a_sample_is_not_comparable_but_for_counts_of_parameters(study):
-    study["config"] = load([ROOT / "config" / "smoke.yaml"])
+    study |= of(load([ROOT / "config" / "smoke.yaml"]))
     claims = table(study)
     counts = {key for key, claim in CLAIMS.items() if not claim.rests_on_study}
     assert set(claims.index[claims["verdict"] != "not comparable"]) == counts
@@ -233,19 +245,14 @@ def test_a_sample_is_not_comparable_but_for_counts_of_parameters(study):
 
 @pytest.mark.parametrize("key", PREMISES)
 def test_every_premise_matters(study, key):
-    config = copy.deepcopy(study["config"])
-    *path, name = key.split(".")
-    section = config
-    for part in path:
-        section = section[part]
     others = {
         "data.source": "table",
         "data.sample": 500,
         "vehicle.name": "acc",
         "vehicle.parameters": {"a": 1},
     }
-    section[name] = others.get(key, 0.1)
-    row = table(study | {"config": config}).loc["piecewise"]
+    study["premises"][key] = others.get(key, 0.1)
+    row = table(study).loc["piecewise"]
     assert row["verdict"] == "not comparable"
     assert row["why"].startswith(f"{key} is ")
 
@@ -301,8 +308,13 @@ def test_readings_give_the_effects_of_the_study(study):
     estimates = study["estimates"].assign(events=[130, 120, 110, 100])
     estimates.loc[3, "converged"] = False
     tables = {"trace": trace, "estimates": estimates, "sensitivity": sensitivity}
-    names = ("exact", "repeated_searches", "config")
-    effects = readings_table(**tables, **{name: study[name] for name in names})["effect"].tolist()
+    names, config = ("exact", "repeated_searches"), load()
+    settings = {
+        "search": config["cross_entropy"],
+        "sampling": config["importance_sampling"],
+        "cap": config["models"]["closing_speed_max"],
+    }
+    effects = readings_table(**tables, **settings, **{name: study[name] for name in names})["effect"].tolist()
     for expected in (
         "knot of TTC^-1: probability x0.40 to x4",
         "under the single f: probability x8",
@@ -313,7 +325,7 @@ def test_readings_give_the_effects_of_the_study(study):
         assert expected in effects
     study["exact"]["probability"] = 0.0
     estimates["converged"] = False
-    never = readings_table(**tables, **{name: study[name] for name in names})["effect"]
+    never = readings_table(**tables, **settings, **{name: study[name] for name in names})["effect"]
     assert not never.str.contains("nan|inf").any()
 
 

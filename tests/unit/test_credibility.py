@@ -7,7 +7,8 @@ from accelerated_evaluation.publishing.tables.credibility import QUESTIONS, UNKN
 
 RESULTS = {
     "account": pd.DataFrame({"rows_in": ["5000", "4990"], "rows_kept": ["4990", "4321"]}),
-    "config": {"vehicle": {"name": "my_car"}, "filters": {"range_max": 70}, "seed": 77},
+    "scope": ("my_car", {"range_max": 70}),
+    "seed": 77,
     "choices": pd.DataFrame({"choice": ["as in the answer", "one", "two"], "median": [2e-6, 1e-6, 7e-6]}),
     "data_quality": pd.DataFrame({"reading": ["as in the answer"], "median": [2e-6]}),
     "answer_budget": pd.DataFrame(

@@ -23,7 +23,9 @@ if __name__ == "__main__":
         laws = partial(stream, "laws")
         study = LawStudy.of(records, config["answer"]["draws"], laws, files.family).smooth_only()
         explored = Explored(
-            config=config,
+            name=config["study"],
+            tested=config["vehicle"],
+            impact_speeds=config["answer"]["events"].get("impact_speed", []),
             study=study,
             drawn=DrawnLaws.of(study, study.draws(laws("draws")), stream("explorer", "draws")),
             exposure=exposure,

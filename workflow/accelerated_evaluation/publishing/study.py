@@ -3,6 +3,7 @@
 from collections.abc import Mapping
 from functools import cached_property
 from pathlib import Path
+from types import SimpleNamespace
 from typing import TYPE_CHECKING, Any
 
 import pandas as pd
@@ -11,8 +12,9 @@ from accelerated_evaluation.base.errors import InputError
 from accelerated_evaluation.base.files import read_json
 from accelerated_evaluation.laws.files import read_law
 from accelerated_evaluation.laws.paper.models import IndependentLaw
-from accelerated_evaluation.publishing.book.catalogue import Contents, fill_in_notebooks
+from accelerated_evaluation.publishing.book.catalogue import Contents, fill, fill_in_notebooks
 from accelerated_evaluation.publishing.tables.display import as_markdown, display_in_notebooks, reproducible
+from accelerated_evaluation.publishing.tables.paper_claims import PREMISES
 from accelerated_evaluation.records.segments import read_encounters
 from accelerated_evaluation.records.sources import describe
 from accelerated_evaluation.records.verdict import Verdict, read_report, summary
@@ -20,6 +22,7 @@ from accelerated_evaluation.scenarios import SCENARIOS
 from accelerated_evaluation.scenarios.cut_in import CUT_IN
 from accelerated_evaluation.scenarios.protocol import Scenario
 from accelerated_evaluation.study.configuration import load_modules
+from accelerated_evaluation.study.limits import value_of
 
 if TYPE_CHECKING:
     from accelerated_evaluation.laws import Factors
@@ -258,15 +261,54 @@ class Study:
             return f" **{as_markdown(summary(self.records_report))}**"
         return f" Records: {as_markdown(verdict.in_short)}." if verdict.in_short else ""
 
+    def caption(self, folder: Path, name: str) -> list[str]:
+        """Return the paragraphs of the caption of a figure or table, with its placeholders filled in.
+
+        The Snakemake report reads the same files, ``<name>.rst``, so their placeholders use the configuration
+        by the name ``snakemake.config``.
+        """
+        text = (folder / f"{name}.rst").read_text(encoding="utf-8")
+        return fill(text, {"snakemake": SimpleNamespace(config=self.config)}).strip().split("\n\n")
+
+    @property
+    def seed(self) -> int:
+        """The root seed."""
+        return self.config["seed"]
+
+    @property
+    def scope(self) -> tuple[str, dict[str, float]]:
+        """Name of the vehicle under test, and limits of the cut-ins: lead speed [m/s] and range [m]."""
+        return self.config["vehicle"]["name"], self.config.get("filters", {})
+
+    @property
+    def premises(self) -> dict[str, Any]:
+        """Settings that the paper states, by the keys of `PREMISES`."""
+        return {key: value_of(self.config, key) for key in PREMISES}
+
+    @property
+    def search(self) -> dict[str, Any]:
+        """Settings of the searches by the Cross-Entropy method."""
+        return self.config["cross_entropy"]
+
+    @property
+    def sampling(self) -> dict[str, Any]:
+        """Settings of importance sampling: level, half-width, numbers of events and of replicates."""
+        return self.config["importance_sampling"]
+
+    @property
+    def cap(self) -> float:
+        """Largest closing speed of the paper's laws [m/s]."""
+        return self.config["models"]["closing_speed_max"]
+
     @property
     def alpha(self) -> float:
         """One minus the level of the intervals of the paper's methods."""
-        return self.config["importance_sampling"]["alpha"]
+        return self.sampling["alpha"]
 
     @property
     def beta(self) -> float:
         """Relative half-width of the interval at which an estimate has converged."""
-        return self.config["importance_sampling"]["beta"]
+        return self.sampling["beta"]
 
     @property
     def segments(self) -> tuple[str, ...]:

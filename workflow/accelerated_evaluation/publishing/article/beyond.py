@@ -1,7 +1,7 @@
 """The numbers of the article that the paper does not have: laws, answer, coverage, vehicles, injuries."""
 
 import math
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable
 from typing import Any
 
 import pandas as pd
@@ -24,14 +24,17 @@ CRASH = "crash: cut-in in front of the subject"
 NEAR_CRASH = "near-crash: cut-in in front of the subject, rear-end conflict"
 
 
-def collect(tables: Tables, benchmarks: Tables, config: Mapping[str, Any]) -> dict[str, Any]:
-    """Return the numbers that the paper does not have, nested by subject."""
+def collect(tables: Tables, benchmarks: Tables, replicates: int) -> dict[str, Any]:
+    """Return the numbers that the paper does not have, nested by subject.
+
+    ``replicates`` is the number of estimates of the study by its own sampler.
+    """
     return {
         "laws": _laws(tables),
         "answer": _answer(tables),
         "worlds": _worlds(benchmarks),
         "sampler": _sampler(benchmarks),
-        "own_sampler": _own_sampler(tables, config),
+        "own_sampler": _own_sampler(tables, replicates),
         "vehicles": _vehicles(tables),
         "counted": _counted(tables),
         "injuries": _injuries(tables),
@@ -174,14 +177,14 @@ def _sampler(benchmarks: Tables) -> dict[str, Any]:
     }
 
 
-def _own_sampler(tables: Tables, config: Mapping[str, Any]) -> dict[str, Any]:
+def _own_sampler(tables: Tables, replicates: int) -> dict[str, Any]:
     """Return the numbers of simulations that the sampler needed in this study, for all segments together."""
     methods = tables["surrogate"].query("scope == 'all'").set_index("method")
     ours, piecewise = methods.loc[SURROGATE], methods.loc["piecewise"]
     return {
         "calls": ours["together"],
         "piecewise": piecewise["together"],
-        "replicates": config["surrogate"]["replicates"],
+        "replicates": replicates,
         "to_exact": ours["to_exact"],
         "unseen": ours["unseen_mode"],
     }

@@ -5,13 +5,13 @@ number where it is used, and chooses its sentences accordingly: a study of anoth
 a reproduction of the paper, and a vehicle that never crashes has no interval.
 """
 
-from collections.abc import Mapping
 from typing import Any
 
 import pandas as pd
 
 from accelerated_evaluation.publishing.article import beyond
 from accelerated_evaluation.publishing.article.tables import Tables, plain, typeset
+from accelerated_evaluation.publishing.study import Study
 from accelerated_evaluation.publishing.tables.claims import UNTESTED, departure
 from accelerated_evaluation.publishing.tables.exact import share_of_one_run
 from accelerated_evaluation.publishing.tables.paper_claims import (
@@ -23,51 +23,50 @@ from accelerated_evaluation.publishing.tables.paper_claims import (
     STATEMENTS,
 )
 from accelerated_evaluation.publishing.tables.spreads import LEVEL
-from accelerated_evaluation.records.sources import describe
 
 KNOT, CAP = "knot of TTC^-1", "closing-speed cap [m/s]"  # choices in the table of sensitivities
 RUNS = ("piecewise_run", "single_run")  # claims about single runs
 METHODS = ("piecewise", "single", "heuristic", "shifted")
 
 
-def collect(tables: Tables, benchmarks: Tables, config: Mapping[str, Any]) -> dict[str, Any]:
+def collect(tables: Tables, benchmarks: Tables, study: Study) -> dict[str, Any]:
     """Return all numbers of the article, nested by subject, in types that JSON can represent.
 
     The tables of the benchmarks belong to the default study of the project.
     """
     return plain(
         {
-            "study": _study(config),
+            "study": _study(study),
             "records": _records(tables),
             "claims": _claims(tables),
             "methods": _methods(tables),
             "needed": _needed(tables),
             "exact": _exact(tables),
             "choices": _choices(tables),
-            "uncertainty": _uncertainty(tables, config),
-            **beyond.collect(tables, benchmarks, config),
+            "uncertainty": _uncertainty(tables, study.alpha, study.beta),
+            **beyond.collect(tables, benchmarks, study.config["surrogate"]["replicates"]),
         }
     )
 
 
-def _study(config: Mapping[str, Any]) -> dict[str, Any]:
-    limits, sampling = config["filters"], config["importance_sampling"]
+def _study(study: Study) -> dict[str, Any]:
+    vehicle, limits = study.scope
     return {
-        "name": config["study"],
-        "source": describe(config["data"]),
-        "seed": config["seed"],
-        "vehicle": config["vehicle"]["name"],
-        "departure": departure(config),
+        "name": study.name,
+        "source": study.source,
+        "seed": study.seed,
+        "vehicle": vehicle,
+        "departure": departure(study.premises, study.source),
         "slowest": limits["lead_speed_min"],
         "fastest": limits["lead_speed_max"],
         "farthest": limits["range_max"],
-        "cap": config["models"]["closing_speed_max"],
-        "level": 100 * (1 - sampling["alpha"]),
+        "cap": study.cap,
+        "level": 100 * (1 - study.alpha),
         "spread": 100 * LEVEL,
-        "half_width": sampling["beta"],
-        "replicates": sampling["replicates"],
-        "draws": config["answer"]["draws"],
-        "refits": config["uncertainty"]["replicates"],
+        "half_width": study.beta,
+        "replicates": study.sampling["replicates"],
+        "draws": study.config["answer"]["draws"],
+        "refits": study.config["uncertainty"]["replicates"],
     }
 
 
@@ -195,13 +194,12 @@ def _choices(tables: Tables) -> dict[str, Any]:
     return ends | {"single": models["single"], "three_pieces": models["three_pieces"]}
 
 
-def _uncertainty(tables: Tables, config: Mapping[str, Any]) -> dict[str, Any]:
+def _uncertainty(tables: Tables, alpha: float, beta: float) -> dict[str, Any]:
     budget = tables["uncertainty"].set_index("source")
     share = budget["variance_share"]
-    sampling = config["importance_sampling"]
     return {
         "sampling": share["sampling"],
-        "sampling_of_one_run": share_of_one_run(tables["uncertainty"], sampling["alpha"], sampling["beta"]),
+        "sampling_of_one_run": share_of_one_run(tables["uncertainty"], alpha, beta),
         "data": share["data"],
         "choice": share["choice of model"],
         "low": budget.loc["together", "ci_low"],

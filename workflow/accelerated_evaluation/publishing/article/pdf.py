@@ -1,6 +1,7 @@
 """The PDF of the article, which Typst makes from the text, the numbers and the figures of a study."""
 
 import shutil
+from collections.abc import Sequence
 from dataclasses import dataclass
 from importlib.metadata import version
 from pathlib import Path
@@ -13,7 +14,6 @@ from accelerated_evaluation.base.errors import InputError, StudyError
 from accelerated_evaluation.base.files import atomic_path, write_json
 from accelerated_evaluation.publishing.article.numbers import collect
 from accelerated_evaluation.publishing.article.tables import TEXT, Tables, shown_figures, typeset
-from accelerated_evaluation.publishing.book.catalogue import caption
 from accelerated_evaluation.publishing.provenance import origin_of
 from accelerated_evaluation.publishing.study import Study
 
@@ -34,7 +34,7 @@ def numbers_of(study: Study, sources: Sources) -> dict[str, Any]:
     figures = shown_figures(sources.text)
     tables = Tables(study.figures / "tables")
     try:
-        numbers = collect(tables, Tables(sources.benchmarks), study.config)
+        numbers = collect(tables, Tables(sources.benchmarks), study)
     except (AttributeError, LookupError, TypeError, ValueError) as error:
         raise InputError(
             f"{study.figures / 'tables' / tables.last}.csv, or a table that was read before",
@@ -42,7 +42,7 @@ def numbers_of(study: Study, sources: Sources) -> dict[str, Any]:
             expected="a complete table of a finished study, with rows below its header",
             change="Delete the table, and run the study again: make study.",
         ) from error
-    captions = {name: _first_paragraph(sources.captions, name, study.config) for name in figures}
+    captions = {name: _first_paragraph(study.caption(sources.captions, name)) for name in figures}
     origin = {"version": version("accelerated-evaluation"), **origin_of(study)}
     return numbers | {"captions": captions, "provenance": origin}
 
@@ -78,6 +78,6 @@ def compile_text(folder: Path, pdf: Path) -> None:
             raise StudyError(f"Typst cannot compile {TEXT}: {error.message}") from error
 
 
-def _first_paragraph(captions: Path, name: str, config: dict[str, Any]) -> str:
+def _first_paragraph(caption: Sequence[str]) -> str:
     """Return the first paragraph of a caption as plain text."""
-    return typeset(" ".join(caption(captions, name, config)[0].split()).replace("`", ""))
+    return typeset(" ".join(caption[0].split()).replace("`", ""))

@@ -17,7 +17,6 @@ import math
 import sys
 from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
-from types import SimpleNamespace
 from typing import Any, NamedTuple
 
 from jinja2 import Environment, StrictUndefined
@@ -112,16 +111,6 @@ def fill_in_notebooks() -> None:
         display(Markdown(fill(cell, shell.user_ns).rstrip("\n")))
 
     shell.register_magic_function(text, "cell")
-
-
-def caption(folder: Path, name: str, config: Mapping[str, Any]) -> list[str]:
-    """Return the paragraphs of the caption of a figure or table, with its placeholders filled in.
-
-    The Snakemake report reads the same files, ``<name>.rst``, so their placeholders use the configuration by
-    the name ``snakemake.config``.
-    """
-    text = (folder / f"{name}.rst").read_text(encoding="utf-8")
-    return fill(text, {"snakemake": SimpleNamespace(config=config)}).strip().split("\n\n")
 
 
 def _escaped(value: Any) -> Any:  # noqa: ANN401

@@ -27,7 +27,7 @@ from sphinx.util.console import nocolor
 
 from accelerated_evaluation.base.errors import StudyError
 from accelerated_evaluation.base.files import PROJECT, file_digest
-from accelerated_evaluation.publishing.book.catalogue import caption, fill, read_contents
+from accelerated_evaluation.publishing.book.catalogue import fill, read_contents
 from accelerated_evaluation.publishing.provenance import commit_of, page_of_code
 from accelerated_evaluation.publishing.published import FIGURES
 from accelerated_evaluation.publishing.study import TABLES, Study
@@ -71,7 +71,7 @@ def _of_the_paper(study: Study) -> dict[str, Any]:
     """Return the values that need results of the paper's methods and of crude Monte Carlo."""
     return {
         "paper_probability": PAPER_PROBABILITY,
-        "departed": departure(study.config),
+        "departed": departure(study.premises, study.source),
         "contradicted": contradictions(study.truth, study.crude),
     }
 
@@ -149,7 +149,7 @@ class Parts:
 
     def caption(self, name: str) -> list[str]:
         """Return the paragraphs of the caption of a figure or table, as Markdown."""
-        paragraphs = caption(self.captions, name, self.study.config)
+        paragraphs = self.study.caption(self.captions, name)
         return [paragraph.replace("*", r"\*") for paragraph in paragraphs]
 
     def figure(self, name: str, label: str | None = None) -> str:

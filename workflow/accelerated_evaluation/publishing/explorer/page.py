@@ -189,7 +189,9 @@ PLACES = {
 class Explored:
     """The results of a study from which a page is made."""
 
-    config: Mapping[str, Any]
+    name: str  # of the study
+    tested: Mapping[str, Any]  # section of the configuration for the vehicle under test
+    impact_speeds: Sequence[float]  # thresholds of the further events [m/s]
     study: LawStudy  # the laws with their weights
     drawn: DrawnLaws  # random draws from the laws
     exposure: Mapping[str, float | None]  # ``kilometres`` and ``hours`` of the records
@@ -198,11 +200,6 @@ class Explored:
     # of the vehicle under test, which the page shows if it cannot simulate the vehicle
     crash_map: CrashMap | None
     runs: pd.DataFrame | None  # ``laws/runs.csv`` of a slow vehicle under test
-
-    @property
-    def tested(self) -> Mapping[str, Any]:
-        """Section ``vehicle`` of the configuration, the vehicle under test."""
-        return self.config["vehicle"]
 
     @property
     def is_simulated(self) -> bool:
@@ -231,11 +228,11 @@ def write_page(explored: Explored, templates: Path, path: Path, generator: np.ra
 def _payload(explored: Explored, generator: np.random.Generator) -> Payload:
     """Return the data of the page."""
     records, drawn = explored.study.smooth.records, explored.drawn
-    support, events = records.support, explored.config["answer"]["events"]
-    _, *shown = events_from({"impact_speed": events.get("impact_speed", [])})  # the page lists crashes itself
+    support = records.support
+    _, *shown = events_from({"impact_speed": explored.impact_speeds})  # the page lists crashes itself
     payload = Payload(
         {
-            "study": explored.config["study"],
+            "study": explored.name,
             "tested": explored.tested["name"],
             "reference": CUT_IN.references[""],
             "vehicles": described_vehicles(explored.tested),

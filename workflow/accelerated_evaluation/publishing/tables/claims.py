@@ -3,8 +3,6 @@
 import json
 import math
 from collections.abc import Mapping
-from functools import reduce
-from operator import getitem
 from typing import Any
 
 import pandas as pd
@@ -16,6 +14,7 @@ from accelerated_evaluation.publishing.tables.paper_claims import (
     CLAIMS,
     COUNT,
     DERIVED,
+    PREMISES,
     STATED,
     Claim,
 )
@@ -30,17 +29,7 @@ from accelerated_evaluation.publishing.tables.spreads import (
     pooled_probability,
     sample_size,
 )
-from accelerated_evaluation.records.sources import describe
 
-# Settings that a study must have in common with the paper; otherwise their numbers are not comparable.
-PREMISES = {
-    "data.source": "spmd",
-    "data.sample": None,
-    "vehicle.name": "acc_aeb",
-    "vehicle.parameters": {},
-    "importance_sampling.alpha": 0.2,
-    "importance_sampling.beta": 0.2,
-}
 # Claims that need converged estimates of a method.
 CONVERGED = {
     "piecewise": ("piecewise", "piecewise_run", "saving_run"),
@@ -82,7 +71,10 @@ def claims_table(
     exact: pd.DataFrame,
     variation: pd.DataFrame,
     coverage: pd.DataFrame,
-    config: Mapping[str, Any],
+    premises: Mapping[str, Any],
+    source: str,
+    alpha: float,
+    beta: float,
 ) -> pd.DataFrame:
     """Compare each number and each statement of the paper with ours.
 
@@ -92,7 +84,6 @@ def claims_table(
     none; and the ``verdict`` by the rule of `verdict`, or ``not comparable`` if the study departs from the
     paper's assumptions or has no similar quantity, with its reason ``why``.
     """
-    alpha, beta = (config["importance_sampling"][name] for name in ("alpha", "beta"))
     evidence = Evidence(
         *(dependence, candidates, similarity, two_pieces, three_pieces, repeated_searches),
         *(trace, course, exact, variation),
@@ -105,7 +96,7 @@ def claims_table(
     )
     ours |= statements(evidence, alpha, beta)
     ours["saving_run"] = exactly(1 - ours["piecewise_run"].value / ours["single_run"].value, "none, derived")
-    departed, obstacles = departure(config), _obstacles(estimates)
+    departed, obstacles = departure(premises, source), _obstacles(estimates)
     rows = {
         key: _row(claim, ours[key], (departed if claim.rests_on_study else "") or obstacles.get(key, ""))
         for key, claim in CLAIMS.items()
@@ -145,16 +136,16 @@ def _why(judged: str, ours: Spread, claim: Claim) -> str:
     return f"within our spread; {away}" if judged == "agrees" else f"{away}: {claim.reason}"
 
 
-def departure(config: Mapping[str, Any]) -> str:
+def departure(premises: Mapping[str, Any], source: str) -> str:
     """Return a description of the first setting in `PREMISES` that a study does not share with the paper.
 
-    It contains both values, and the data, and is empty if the study shares all settings.
+    ``premises`` has the settings of the study by the same keys, and ``source`` describes its data. The
+    description contains both values, and the data; it is empty if the study shares all settings.
     """
     for key, expected in PREMISES.items():
-        seen = reduce(getitem, key.split("."), config)
-        if seen != expected:
-            premise = f"{key} is {json.dumps(seen)}, the paper's is {json.dumps(expected)}"
-            return f"{premise}; data: {describe(config['data'])}"
+        if premises[key] != expected:
+            premise = f"{key} is {json.dumps(premises[key])}, the paper's is {json.dumps(expected)}"
+            return f"{premise}; data: {source}"
     return ""
 
 

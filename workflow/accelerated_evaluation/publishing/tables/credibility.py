@@ -30,10 +30,11 @@ def records_used(account: pd.DataFrame) -> str:
     return f"{rows['rows_in'].iloc[0]:,} rows were read, and {rows['rows_kept'].iloc[-1]:,} are used"
 
 
-def limits_of(config: Mapping[str, Any]) -> str:
-    """Return the limits of the encounters that the configuration states, and the vehicle."""
-    limits = ", ".join(f"{name} {value:g}" for name, value in config.get("filters", {}).items())
-    return f"vehicle {config['vehicle']['name']}; limits [m/s, m]: {limits}"
+def limits_of(scope: tuple[str, Mapping[str, float]]) -> str:
+    """Return the vehicle and the limits of the encounters, of which the scope consists, in words."""
+    vehicle, filters = scope
+    limits = ", ".join(f"{name} {value:g}" for name, value in filters.items())
+    return f"vehicle {vehicle}; limits [m/s, m]: {limits}"
 
 
 def checks_of(report: pd.DataFrame) -> str:
@@ -114,15 +115,15 @@ def motion_of(all_cut_ins: pd.DataFrame) -> str:
     return f"median {before} becomes {after}" + (f"; missing: {missing}" if pd.notna(missing) else "")
 
 
-def chain_of(config: Mapping[str, Any]) -> str:
+def chain_of(seed: int) -> str:
     """Return how a number is followed back to its run."""
-    return f"root seed {config['seed']}; checksums of code, records and results"
+    return f"root seed {seed}; checksums of code, records and results"
 
 
 # Question, name of the result in `Study`, published table or file, and function that gives the answer.
 QUESTIONS: tuple[tuple[str, str, str, Callable[[Any], str]], ...] = (
     ("scope: which records", "account", "encounters_account", records_used),
-    ("scope: which encounters and vehicle", "config", "config.json", limits_of),
+    ("scope: which encounters and vehicle", "scope", "config.json", limits_of),
     ("quality of the records", "records_report", "records_report", checks_of),
     ("assumptions: how much they change the answer", "choices", "choices", range_of_medians),
     ("treatment of doubtful records", "data_quality", "data_quality", range_of_medians),
@@ -133,7 +134,7 @@ QUESTIONS: tuple[tuple[str, str, str, Callable[[Any], str]], ...] = (
     ("validation: published outcomes", "scenario_agreement", "scenario_agreement", agreement_of),
     ("differences from the world: lead motion", "all_cut_ins", "all_cut_ins", motion_of),
     ("differences from the world: counted crashes", "counted_crashes", "counted_crashes", counted_of),
-    ("chain from the run to the claim", "config", "provenance.json", chain_of),
+    ("chain from the run to the claim", "seed", "provenance.json", chain_of),
 )
 
 
@@ -154,7 +155,8 @@ def credibility(results: Mapping[str, Any]) -> pd.DataFrame:
 @table("credibility")
 def credibility_table(
     account: pd.DataFrame,
-    config: Mapping[str, Any],
+    scope: tuple[str, Mapping[str, float]],
+    seed: int,
     records_report: pd.DataFrame,
     choices: pd.DataFrame,
     data_quality: pd.DataFrame,
@@ -172,7 +174,8 @@ def credibility_table(
 @table("sampled_credibility")
 def sampled_credibility_table(
     account: pd.DataFrame,
-    config: Mapping[str, Any],
+    scope: tuple[str, Mapping[str, float]],
+    seed: int,
     records_report: pd.DataFrame,
     answer_budget: pd.DataFrame,
     extrapolation: pd.DataFrame,
@@ -184,7 +187,8 @@ def sampled_credibility_table(
 @table("scenario_credibility")
 def scenario_credibility_table(
     account: pd.DataFrame,
-    config: Mapping[str, Any],
+    scope: tuple[str, Mapping[str, float]],
+    seed: int,
     records_report: pd.DataFrame,
     answer_budget: pd.DataFrame,
     extrapolation: pd.DataFrame,

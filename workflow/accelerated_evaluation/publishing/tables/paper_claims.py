@@ -7,7 +7,15 @@ PAPER_SIMULATIONS = {"piecewise": 7840, "single": 12320, "crude": 5.5e7}  # tabl
 PAPER_RATIOS = {"piecewise": 1, "single": 1.57, "crude": 7e3}  # table I
 PAPER_SEARCHES = {"piecewise": 24000, "single": 30000}  # table II
 PAPER_PARAMETERS = {"piecewise": 18, "single": 4}  # table II, of fitting and of Cross-Entropy
-
+# Settings that a study must have in common with the paper; otherwise their numbers are not comparable.
+PREMISES = {
+    "data.source": "spmd",
+    "data.sample": None,
+    "vehicle.name": "acc_aeb",
+    "vehicle.parameters": {},
+    "importance_sampling.alpha": 0.2,
+    "importance_sampling.beta": 0.2,
+}
 
 # Kinds of claims. The first two have no verdict of their own.
 COUNT = "count"  # a number of things, known exactly

@@ -265,15 +265,13 @@ def readings_table(
     exact: pd.DataFrame,
     sensitivity: pd.DataFrame,
     repeated_searches: pd.DataFrame,
-    config: Mapping[str, Any],
+    search: Mapping[str, Any],
+    sampling: Mapping[str, Any],
+    cap: float,
 ) -> pd.DataFrame:
     """List what the paper says, what this project does, and the measured effect of the difference."""
-    settings = {
-        "search": config["cross_entropy"],
-        "sampling": config["importance_sampling"],
-        "cap": config["models"]["closing_speed_max"],
-    }
-    values = _of_searches(trace, repeated_searches, settings["search"]["sample_size"])
+    settings = {"search": search, "sampling": sampling, "cap": cap}
+    values = _of_searches(trace, repeated_searches, search["sample_size"])
     values |= _of_probability(sensitivity, exact) | {"fewest": _fewest_crashes(estimates)}
     values = settings | {name: readable(value) for name, value in values.items()}
     rows = [[text.format(**values) for text in reading] for reading in READINGS]
