@@ -173,7 +173,7 @@ SMALLEST = {  # every number as small as the schema allows
         "maximum_simulations": 100,
         "course_step": 1,
     },
-    "crude_monte_carlo": {"simulations": 100, "batch_size": 100, "save_every": 1},
+    "crude_monte_carlo": {"simulations": 100, "batch_size": 100},
     "surrogate": {"replicates": 1, "batch_size": 1},
     "coverage": {"replicates": 2, "pilot": 100},
     "crash_map": {

@@ -27,7 +27,6 @@ if __name__ == "__main__":
                 seed=params.seed,
                 batches=math.ceil(settings["simulations"] / settings["batch_size"]),
                 batch_size=settings["batch_size"],
-                save_every=settings["save_every"],
             )
         write_csv(snakemake.output.course, crude_course(batches, params.alpha))
         write_csv(snakemake.output.estimates, crude_estimates(batches, params.alpha))

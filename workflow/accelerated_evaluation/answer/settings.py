@@ -134,7 +134,7 @@ class Settings:
             config["vehicle"],
             config["compared_vehicles"] if scenario.has_sources else {},
             config["simulations"],
-            Surrogate.stopping(config),
+            Surrogate.stopping({name: config[name] for name in Surrogate.plan}),
             config["surrogate"]["batch_size"],
             config["scenario"]["simulations"],
             Grid(**limits, **answer["grid"]) if scenario.has_sources else None,

@@ -38,12 +38,6 @@ SETTINGS = section(
         "Simulations of crude Monte Carlo (section VI.C extrapolates to 5.5e7).",
     ),
     batch_size=integer(500_000, 100, 10_000_000, "Simulations of a batch."),
-    save_every=integer(
-        4,
-        1,
-        1_000_000,
-        "Batches after which the state is saved, so that a run that was stopped continues from there.",
-    ),
 )
 
 
@@ -115,7 +109,7 @@ def simulate_batches(
     seed: int,
     batches: int,
     batch_size: int,
-    save_every: int,
+    save_every: int = 4,
 ) -> list[Counts]:
     """Simulate the batches that are not in the checkpoint, and return the counts of all batches by stratum.
 

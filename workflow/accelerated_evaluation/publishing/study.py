@@ -10,6 +10,7 @@ import pandas as pd
 
 from accelerated_evaluation.base.errors import InputError
 from accelerated_evaluation.base.files import read_json
+from accelerated_evaluation.crash_map.uncertainty import PAPER_INTERVAL
 from accelerated_evaluation.laws.files import read_law
 from accelerated_evaluation.laws.paper.models import IndependentLaw
 from accelerated_evaluation.publishing.book.catalogue import Contents, fill, fill_in_notebooks
@@ -323,8 +324,7 @@ class Study:
     @property
     def paper_interval(self) -> tuple[float, float]:
         """The paper's interval of the crash probability (section VI.C)."""
-        low, high = self.config["uncertainty"]["sampling_interval"]
-        return low, high
+        return PAPER_INTERVAL
 
     # The records.
 

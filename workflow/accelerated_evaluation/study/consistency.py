@@ -289,7 +289,6 @@ CHECKS = (
         lambda step, *sizes: step <= min(sizes),
         "a step of the course that is not above simulations and maximum_simulations",
     ),
-    Check(("uncertainty.sampling_interval",), _rising, "the lower end first"),
 )
 
 

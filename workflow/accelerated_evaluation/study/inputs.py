@@ -78,12 +78,13 @@ class StudyInputs:
         config = without_unused(resolved(config, records, limits, trust=not is_main_process), SOURCES)
         accepted, source = config["data"].pop("accepted_warnings"), config["data"][config["data"]["source"]]
         source["path"] = str(project_file(source["path"], project))
+        compared = compared_sections(config["compared_vehicles"])
         if is_main_process:
             require_cores(cores)
             require_places(Path("results") / config["study"], Path("figures") / config["study"])
-            require_named(config)
+            require_named(config["data"]["source"], source["path"], config["vehicle"], compared)
             require_checks(accepted)
-        vehicles = {UNDER_TEST: config["vehicle"], **compared_sections(config["compared_vehicles"])}
+        vehicles = {UNDER_TEST: config["vehicle"], **compared}
         files = {name: section_files(section) for name, section in vehicles.items()}
         inputs = cls(config, record_files(source), vehicles, files, accepted)
         require_plain([*inputs.records, *inputs.files_of(*vehicles)])

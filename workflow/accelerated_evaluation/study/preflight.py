@@ -3,6 +3,7 @@
 Jobs may take minutes, so a wrong name should be reported before.
 """
 
+import os
 from collections.abc import Iterable, Mapping
 from pathlib import Path
 from typing import Any
@@ -37,15 +38,19 @@ def compared_sections(compared: Mapping[str, Mapping[str, Any]]) -> dict[str, di
     }
 
 
-def require_named(config: Mapping[str, Any]) -> None:
-    """Check that the records and the vehicles of a valid configuration exist, and load each vehicle once.
+def require_named(
+    source: str,
+    path: str | os.PathLike,
+    vehicle: Mapping[str, Any],
+    compared: Mapping[str, Mapping[str, Any]],
+) -> None:
+    """Check that the records of a source and the vehicles exist, and load each vehicle once.
 
+    The vehicles are sections of the configuration; those that are compared are complete, by label.
     InputError is raised if a file does not exist, or a vehicle cannot be created with its parameters.
     """
     from accelerated_evaluation.vehicles.loading import load_vehicle  # the compiler takes a second
 
-    source = config["data"]["source"]
-    path = config["data"][source]["path"]
     if not Path(path).exists():
         raise InputError(
             f"data.{source}.path",
@@ -54,10 +59,10 @@ def require_named(config: Mapping[str, Any]) -> None:
             change=f"Correct the path, which is relative to {Path.cwd()}.",
         )
     with located("vehicle.name or vehicle.parameters"):
-        load_vehicle(config["vehicle"]["name"], **config["vehicle"]["parameters"])
-    for label, vehicle in compared_sections(config["compared_vehicles"]).items():
+        load_vehicle(vehicle["name"], **vehicle["parameters"])
+    for label, other in compared.items():
         with located(f"compared_vehicles.{label}"):
-            load_vehicle(vehicle["name"], **vehicle["parameters"])
+            load_vehicle(other["name"], **other["parameters"])
 
 
 def require_cores(cores: int | None) -> None:
