@@ -101,9 +101,18 @@ def test_rooms_import_only_rooms_to_their_left():
             assert rooms_in(path.read_text()) <= set(ROOMS[: index + 1]), path
 
 
+def test_functions_take_values_and_only_settings_are_made_from_the_configuration():
+    for room in set(ROOMS) - {"study", "commands"}:
+        for path in files_of(room):
+            code = path.read_text()
+            made = set(re.findall(r"def (\w+)\([^)]*\bconfig\b", code))
+            assert made <= ({"of"} if path.name == "settings.py" else set()), path
+            assert "child_generator(config" not in code, path
+
+
 def test_every_rule_depends_on_the_last_room_from_which_its_script_imports():
     rules = "\n".join(path.read_text() for path in (ROOT / "workflow/rules").glob("*.smk"))
-    declared = re.findall(r'library=code_up_to\("(\w+)"\).*?scripts/(\w+\.py)', rules, re.DOTALL)
+    declared = re.findall(r'library=code_up_to\("(\w+)"[^)]*\).*?scripts/(\w+\.py)', rules, re.DOTALL)
     assert {script for _, script in declared} == {path.name for path in (ROOT / "workflow/scripts").iterdir()}
     assert len(declared) == rules.count("    script:")
     for room, script in declared:
