@@ -1,12 +1,17 @@
 """The file in which a fitted family of laws and its scores are kept."""
 
+import os
+import subprocess
+import sys
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 import pytest
 from accelerated_evaluation import InputError, LawStudy
 from accelerated_evaluation.answer import smooth_family as family_file
 from accelerated_evaluation.answer.smooth_family import SmoothFamily, fit_or_read, read_family, write_family
+from accelerated_evaluation.base.extensions import VARIABLE
 from accelerated_evaluation.laws.smooth.family import DistinctRecords, members_at
 from accelerated_evaluation.laws.smooth.splines import SUPPORT
 
@@ -48,6 +53,36 @@ def test_a_family_comes_back_equal(path, records, scored, tmp_path):
         assert np.array_equal(of_read, of_scored)
     write_family(tmp_path / "again.npz", read)
     assert (tmp_path / "again.npz").read_bytes() == path.read_bytes()
+
+
+HEADERS = """
+import numpy as np
+from accelerated_evaluation.answer.smooth_family import _header
+from accelerated_evaluation.base.extensions import load_known
+from accelerated_evaluation.laws.smooth.family import DistinctRecords
+
+records = DistinctRecords(*np.ones((3, 5)))
+before = _header(records)
+load_known()
+assert before == _header(records)
+print(before["code"])
+"""
+
+
+def test_a_file_is_made_by_the_same_code_whether_or_not_extensions_are_already_imported():
+    """Otherwise a later rule of a study would fit the family again, and change an input of the others."""
+    toy = Path(__file__).parents[1] / "toys/mine/toy_shape.py"
+    digests = [
+        subprocess.run(
+            [sys.executable, "-c", HEADERS],
+            env=os.environ | {VARIABLE: value},
+            check=True,
+            capture_output=True,
+            text=True,
+        ).stdout
+        for value in ("", str(toy))
+    ]
+    assert digests[0] != digests[1]
 
 
 def test_refits_of_a_family_that_was_read_are_equal(path, records, scored):

@@ -18,7 +18,7 @@ from accelerated_evaluation.answer.calibration import DIVISIONS, TENTHS, counts_
 from accelerated_evaluation.answer.scores import BLOCKS, HeldOut, contiguous_folds
 from accelerated_evaluation.base.arrays import Array
 from accelerated_evaluation.base.errors import InputError
-from accelerated_evaluation.base.extensions import EXTENSIONS
+from accelerated_evaluation.base.extensions import known
 from accelerated_evaluation.base.files import atomic_path, content_digest, read_arrays
 from accelerated_evaluation.laws import smooth
 from accelerated_evaluation.laws.smooth.conditional import Places, SpeedLaw, Threshold
@@ -212,7 +212,7 @@ def _header(records: DistinctRecords) -> dict[str, str | int]:
         digest.update(np.ascontiguousarray(values).tobytes())
     folders = Path(*smooth.__path__), Path(*answer.__path__)
     sources = [*sorted(folders[0].glob("*.py")), *(folders[1] / name for name in SCORING)]
-    shapes = [file for each in EXTENSIONS.values() if "laws" in each.rooms for file in each.files]
+    shapes = [file for each in known().values() if "laws" in each.rooms for file in each.files]
     code = content_digest([*sources, *shapes])
     return {"format": FORMAT, "version": VERSION, "records": digest.hexdigest(), "code": code}
 

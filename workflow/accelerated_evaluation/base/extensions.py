@@ -95,6 +95,12 @@ def load_known() -> None:
     load_files(map(Path, filter(None, os.environ.get(VARIABLE, "").split(os.pathsep))))
 
 
+def known() -> dict[str, Extension]:
+    """Return all extensions by name, in the order of their names; those not yet imported are imported."""
+    load_known()
+    return dict(sorted(EXTENSIONS.items()))
+
+
 def _add(extension: Extension, load: Callable[[], ModuleType]) -> None:
     """Import an extension; if this fails, no member of it remains."""
     EXTENSIONS[extension.name] = extension  # set first, because the module may look up a member

@@ -12,7 +12,7 @@ from typing import Any
 
 import fewruns
 
-from accelerated_evaluation.base.extensions import EXTENSIONS, Extension, load_known
+from accelerated_evaluation.base.extensions import Extension, known
 from accelerated_evaluation.base.files import content_digest
 
 # The rooms (packages) of the library, and the distribution of the sampler. Each imports only what stands
@@ -51,11 +51,7 @@ def code_up_to(room: str, *uses: str) -> dict[str, str]:
 
 def extension_names() -> dict[str, Extension]:
     """Return the extensions by name; files have their path from the working directory."""
-    load_known()
-    return {
-        os.path.relpath(name) if os.path.isabs(name) else name: each
-        for name, each in sorted(EXTENSIONS.items())
-    }
+    return {os.path.relpath(name) if os.path.isabs(name) else name: each for name, each in known().items()}
 
 
 def files_of(room: str) -> list[Path]:
