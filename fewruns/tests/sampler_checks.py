@@ -37,8 +37,9 @@ class Course:
     twice_controlled: float
 
 
-def new_sampler(dimension=2, seed=0, batch_size=10, **settings):
-    return Sampler(dimension, np.random.default_rng(seed), batch_size, fingerprint="half planes", **settings)
+def new_sampler(dimension=2, seed=0, batch_size=10, *, deterministic=True, **settings):
+    settings |= {"deterministic": deterministic, "fingerprint": "half planes"}
+    return Sampler(dimension, np.random.default_rng(seed), batch_size, **settings)
 
 
 def drive(sampler, event, stopping=STOPPING):

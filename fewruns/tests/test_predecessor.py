@@ -11,6 +11,7 @@ from sampler_checks import (
     drive,
     estimate,
     half_plane,
+    new_sampler,
     numbers,
     resumed,
     standard_normal_event,
@@ -22,7 +23,7 @@ SEEDS = 5
 
 def runs_of(event, seed=100):
     """Return the runs of another vehicle, as the sampler chose them."""
-    progress = drive(Sampler(2, np.random.default_rng(seed), 5, fingerprint="other"), event).sampler.progress
+    progress = drive(new_sampler(seed=seed, batch_size=5), event).sampler.progress
     return Predecessor(progress.z, progress.happened)
 
 
@@ -71,7 +72,7 @@ def test_a_vehicle_that_never_fails_after_one_that_did_has_a_bound():
 
 def test_the_state_keeps_the_predecessor():
     event, predecessor = half_plane(), runs_of(half_plane(4.2))
-    whole = Sampler(2, np.random.default_rng(3), 5, fingerprint="x", predecessor=predecessor)
+    whole = new_sampler(seed=3, batch_size=5, predecessor=predecessor)
     whole.tell(*event.evaluate(whole.ask()))
     few = replace(STOPPING, maximum_simulations=60)
     ends = [drive(sampler, event, few) for sampler in (resumed(whole), whole)]

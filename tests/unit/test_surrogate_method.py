@@ -31,7 +31,7 @@ def test_the_method_is_registered_and_gives_the_numbers_of_the_sampler():
     method = METHODS["surrogate"].configured({"surrogate": {"batch_size": 10}})
     assert method == Surrogate(batch_size=10)
     found = [method.estimate(HALF_PLANE, GOAL, np.random.default_rng(seed)) for seed in (0, 1)]
-    sampler = Sampler(2, np.random.default_rng(0), 10)
+    sampler = Sampler(2, np.random.default_rng(0), 10, deterministic=True)
     for _ in run_batches(sampler, HALF_PLANE, GOAL):
         pass
     assert found[0].row() == sampler.estimate(GOAL).row() != found[1].row()

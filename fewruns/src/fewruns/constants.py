@@ -356,3 +356,12 @@ NOISY_USABLE = 10.0
 # If the outcomes of most runs are random: logarithm of the prior odds that the regression of the scores
 # predicts better than the surrogate of the flags.
 NOISY_LOG_ODDS = 4.0
+
+# ---- what the runs say against statements about a problem
+
+# Scores point the wrong way if this share of the events has larger scores than this share of the other runs.
+WRONG_WAY = 0.75
+
+# Largest slope of the boundary of an upper set that the runs are compared with, in normal scores: the input
+# in which it is one against all others. Half-planes at 84 degrees to this input have this slope.
+STEEPEST = 10.0

@@ -86,6 +86,8 @@ class Estimate:
         Why the estimate has converged, or why it has not, in one sentence.
     excluded
         What other parts of the event the runs exclude, and what outcomes by chance.
+    warning
+        What the runs say against statements about the problem, such as ``upper_set``; empty if nothing.
 
     Examples
     --------
@@ -108,14 +110,16 @@ class Estimate:
     tables: Mapping[str, Any] = field(default_factory=dict)
     reason: str = ""
     excluded: str = ""
+    warning: str = ""
 
     def __str__(self) -> str:
         """Return the estimate, its interval and what it is based on, in one line."""
         interval = f"{100 * (1 - self.alpha):g} % interval {self.low:.2g} to {self.high:.2g}"
         verdict = "converged" if self.converged else "not converged"
         verdict += f" ({self.reason})" * bool(self.reason and not self.converged)
-        excluded = f"; excluded: {self.excluded}" * bool(self.excluded)
-        return f"{self.probability:.3g} ({interval}) from {self.simulations} runs, {verdict}{excluded}"
+        words = [("excluded", self.excluded), ("warning", self.warning)]
+        further = "".join(f"; {name}: {text}" for name, text in words if text)
+        return f"{self.probability:.3g} ({interval}) from {self.simulations} runs, {verdict}{further}"
 
     @property
     def simulations(self) -> int:

@@ -24,7 +24,12 @@ ROUNDING = 1e-12  # relative tolerance
 
 
 def estimate(
-    progress: Progress, batch_size: int, stopping: Stopping, certificate: Certificate | Cover
+    progress: Progress,
+    batch_size: int,
+    stopping: Stopping,
+    certificate: Certificate | Cover,
+    *,
+    converged: bool,
 ) -> Estimate:
     """Return the estimated probability of the event, from the batches since the surrogate became usable.
 
@@ -58,7 +63,7 @@ def estimate(
         learning=len(progress.z) + len(progress.repeats) + len(draws) - estimating,
         estimating=estimating,
         events=draws.events if by_draws else events,
-        converged=is_narrow(progress, stopping) and is_certified(progress, certificate),
+        converged=converged,
         diagnostics=_diagnostics(progress, combined, certificate),
         tables={"runs": tabulate_runs(progress, batch_size)},
     )

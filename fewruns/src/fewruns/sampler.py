@@ -33,7 +33,6 @@ from fewruns.constants import (
     DRIFT_LAG,
     DRIFT_PAIRS,
     ENOUGH_BATCHES,
-    ENOUGH_REPEATS,
     ENOUGH_UNEXPECTED,
     ENOUGH_UNLEARNT,
     FEW,
@@ -67,6 +66,7 @@ from fewruns.problems import Predecessor
 from fewruns.progress import LAW, PLAIN, SEARCH, WIDE, Batch, PlainBatch, Progress
 from fewruns.repeats import RepeatBatch, choose_repeats, end_differently
 from fewruns.second_phase import SecondPhase, draw_approach
+from fewruns.statements import events_below_others, point_the_wrong_way
 from fewruns.two_phase import TwoPhaseBatch
 from fewruns.wide_laws import draw_wide, rarity
 
@@ -102,7 +102,8 @@ class Sampler:
     predecessor
         Runs of a similar system, near whose events the sampler begins.
     deterministic
-        Whether the system always has the same outcome for the same inputs; None if this is not known.
+        Whether the system always has the same outcome for the same inputs. By default this is not known, and
+        `ask` requests a few runs again.
     enough_repeats, enough_draws
         If ``deterministic`` is None: numbers of repetitions of runs, and of draws of the inputs by their own
         law, that are required for convergence. Repetitions show random outcomes, and draws show events far
@@ -145,8 +146,8 @@ class Sampler:
         certificate: Certificate | Cover | None = None,
         upper_set: bool = False,
         predecessor: Predecessor | None = None,
-        deterministic: bool | None = True,
-        enough_repeats: int = ENOUGH_REPEATS,
+        deterministic: bool | None = None,
+        enough_repeats: int = FIRST_REPEATS,
         enough_draws: int = 0,
         frequent: bool = False,
     ) -> None:
@@ -163,6 +164,8 @@ class Sampler:
         self.generator = generator
         self.emphasis: Callable[[Array], Array] | None = None
         self.belief = Belief(WholeSpace(dimension), predecessor)
+        # For which runs and certificate it was last computed whether the certificate is met, and the answer.
+        self._certified: tuple[object, bool] = None, False
         # Number of the first runs, their largest rarity, and the step of rarity with one run of the search.
         start, step = (SHORT_START, SHORT_STEP) if self._relies_on_cover else (START, STEP)
         self._first, self._step = (FREQUENT_START, FREQUENT_REACH) if frequent else (start, REACH), step
@@ -286,10 +289,9 @@ class Sampler:
     @property
     def _gives_up(self) -> bool:
         """Whether other parts of the event are not excluded, although that has taken as long as it may."""
-        known = self.progress, self.required
-        if not self._is_late or not self.progress.estimates[-1].runs or not results.is_covered(*known):
+        if not self._is_late or not self.progress.estimates[-1].runs:
             return False
-        return not results.is_certified(*known)
+        return results.is_covered(self.progress, self.required) and not self._is_certified
 
     @property
     def _is_late(self) -> bool:
@@ -299,6 +301,14 @@ class Sampler:
             return False
         longest = max(LONGEST_SHARE * narrow_at, LONGEST, LONGEST * self.dimension / 3)
         return len(self.progress.z) >= narrow_at + longest
+
+    @property
+    def _is_certified(self) -> bool:
+        """Whether the runs exclude all other parts of the event that the certificate speaks of."""
+        known = self.simulations, len(self.progress.estimates), self.required
+        if self._certified[0] != known:
+            self._certified = known, results.is_certified(self.progress, self.required)
+        return self._certified[1]
 
     @property
     def may_lapse(self) -> bool:
@@ -375,7 +385,7 @@ class Sampler:
         unlearnt = enough and not results.has_learnt(progress, batches)
         if not self.may_lapse and not self._draws_wanted():
             return unlearnt
-        is_last = certify and results.is_certified(progress, self.required)
+        is_last = certify and self._is_certified
         unlearnt |= sum(batch.surprising for batch in progress.estimates) >= ENOUGH_UNEXPECTED
         if not self.may_lapse:
             return is_last or unlearnt
@@ -387,7 +397,7 @@ class Sampler:
         """Return whether the certificate is met and all checks are made; only lapses may then remain."""
         if self.repeats_wanted(certify=True) or self._draws_wanted():
             return False
-        if not results.is_certified(self.progress, self.required):
+        if not self._is_certified:
             return False
         return not self._relies_on_cover or results.reaches_prediction(self.progress, REACHED)
 
@@ -397,9 +407,11 @@ class Sampler:
         The diagnostics ``unseen_mode`` and ``unseen_any`` bound the probability of unobserved parts
         (`Certificate`).
         """
-        found = results.estimate(self.progress, self.batch_size, stopping, self.required)
-        known = {"converged": self.has_converged(stopping), "reason": self._reason(stopping)}
-        found = replace(found, **known, excluded=self._excluded())
+        found = results.estimate(
+            self.progress, self.batch_size, stopping, self.required, converged=self.has_converged(stopping)
+        )
+        words = {"reason": self._reason(stopping), "excluded": self._excluded(), "warning": self._warning()}
+        found = replace(found, **words)
         return results.with_lapses(found, self.progress, stopping)
 
     def _reason(self, stopping: Stopping) -> str:
@@ -415,7 +427,7 @@ class Sampler:
             return "the interval is wider than required"
         if self.is_settled():
             return "the interval is narrow, and the certificate is met"
-        if not results.is_certified(progress, self.required):
+        if not self._is_certified:
             further = (
                 f"after {len(progress.z) - progress.narrow_at} further runs" if self._gives_up else "yet"
             )
@@ -433,7 +445,7 @@ class Sampler:
         progress, required, parts = self.progress, self.required, "no other part of the event"
         if required == BY_DEFAULT:
             parts = "other parts of the event, because it was stated that there are none"
-        elif results.is_certified(progress, required):
+        elif self._is_certified:
             parts = f"parts of the event with more than {required.share:g} times its probability"
             if required.curvature:
                 parts += f" and a radius of at least {1 / required.curvature:.2g} normal scores"
@@ -443,6 +455,18 @@ class Sampler:
             return parts
         rate = 1 - UNSEEN_ALPHA ** (1 / len(progress.repeats))
         return f"{parts}; other outcomes in more than {100 * rate:.2g} % of repeated runs near the event"
+
+    def _warning(self) -> str:
+        """Return what the runs say against statements about the problem."""
+        progress, words = self.progress, []
+        if point_the_wrong_way(progress.happened, progress.score):
+            words.append("scores of events are larger than those of other runs, but should be smaller")
+        is_upper = self.required == BY_DEFAULT and not progress.chance  # as stated
+        if is_upper and (events := events_below_others(progress.z, progress.happened)):
+            of = np.count_nonzero(progress.happened)
+            where = f"in each input, at least {events} of {of} events have a run without the event above them"
+            words.append(f"upper_set was stated, but {where}")
+        return "; ".join(words)
 
     # ---- design of a batch
 
@@ -465,7 +489,7 @@ class Sampler:
         progress = self.progress
         if not (count := min(self.repeats_wanted(certify=certify), self.batch_size)):
             return None
-        if self._is_searching() or (certify and not results.is_certified(progress, self.required)):
+        if self._is_searching() or (certify and not self._is_certified):
             return None
         expected = np.zeros(len(progress.z), bool)
         expected[len(progress.z) - len(progress.foreseen) :] = progress.foreseen.max(axis=1, initial=0) > 0.5

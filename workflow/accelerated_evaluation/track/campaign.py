@@ -13,6 +13,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 from typing import Self
 
+from fewruns.constants import ENOUGH_REPEATS
 from fewruns.problems import Predecessor
 from fewruns.sampler import Sampler
 
@@ -110,6 +111,7 @@ class Campaign:
             fingerprint=fingerprint,
             predecessor=None if predecessor is None else predecessor.as_predecessor(law, event),
             deterministic=deterministic,
+            enough_repeats=ENOUGH_REPEATS,
             **rules_for(scenario, event),
         )
         return cls(law, encounters, read.description, event, goal, sampler, limits, beyond, scenario=scenario)
