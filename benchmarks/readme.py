@@ -495,12 +495,12 @@ def findings(claims: pd.DataFrame) -> str:
         (
             "simulations: single distribution / piecewise mixture, by exact variances",
             piecewise_in_words(),
-            f"[notebook 7]({notebooks}/07_conclusions.ipynb)",
+            f"[chapter 8]({notebooks}/08_results.ipynb)",
         ),
         (
             "variance of the paper's estimate",
             shares_in_words(),
-            f"[notebook 9]({notebooks}/09_honest_intervals.ipynb)",
+            f"[chapter 9]({notebooks}/09_ground_truth.ipynb)",
         ),
         (
             "synthetic records with a known truth: 80 % intervals that cover it",
@@ -515,7 +515,7 @@ def findings(claims: pd.DataFrame) -> str:
         (
             "crash probability if the lead vehicle changes its speed",
             motion_in_words(of_study("lead_motion")),
-            f"[notebook 14]({notebooks}/14_agreement_with_the_world.ipynb)",
+            f"[chapter 12]({notebooks}/12_the_world.ipynb)",
         ),
         (
             "crashes after a gap that opens, on a simulated motorway",
@@ -525,7 +525,7 @@ def findings(claims: pd.DataFrame) -> str:
         (
             "crash rates predicted for closing cut-ins, and the count of the 100-Car study",
             counted_in_words(of_study("counted_crashes")),
-            f"[notebook 14]({notebooks}/14_agreement_with_the_world.ipynb)",
+            f"[chapter 12]({notebooks}/12_the_world.ipynb)",
         ),
     ]
     return markdown(("question", "finding", "details"), rows)

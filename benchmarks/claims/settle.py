@@ -37,7 +37,7 @@ PARTS: dict[str, Callable[[Files], Iterator[Claim]]] = {
 # Claims of the README that no part repeats, and why.
 NOT_REPEATED = {
     "running times of the study, the tests and the installation": "they depend on the machine",
-    "statements of the paper in words": "`make study` judges them (notebook 07)",
+    "statements of the paper in words": "`make study` judges them (chapter 8)",
     "coverage in worlds that break an assumption of the models": "`make worlds` repeats it, in two hours",
     "shares of the answer beyond the records, and the replayed records": "`make study` computes them",
     "crashes counted on a simulated motorway": "`make world` repeats them, in an hour",

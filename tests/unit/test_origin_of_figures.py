@@ -48,7 +48,7 @@ def test_a_figure_names_its_function_its_results_and_its_rule(tmp_path):
     origin = parts.origin("fig12_crash_probability")
     assert f"publishing/figures/estimates.py, line {line})" in origin
     assert "`estimates_course.csv`, `exact.csv`" in origin
-    assert "`run_06_simulation_analysis`" in origin
+    assert "`run_08_results`" in origin
     assert "`snakemake --cores 2 figures/spmd/fig12_crash_probability.png`" in origin
     shown = {name for path in NOTEBOOKS for name in read_contents(path).figures}
     assert shown <= FIGURES.keys()
@@ -105,7 +105,7 @@ def test_one_figure_of_a_paper_needs_only_its_notebook(tmp_path, monkeypatch):
     latex_paper.write_paper(study, tmp_path / "paper", "STIXGeneral", "fig12")
     ((_, settings, notebooks),) = drawn
     assert settings.only == "fig12_crash_probability"
-    assert [path.stem for path in notebooks] == ["06_simulation_analysis"]
+    assert [path.stem for path in notebooks] == ["08_results"]
     for wrong in ("fig1", "fig99"):
         with pytest.raises(InputError, match=f"seen {wrong};"):
             latex_paper.write_paper(study, tmp_path / "paper", "STIXGeneral", wrong)

@@ -42,7 +42,7 @@ def test_benchmarks_of_a_study_are_measured_by_rule(tmp_path):
         "benchmarks/fit_models.tsv": (10.0, 200.0, 50.0),
         "benchmarks/search_proposals/single_0.tsv": (4.0, 300.0, 100.0),
         "benchmarks/search_proposals/single_1.tsv": (6.0, 310.0, 100.0),
-        "benchmarks/notebooks/01_introduction.tsv": (20.0, 500.0, 100.0),
+        "benchmarks/notebooks/01_what_happens.tsv": (20.0, 500.0, 100.0),
         "../vehicles/rss-0123/benchmarks/map_crashes.tsv": (30.0, 400.0, 100.0),
     }
     for path, row in written.items():
@@ -52,7 +52,7 @@ def test_benchmarks_of_a_study_are_measured_by_rule(tmp_path):
         )
     measured = rules.measure(results).set_index("rule")
     assert measured["jobs"].to_dict() == {
-        "fit_models": 1, "map_crashes": 1, "run_01_introduction": 1, "search_proposals": 2
+        "fit_models": 1, "map_crashes": 1, "run_01_what_happens": 1, "search_proposals": 2
     }  # fmt: skip
     assert measured.loc["fit_models", "seconds_longest"] == pytest.approx(5)
     assert measured.loc["search_proposals", "seconds_all"] == pytest.approx(10)

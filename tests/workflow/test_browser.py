@@ -113,7 +113,7 @@ def test_search_finds_a_word(watch, site):
     page = watch.open(site / "search.html")
     page.goto((site / "search.html").as_uri() + "?q=Songchitruksa")
     page.wait_for_selector("#search-results li a")
-    assert "11_where_crashes_happen.html" in page.get_attribute("#search-results li a", "href")
+    assert "02_the_answer.html" in page.get_attribute("#search-results li a", "href")
     assert not watch.faults
 
 
@@ -144,7 +144,7 @@ def test_search_shows_excerpts_where_the_book_is_served(browser, served):
 
 def test_the_report_on_the_records_needs_no_scrolling_on_a_wide_screen(browser, site):
     page = browser.new_page(viewport={"width": 1600, "height": 900})
-    page.goto((site / "12_the_records.html").as_uri())
+    page.goto((site / "91_the_records.html").as_uri())
     sizes = page.eval_on_selector_all(
         ".cell_output .output", "all => all.map(e => e.scrollWidth - e.clientWidth)"
     )

@@ -21,7 +21,7 @@ def test_a_new_distribution_is_fitted_stored_and_shown(finished):
     law = json.loads((finished.folder / "results/smoke/models/two_pieces.json").read_text())
     tail = law["inverse_ttc"]["distributions"]["5-15"]["components"][-1]
     assert tail["kind"] == "toy exponential"
-    chapter = (finished.folder / "results/smoke/book/03_piecewise_mixture_models.html").read_text()
+    chapter = (finished.folder / "results/smoke/book/06_piecewise_models.html").read_text()
     assert "toy exponential" in chapter
 
 

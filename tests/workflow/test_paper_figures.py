@@ -12,7 +12,7 @@ from accelerated_evaluation.publishing.figures.style import Print
 from accelerated_evaluation.publishing.study import Study
 study = Study("results/smoke", "figures/smoke")
 folders = {width: Path(sys.argv[1]) / name for name, width in paper.WIDTHS.items()}
-paper.draw(study, Print("STIXGeneral", folders), [Path("notebooks/05_cross_entropy.ipynb")])
+paper.draw(study, Print("STIXGeneral", folders), [Path("notebooks/92_figures_of_the_paper.ipynb")])
 """
 
 

@@ -35,6 +35,27 @@ def test_notebooks_are_parameterised_and_committed_without_outputs(path):
         assert not re.search(r"^\s*(def|class) ", cell.source, flags=re.MULTILINE)
 
 
+def test_three_parts_have_twelve_chapters_of_at_most_a_thousand_words():
+    parts = {}
+    for path in (ROOT / "notebooks").glob("[01]*.ipynb"):
+        notebook = nbformat.read(path, as_version=4)
+        texts = [
+            cell.source
+            for cell in notebook.cells
+            if cell.cell_type == "markdown" or cell.source.startswith("%%text")
+        ]
+        words = re.sub(r"\{[{%].*?[%}]\}", " 1 ", "\n".join(texts), flags=re.DOTALL).split()
+        assert len(words) <= 1000, path.name
+        boxed = "\n> **As in the paper:**" in texts[0]
+        parts.setdefault(notebook.metadata["part"], []).append((path.stem[:2], boxed))
+    numbers = {part: sorted(chapters) for part, chapters in parts.items()}
+    assert numbers == {
+        "The answer": [("01", False), ("02", False), ("03", False), ("04", False)],
+        "The paper": [("05", True), ("06", True), ("07", True), ("08", True)],
+        "Methods": [("09", False), ("10", False), ("11", False), ("12", False)],
+    }
+
+
 def test_every_rule_has_been_measured_for_the_cluster(project):
     listing = project.run("--list", config="config/config.yaml").stdout
     rules = set(re.findall(r"^(\w+)(?: \(|$)", listing, re.MULTILINE)) - {"all", "figures", "tables"}

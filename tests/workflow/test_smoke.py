@@ -24,7 +24,7 @@ TABLES = (
 )
 # One result of nearly every rule.
 RESUMED = (
-    "results/smoke/notebooks/01_introduction.ipynb",
+    "results/smoke/notebooks/01_what_happens.ipynb",
     "results/smoke/candidates.csv",
     "results/smoke/coverage/single.csv",
     "results/smoke/crude.csv",
@@ -138,9 +138,9 @@ def test_published_files_stay_the_same_at_another_commit(finished, tmp_path):
     git("init", "--quiet", folder=project.folder)
     git("add", "figures", "workflow", folder=project.folder)
     git("commit", "--quiet", "--message", "another", folder=project.folder)
-    run = project.run("book", "--forcerun", "run_12_the_records")
+    run = project.run("book", "--forcerun", "run_91_the_records")
     assert run.returncode == 0, run.stderr[-3000:]
-    assert "Running the notebook 12_the_records" in run.stderr
+    assert "Running the notebook 91_the_records" in run.stderr
     assert git("status", "--porcelain", "--", "figures", folder=project.folder) == ""
     first, second = (
         json.loads((folder / "results/smoke/provenance.json").read_text())

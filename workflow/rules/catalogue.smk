@@ -17,7 +17,7 @@ FOLDER = PROJECT / "notebooks" if IS_CUT_IN else PROJECT / "notebooks/scenario"
 CHAPTERS = sorted(FOLDER.glob("*.ipynb"))
 # A study of a slow vehicle has its own chapters, and those chapters of other studies whose results it has.
 if SLOW:
-    SHARED = ("02", "03", "12", "14") if IS_CUT_IN else ("01", "02")
+    SHARED = ("05", "06", "12", "91") if IS_CUT_IN else ("01", "02")
     CHAPTERS = [path for path in CHAPTERS if path.stem.startswith(SHARED)]
     CHAPTERS = sorted(
         [*CHAPTERS, *(FOLDER / "slow").glob("*.ipynb")], key=lambda path: path.stem

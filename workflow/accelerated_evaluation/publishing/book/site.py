@@ -218,13 +218,14 @@ def _write_sources(parts: Parts, sources: Path, names: dict[str, Any]) -> None:
         (sources / f"{page_of(guide)}.md").write_text(parts.without_missing(text), encoding="utf-8")
         for picture in guide.parent.glob(f"{guide.stem}_*.svg"):
             shutil.copy(picture, sources)
+    chapters = {}  # by their part of the book
     for path in parts.notebooks:
         notebook = nbformat.read(path, as_version=4)
+        chapters.setdefault(notebook.metadata.get("part", "Chapters"), []).append(path.stem)
         notebook.cells = list(_chapter(parts, path.stem, notebook))
         nbformat.write(notebook, sources / path.name)
     known = names | {"study": parts.study, "figure": parts.figure}
-    known |= {"notebooks": [path.stem for path in parts.notebooks]}
-    known |= {"guides": grouped(map(page_of, parts.guides))}
+    known |= {"notebooks": chapters, "guides": grouped(map(page_of, parts.guides))}
     for template in parts.pages.glob("*.md"):
         page = sources / template.name
         page.write_text(fill(page.read_text(encoding="utf-8"), known), encoding="utf-8")

@@ -18,7 +18,7 @@ def account_table(account: pd.DataFrame) -> pd.DataFrame:
 
 
 def _what_was_seen(report: pd.DataFrame) -> pd.DataFrame:
-    """Return the columns that fit on a page; notebook 12 shows the others for checks that are not fine."""
+    """Return the columns that fit on a page; a notebook shows the others for checks that are not fine."""
     return report[["check", "verdict", "looked_at", "seen"]]
 
 

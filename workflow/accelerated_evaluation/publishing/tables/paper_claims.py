@@ -123,7 +123,7 @@ NUMBERS = {
 STATEMENTS = {
     "independent": Claim(
         *("in a segment the variables are independent: Kendall's tau of the pair that depends most",),
-        *("section II", 0, 0, "they depend on each other; notebook 02 tests all pairs", STATED),
+        *("section II", 0, 0, "they depend on each other; chapter 5 tests all pairs", STATED),
     ),
     "pareto": Claim(
         *("Pareto describes R^-1 best among common families: its rank by AIC", "section II", 1, 0),

@@ -228,14 +228,14 @@ READINGS = (
         "a piece without events keeps its tilt, or it is set to 0",
         "it keeps its tilt; the mean of a bounded piece stays 2 % of its width inside; the tilt of an "
         "unbounded tail is at least 0, but single exponentials have no such limit",
-        "the tails of piecewise give the weights a finite variance; see notebook 08 for single",
+        "the tails of piecewise give the weights a finite variance; see chapter 9 for single",
     ),
     (
         "section V.C.5",
         "knots move until an iteration has enough events; no step, no limit",
         "steps of {search[truncation_shift][inverse_range]:g} 1/m and "
         "{search[truncation_shift][inverse_ttc]:g} 1/s, as long as an iteration may draw",
-        "see notebooks 05 and 08",
+        "see chapters 7 and 9",
     ),
     (
         "appendix C",
