@@ -50,9 +50,9 @@ def test_three_parts_have_twelve_chapters_of_at_most_a_thousand_words():
         parts.setdefault(notebook.metadata["part"], []).append((path.stem[:2], boxed))
     numbers = {part: sorted(chapters) for part, chapters in parts.items()}
     assert numbers == {
-        "The answer": [("01", False), ("02", False), ("03", False), ("04", False)],
-        "The paper": [("05", True), ("06", True), ("07", True), ("08", True)],
-        "Methods": [("09", False), ("10", False), ("11", False), ("12", False)],
+        "Part A: the answer": [("01", False), ("02", False), ("03", False), ("04", False)],
+        "Part B: the paper": [("05", True), ("06", True), ("07", True), ("08", True)],
+        "Part C: methods": [("09", False), ("10", False), ("11", False), ("12", False)],
     }
 
 
