@@ -8,17 +8,19 @@ EVERY = ["answer", "answer_budget", "answer_draws", "exposure", "extrapolation"]
 EVERY += ["crash_places", "vehicle"]
 OF_MAPS = ["answer_thresholds", "calibration", "fold_calibration", "near_misses"]
 OF_FEW_RUNS = ["estimate", "runs", "crashes", "replays", "replayed_events"]
-OF_LAWS_OF_CUT_INS = ["calibration", "fold_calibration"] if IS_CUT_IN else ["laws"]
+OF_LAWS_OF_CUT_INS = (
+    ["calibration", "fold_calibration"] if "smooth laws" in STAGES else ["laws"]
+)
 WITH_INJURIES = SCENARIOS[SCENARIO].has_injuries
 INJURIES = ["injuries", "injuries_by_curve", "injury_budget", "injury_curves"]
 INJURIES += ["risk_balance"]
 OWN_MAP = (
-    [] if SLOW or not IS_CUT_IN else [f"{FOLDERS['under_test']}/crash_map/full.npz"]
+    [f"{FOLDERS['under_test']}/crash_map/full.npz"] if "under_test" in FOLDERS else []
 )
 OTHERS = [
     name
     for name in VEHICLES
-    if name != "under_test" and (name in FOLDERS or not IS_CUT_IN)
+    if name != "under_test" and (name in FOLDERS or "maps" not in STAGES)
 ]
 OWN_TABLES = [
     "answer_draws",
@@ -38,7 +40,7 @@ rule study_answer:
         encounters=rules.ingest_encounters.output.encounters,
         exposure=rules.ingest_encounters.output.exposure,
         report=rules.inspect_records.output.report,
-        family=[result("laws", "family.npz")] if IS_CUT_IN else [],
+        family=[result("laws", "family.npz")] if "smooth laws" in STAGES else [],
         map=OWN_MAP,
         vehicle=ancient(local(VEHICLE_FILES)),
     output:
@@ -58,7 +60,11 @@ rule study_answer:
         slow=SLOW,
         stopping=plan_of("surrogate")["stopping"],
         batch_size=config["surrogate"]["batch_size"],
-        draws=config["answer"]["draws"] if IS_CUT_IN else config["scenario"]["draws"],
+        draws=(
+            config["answer"]["draws"]
+            if "smooth laws" in STAGES
+            else config["scenario"]["draws"]
+        ),
         events=config["answer"]["events"],
         closing_speed_max=config["answer"]["grid"]["closing_speed_max"],
         vehicle_content=VEHICLE_CONTENT,
@@ -149,7 +155,7 @@ if OWN_MAP:
         script:
             "../scripts/replay_encounters.py"
 
-elif IS_CUT_IN:
+elif "replays" in STAGES:
 
     rule replay_crashes:
         """Repeat the simulations of the most probable crashes, about a dozen, and record the states over time."""

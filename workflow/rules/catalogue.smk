@@ -13,11 +13,11 @@ FIGURE_FORMATS = ["png", "pdf", "svg", "csv"]
 TABLE_FORMATS = ["csv", "md", "tex"]
 CAPTIONS = PROJECT / "workflow/report"
 ARTICLE = PROJECT / "article"
-FOLDER = PROJECT / "notebooks" if IS_CUT_IN else PROJECT / "notebooks/scenario"
+FOLDER = PROJECT / "notebooks" if "maps" in STAGES else PROJECT / "notebooks/scenario"
 CHAPTERS = sorted(FOLDER.glob("*.ipynb"))
 # A study of a slow vehicle has its own chapters, and those chapters of other studies whose results it has.
 if SLOW:
-    SHARED = ("05", "06", "12", "91") if IS_CUT_IN else ("01", "02")
+    SHARED = ("05", "06", "12", "91") if "maps" in STAGES else ("01", "02")
     CHAPTERS = [path for path in CHAPTERS if path.stem.startswith(SHARED)]
     CHAPTERS = sorted(
         [*CHAPTERS, *(FOLDER / "slow").glob("*.ipynb")], key=lambda path: path.stem
@@ -32,7 +32,7 @@ PICTURES = [
     str(path) for folder in FOLDERS_OF_GUIDES for path in sorted(folder.glob("*.svg"))
 ]
 ON_FIRST_PAGE = ["records_report.csv", "laws/answer.csv"]
-if IS_CUT_IN:
+if "maps" in STAGES:
     ON_FIRST_PAGE += ["laws/compared.csv"] if SLOW else ["exact.csv", "crude.csv"]
 try:
     NOTEBOOKS = {name: read_contents(path) for name, path in PATHS.items()}

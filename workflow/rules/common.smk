@@ -52,7 +52,7 @@ config = INPUTS.config
 
 STUDY = config["study"]
 SCENARIO = config["scenario"]["name"]
-IS_CUT_IN = SCENARIO == "cut_in"
+STAGES = SCENARIOS[SCENARIO].stages
 # Limits of the smooth laws of cut-ins, which contain the records; other laws have those of their scenario.
 SUPPORT = (
     Support.within(
@@ -60,7 +60,7 @@ SUPPORT = (
         config["models"]["closing_speed_max"],
         config["segments"]["lead_speed_edges"],
     ).content()
-    if IS_CUT_IN
+    if "smooth laws" in STAGES
     else None
 )
 RESULTS = Path("results") / STUDY
@@ -184,7 +184,9 @@ def answered(name: str) -> dict:
 # FOLDERS has the folder of each vehicle's map, which all studies of the vehicle share; UNCAPPED has the vehicle of each
 # folder. In a study of a slow vehicle, vehicles whose outcomes are stored are too slow for a map.
 MAPPED_VEHICLES = [
-    name for name in VEHICLES if IS_CUT_IN and not (SLOW and INPUTS.is_slow(name))
+    name
+    for name in VEHICLES
+    if "maps" in STAGES and not (SLOW and INPUTS.is_slow(name))
 ]
 FOLDERS = {name: map_folder(answered(name)) for name in MAPPED_VEHICLES}
 UNCAPPED = {Path(folder).name: name for name, folder in FOLDERS.items()}

@@ -33,7 +33,7 @@ rule ingest_encounters:
         "../scripts/ingest_encounters.py"
 
 
-if IS_CUT_IN:
+if "segments" in STAGES:
 
     rule describe_encounters:
         """Count the segments, and test whether variables are independent inside them and whether they are similar."""

@@ -73,7 +73,7 @@ for _figure in OWN_FIGURES:
             "../scripts/draw_figure.py"
 
 
-if IS_CUT_IN:
+if "explorer" in STAGES:
 
     rule explorer:
         """Make the explorer, a page on which a reader can change the vehicle, the law of cut-ins and the event."""
@@ -121,7 +121,7 @@ rule book:
         pictures=local(PICTURES),
         captions=local(sorted(map(str, CAPTIONS.glob("*.rst")))),
         pages=local(sorted(map(str, PAGES.iterdir()))),
-        explorer=[rules.explorer.output.page] if IS_CUT_IN else [],
+        explorer=[rules.explorer.output.page] if "explorer" in STAGES else [],
     output:
         site=directory(result("book")),
         provenance=result("provenance.json"),

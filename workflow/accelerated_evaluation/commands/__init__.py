@@ -83,11 +83,10 @@ def given_law(arguments: argparse.Namespace) -> GivenLaw:
     from accelerated_evaluation.records.segments import read_encounters
     from accelerated_evaluation.records.verdict import verdict_on_encounters
     from accelerated_evaluation.scenarios import SCENARIOS
-    from accelerated_evaluation.scenarios.cut_in import CUT_IN
     from accelerated_evaluation.track.limits import law_in, source_of
 
     scenario = SCENARIOS[arguments.scenario]
-    if scenario is not CUT_IN:
+    if "segments" not in scenario.stages:
         refuse_options(arguments, scenario.name, "encounters")
         law = source_of(arguments.law)
         verdict = read_verdict(law.file, arguments.accept)
@@ -107,22 +106,24 @@ def given_law(arguments: argparse.Namespace) -> GivenLaw:
 
 def refuse_options(arguments: argparse.Namespace, scenario: str, *names: str) -> None:
     """Raise InputError if an option that is only for cut-ins was given; the names have underscores."""
+    from accelerated_evaluation.scenarios import DEFAULT
+
     for name in names:
         if getattr(arguments, name) not in (None, []):
             option = f"--{name.replace('_', '-')}"
             raise InputError(
-                option, seen=f"the scenario {scenario}", expected="cut_in", change="Leave the option out."
+                option, seen=f"the scenario {scenario}", expected=DEFAULT, change="Leave the option out."
             )
 
 
 def add_scenario_name(command: argparse.ArgumentParser) -> None:
     """Add the option ``--scenario`` to a command."""
-    from accelerated_evaluation.scenarios import SCENARIOS
+    from accelerated_evaluation.scenarios import DEFAULT, SCENARIOS
 
     command.add_argument(
         "--scenario",
         metavar="NAME",
-        default="cut_in",
+        default=DEFAULT,
         help=f"kind of encounter: {', '.join(SCENARIOS)} (default: %(default)s)",
     )
 

@@ -62,7 +62,6 @@ class Inspect:
         from accelerated_evaluation.records.settings import CutInSettings
         from accelerated_evaluation.records.verdict import report_in_words
         from accelerated_evaluation.scenarios import SCENARIOS
-        from accelerated_evaluation.scenarios.cut_in import CUT_IN
         from accelerated_evaluation.scenarios.record_table import records_for_checks
         from accelerated_evaluation.study.configuration import load, resolved
         from accelerated_evaluation.vehicles.external.slow import loaded_for
@@ -74,7 +73,7 @@ class Inspect:
         vehicle = config["vehicle"]
         if arguments.vehicle is not None:
             vehicle = {"name": arguments.vehicle, "parameters": {}, "files": []}
-        if scenario is CUT_IN:
+        if scenario.has_sources:
             config = resolved(config)
             cap = config["models"]["closing_speed_max"]
             print(limits_in_words(config["filters"], config["segments"]["lead_speed_edges"], cap))
@@ -94,6 +93,8 @@ def _given(path: Path, scenario: str | None, *, is_config: bool) -> dict[str, An
     given = {} if scenario is None else {"scenario": {"name": scenario}}
     if is_config:
         return given
-    if scenario not in (None, "cut_in"):
+    from accelerated_evaluation.scenarios import SCENARIOS
+
+    if scenario is not None and not SCENARIOS[scenario].has_sources:
         return {"scenario": {"name": scenario, "records": str(path)}}
     return given | {"data": {"source": "table", "table": {"path": str(path), "description": path.name}}}

@@ -153,7 +153,10 @@ class Simulate:
         if not {*caps} <= {*scenario.names}:
             change = "Leave the option out, because it limits the closing speeds of cut-ins."
             raise InputError(
-                "--closing-speed-max", seen=f"the scenario {scenario.name}", expected="cut_in", change=change
+                "--closing-speed-max",
+                seen=f"the scenario {scenario.name}",
+                expected="one with a closing speed",
+                change=change,
             )
 
         settings = {

@@ -19,8 +19,7 @@ from accelerated_evaluation.publishing.tables.paper_claims import PREMISES
 from accelerated_evaluation.records.segments import read_encounters
 from accelerated_evaluation.records.sources import describe
 from accelerated_evaluation.records.verdict import Verdict, read_report, summary
-from accelerated_evaluation.scenarios import SCENARIOS
-from accelerated_evaluation.scenarios.cut_in import CUT_IN
+from accelerated_evaluation.scenarios import DEFAULT, SCENARIOS
 from accelerated_evaluation.scenarios.protocol import Scenario
 from accelerated_evaluation.study.configuration import load_modules
 from accelerated_evaluation.study.limits import value_of
@@ -230,7 +229,7 @@ class Study:
     @property
     def source(self) -> str:
         """The description of the data."""
-        if self.scenario is not CUT_IN:
+        if not self.scenario.has_sources:
             return f"records of the scenario {self.scenario.name.replace('_', ' ')}"
         data = self.config["data"]
         return describe(data)
@@ -238,7 +237,7 @@ class Study:
     @property
     def scenario(self) -> Scenario:
         """The scenario. Results of version 0.2 do not name it; their scenario is the cut-in."""
-        return SCENARIOS[self.config.get("scenario", {}).get("name", CUT_IN.name)]
+        return SCENARIOS[self.config.get("scenario", {}).get("name", DEFAULT)]
 
     @property
     def scenario_headline(self) -> str:

@@ -5,6 +5,7 @@ from accelerated_evaluation.base.registry import Registry
 from accelerated_evaluation.scenarios.protocol import Event, Outcome, Scenario, Variable, outcome
 
 SCENARIOS: Registry[Scenario] = Registry("scenario", __name__, __path__, contract=[Scenario])
+DEFAULT = "cut_in"  # name of the scenario that is used if none is named
 A_SCENARIO = by_name(SCENARIOS, Scenario, "a scenario")  # as an argument of public functions
 
-__all__ = ["A_SCENARIO", "SCENARIOS", "Event", "Outcome", "Scenario", "Variable", "outcome"]
+__all__ = ["A_SCENARIO", "DEFAULT", "SCENARIOS", "Event", "Outcome", "Scenario", "Variable", "outcome"]

@@ -157,6 +157,7 @@ CUT_IN = SCENARIOS.add("cut_in")(
         upper_set_in="closing_speed",
         has_sources=True,
         has_injuries=True,
+        stages=frozenset(("segments", "smooth laws", "maps", "replays", "explorer")),
         has_scenario_files=True,
         # The careful human of UN R157, and the human driver from data.
         references={"": "cc_human", "human_": "human"},

@@ -400,6 +400,9 @@ class Scenario:
     has_sources: bool = (
         False  # whether records come from the sources of the section `data` of a configuration
     )
+    # Parts of the workflow that only some scenarios have: "segments" of the lead speed, "smooth laws" of a
+    # closing speed, crash "maps" with the paper's methods, "replays" of simulated crashes, the "explorer".
+    stages: frozenset[str] = frozenset()
     derived: Mapping[str, Callable[[Mapping[str, Any]], Any]] = field(default_factory=dict)
     panels: Sequence[Panel] = ()
     cluster: str = "driver"

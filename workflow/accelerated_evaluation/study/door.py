@@ -15,7 +15,7 @@ from accelerated_evaluation.base.arguments import Argument, a_choice, checked, o
 from accelerated_evaluation.laws.draws import Draws
 from accelerated_evaluation.laws.paper.models import PAPER_LAWS, IndependentLaw
 from accelerated_evaluation.records.checks import Records
-from accelerated_evaluation.scenarios import SCENARIOS
+from accelerated_evaluation.scenarios import DEFAULT, SCENARIOS
 from accelerated_evaluation.study import configuration
 
 Config = Mapping[str, Any] | str | os.PathLike
@@ -147,7 +147,7 @@ def choose_draws(choice: str, records: FittedRecords, config: Config | None = No
     config=A_CONFIGURATION,
 )
 def fit_paper_law(
-    name: str, records: FittedRecords | pd.DataFrame, config: Config = "cut_in"
+    name: str, records: FittedRecords | pd.DataFrame, config: Config = DEFAULT
 ) -> IndependentLaw:
     """Fit one of the paper's laws to cut-ins.
 

@@ -13,7 +13,6 @@ from accelerated_evaluation.base.tables import require_file
 from accelerated_evaluation.records.sources import SOURCES, describe, record_files
 from accelerated_evaluation.records.verdict import require_checks
 from accelerated_evaluation.scenarios import SCENARIOS
-from accelerated_evaluation.scenarios.cut_in import CUT_IN
 from accelerated_evaluation.study.configuration import completed, load_modules, read_again, resolved, validate
 from accelerated_evaluation.study.dependencies import without_unused
 from accelerated_evaluation.study.preflight import (
@@ -70,8 +69,9 @@ class StudyInputs:
         config["modules"] = load_modules(config, paths)
         config = completed(config)
         validate(config)
-        criteria_of(config["criteria"], SCENARIOS[config["scenario"]["name"]])
-        if config["scenario"]["name"] != CUT_IN.name:
+        scenario = SCENARIOS[config["scenario"]["name"]]
+        criteria_of(config["criteria"], scenario)
+        if not scenario.has_sources:
             return cls._of_scenario(config, project, cores=cores, is_main_process=is_main_process)
         records = record_files(config["data"][config["data"]["source"]])
         limits = Path("results") / config["study"] / "limits.json"
@@ -132,8 +132,7 @@ class StudyInputs:
     @property
     def place(self) -> str:
         """File or folder of the records, as the configuration names it."""
-        is_cut_in = self.config["scenario"]["name"] == CUT_IN.name
-        return self.source["path"] if is_cut_in else self.config["scenario"]["records"]
+        return self.config["scenario"]["records"] or self.source["path"]
 
     @property
     def description(self) -> str:

@@ -35,7 +35,6 @@ from accelerated_evaluation.publishing.tables.claims import departure
 from accelerated_evaluation.publishing.tables.exact import contradictions
 from accelerated_evaluation.publishing.tables.paper_claims import PAPER_PROBABILITY
 from accelerated_evaluation.publishing.tables.spreads import rests_in_words
-from accelerated_evaluation.scenarios.cut_in import CUT_IN
 
 # Packages whose versions the last page lists: those behind numbers, figures and pages. environment.txt pins
 # all.
@@ -56,7 +55,7 @@ def known_to_pages(study: Study, records: Iterable[str]) -> dict[str, Any]:
         "versions": {"Python": platform.python_version()} | {name: version(name) for name in PACKAGES},
         "configuration": yaml.safe_dump(study.config, allow_unicode=True, sort_keys=False).strip(),
     }
-    if study.scenario is not CUT_IN:
+    if "maps" not in study.scenario.stages:
         answer = study.answer
         rests = rests_in_words(study.extrapolation, by_speed=False)
         return common | {"crash": answer.iloc[0], "answers": answer.to_dict("records"), "rests": rests}

@@ -15,6 +15,7 @@ from typing import Any
 
 from accelerated_evaluation.base.errors import InputError
 from accelerated_evaluation.base.files import content_digest, value_digest, write_json
+from accelerated_evaluation.scenarios import DEFAULT
 from accelerated_evaluation.scenarios.cut_in import CUT_IN
 from accelerated_evaluation.scenarios.protocol import Scenario
 
@@ -149,7 +150,7 @@ def store_of(
     paths of the files that define the vehicle.
     """
     described = {"vehicle": name, "parameters": dict(parameters), "content": content_digest(files)}
-    if scenario is not CUT_IN:  # no entry for cut-ins, so that stores of version 0.2 remain valid
+    if scenario.name != DEFAULT:  # no entry for cut-ins, so that stores of version 0.2 remain valid
         described["scenario"] = scenario.name
     folder = VEHICLES_FOLDER / f"{Path(name.replace(':', '/')).name}-{value_digest(described)[:10]}"
     store = Store(folder / "outcomes.sqlite", scenario)

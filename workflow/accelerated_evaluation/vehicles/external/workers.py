@@ -23,7 +23,7 @@ import numpy as np
 from accelerated_evaluation.base.arrays import Array
 from accelerated_evaluation.base.errors import InputError, StudyError
 from accelerated_evaluation.base.users_code import error_in_words
-from accelerated_evaluation.scenarios import SCENARIOS
+from accelerated_evaluation.scenarios import DEFAULT, SCENARIOS
 from accelerated_evaluation.scenarios.protocol import Event, Scenario
 from accelerated_evaluation.vehicles.external.checked import (
     CheckedVehicle,
@@ -57,7 +57,7 @@ class Workers:
 
 
 def simulate_batch(
-    name: str, parameters: Mapping[str, Any], encounters: Array, time_limit: float, scenario: str = "cut_in"
+    name: str, parameters: Mapping[str, Any], encounters: Array, time_limit: float, scenario: str = DEFAULT
 ) -> Array:
     """Return the outcomes of a batch of n encounters, shape (m, n); this function runs in a worker.
 
