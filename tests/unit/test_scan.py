@@ -9,6 +9,7 @@ import pandas as pd
 import pytest
 from accelerated_evaluation.answer import by_scan
 from accelerated_evaluation.answer.by_scan import exact_probability
+from accelerated_evaluation.answer.posterior import Posterior
 from accelerated_evaluation.base.arrays import Array
 from accelerated_evaluation.laws.joint.copula import GaussianCopula, IndependentVariables
 from accelerated_evaluation.laws.joint.kernel import KernelLaw
@@ -196,3 +197,56 @@ def test_the_left_turn_agrees_with_its_many_simulations():
     found = scanned.notes["found"][problem.event]
     counts = np.bincount(found.line, minlength=2048)
     assert np.mean(counts == 1) > 0.9  # most lines have a single interval
+
+
+@pytest.fixture(scope="module")
+def turns():
+    """Problem, draws and law of the left turn."""
+    problem = ae.Problem("left_turn", "acc_aeb")
+    return problem, ae.choose_draws("independent_variables", ae.read_records("left_turn"))
+
+
+def test_impact_speeds_of_crashes_are_those_of_the_event_above_them(turns):
+    """Half of the crashes are above the median, in the probabilities of the two events."""
+    problem, draws = turns
+    found = {
+        way: ae.evaluate(problem, draws, way, generator=1).impact_speeds().set_index("of")
+        for way in (ae.Simulations(200_000), ae.Scan())
+    }
+    by_simulations, by_scan = (each["impact_speed_m_s"] for each in found.values())
+    assert by_simulations.index.tolist() == ["mean", "q10", "q25", "q50", "q75", "q90"]
+    assert by_simulations.iloc[1:].is_monotonic_increasing
+    events = [f"impact_speed={speed:.12g}" for speed in by_simulations[["q25", "q50", "q90"]]]
+    answer = ae.evaluate(problem, draws, ae.Simulations(200_000), events, generator=1)
+    crash, *above = (each.probability for each in answer.posteriors.values())
+    assert np.array(above) / crash == pytest.approx([0.75, 0.5, 0.1], abs=0.01)
+    # The scan has a few impact speeds for each interval of distances, and the low quantiles are steep.
+    assert by_scan.to_numpy() == pytest.approx(by_simulations.to_numpy(), rel=0.05, abs=0.3)
+
+
+def test_impact_speeds_have_the_weights_of_each_draw(turns):
+    problem, draws = turns
+    speeds = np.array([[4.0, 2.0], [6.0, np.nan], [np.nan, np.nan]])
+    weights = np.array([[2e-3, 1e-3, 0.0], [0.0, 4e-3, 1.0]])
+    posterior = Posterior(weights.sum(axis=1), np.zeros(2, int))
+    crashes = ae.Crashes(np.zeros((3, 3)), speeds, weights)
+    answer = ae.Answer(problem, draws, {problem.event: posterior}, crashes)
+    rows = answer.impact_speeds().set_index("of")
+    # Under the first draw, speeds of 2, 4 and 6 m/s have a third of the weight; under the second only 6 m/s.
+    assert rows.loc["mean"].tolist() == pytest.approx([(1 * 2 + 1 * 4 + 5 * 6) / 7, 4.05, 5.95])
+    assert rows.loc["q10"].tolist() == pytest.approx([2, 2.1, 5.9])
+    assert rows.loc["q50"].tolist() == pytest.approx([6, 4.05, 5.95])
+
+
+@pytest.mark.parametrize(
+    ("crashes", "seen"),
+    [
+        (None, "no crash"),
+        (ae.Crashes(np.zeros((1, 3)), np.full((1, 1), np.nan), np.ones((1, 1))), "crashes without an impact"),
+    ],
+)
+def test_impact_speeds_that_are_not_there_are_one_message(turns, crashes, seen):
+    problem, draws = turns
+    answer = ae.Answer(problem, draws, {problem.event: None}, crashes)
+    with pytest.raises(ae.InputError, match=f"impact_speeds: seen {seen}"):
+        answer.impact_speeds()

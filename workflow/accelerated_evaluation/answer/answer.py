@@ -13,6 +13,7 @@ from accelerated_evaluation.answer.posterior import Posterior, answer_row, budge
 from accelerated_evaluation.answer.words import answer_in_words, budget_in_words
 from accelerated_evaluation.base.arguments import A_GENERATOR, Argument, checked, one_of
 from accelerated_evaluation.base.arrays import Array
+from accelerated_evaluation.base.errors import InputError
 from accelerated_evaluation.laws import Law
 from accelerated_evaluation.laws.draws import Draws, as_draws
 from accelerated_evaluation.methods.problem import Problem
@@ -23,6 +24,7 @@ from accelerated_evaluation.vehicles.protocol import event_named
 # An answer is rejected unless the mid-p value of the number of events among replayed records exceeds this
 # value.
 MISSED = 1e-4
+QUANTILES = (0.1, 0.25, 0.5, 0.75, 0.9)  # levels of the quantiles of the impact speed
 
 
 @dataclass(frozen=True)
@@ -185,6 +187,36 @@ class Answer:
             contains = "" if posterior is None else ", ".join(posterior.sources)
             rows.append(row | {"per_km": rate, "contains": contains})
         return pd.DataFrame(rows)
+
+    def impact_speeds(self) -> pd.DataFrame:
+        """Return the mean and quantiles of the impact speed of the crashes of the main event, in m/s.
+
+        A row is the ``mean`` or a quantile (`QUANTILES`). ``impact_speed_m_s`` is its value under the mean of
+        the draws, and ``low95`` and ``high95`` are the ends of the 95 % interval of its values under the
+        draws. InputError is raised if there is no crash, or if the scenario has no impact speed.
+        """
+        speeds = np.empty((0, 0)) if self.crashes is None else self.crashes.impact_speed
+        known = ~np.isnan(speeds)
+        if not known.any():
+            raise InputError(
+                "Answer.impact_speeds",
+                seen="no crash" if not known.size else "crashes without an impact speed",
+                expected=f"crashes of {self.problem.scenario.name} with the outcome impact_speed",
+                change="Simulate more encounters, or use a scenario with this outcome.",
+            )
+        order = np.argsort(speeds[known], kind="stable")
+        crash, speed = np.nonzero(known)[0][order], speeds[known][order]
+        weights = self.crash_weights / np.maximum(known.sum(axis=1), 1)  # of each simulation of a crash
+        values = []
+        for shares in (weights.mean(axis=0), *weights):
+            below = np.cumsum(shares[crash])
+            if below[-1] > 0:
+                at = np.searchsorted(below, np.multiply(QUANTILES, below[-1]))
+                values.append((shares[crash] @ speed / below[-1], *speed[at]))
+        low, high = np.quantile(values[1:], (0.025, 0.975), axis=0)
+        names = ["mean", *(f"q{100 * level:.0f}" for level in QUANTILES)]
+        columns = {"impact_speed_m_s": values[0], "low95": low, "high95": high}
+        return pd.DataFrame(columns, index=pd.Index(names, name="of")).reset_index()
 
     def in_words(self) -> str:
         """Return the answer in words: probability, intervals, what they rest on, and simulations."""

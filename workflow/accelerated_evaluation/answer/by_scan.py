@@ -28,6 +28,7 @@ from accelerated_evaluation.vehicles.protocol import repeats_itself
 
 HALVINGS = 12  # number of bisections of a step of the scan
 AT_ONCE = 500_000  # number of encounters that are simulated at once
+PIECES = 5  # number of parts of an interval with crashes, each with an impact speed
 BATCHES = 16  # number of independent batches of lines
 TINY = 1e-12  # smallest distance of a quasi-random number from 0 and 1
 SMALLEST = 1e-3  # lower bound of the estimate of a draw, as a share of the mean
@@ -89,7 +90,10 @@ class Scan:
         }
         simulations = len(x) * self.points
         main = found[problem.event]
-        crashes = _crashes(problem, k, x, main, weights[problem.event]) if main.line.size else None
+        crashes = None
+        if main.line.size:  # parts of the intervals, because the impact speed varies in them
+            parts = _pieces(main)
+            crashes = _crashes(problem, k, x, parts, _weights(laws, k, x, parts, drawn))
         return Answer(problem, draws, posteriors, crashes, simulations=simulations, notes={"found": found})
 
     def _scanned(
@@ -233,8 +237,14 @@ def _posterior(weights: Array, line: NDArray[np.intp], n: int, draws: Draws) -> 
     return SampledPosterior(known, draws.member, np.minimum(errors / known, 1), BATCHES)
 
 
+def _pieces(found: Stretches) -> Stretches:
+    """Return intervals that are divided into `PIECES` equal parts each."""
+    ends = np.linspace(found.start, found.end, PIECES + 1)  # (PIECES + 1, m)
+    return Stretches(np.tile(found.line, PIECES), ends[:-1].ravel(), ends[1:].ravel())
+
+
 def _crashes(problem: Problem, k: int, x: Array, found: Stretches, weights: Array) -> Crashes:
-    """Return the middle of each interval, with its impact speed."""
+    """Return the middle of each part of an interval, with its impact speed."""
     middle = _along(x, k, found.line, (found.start + found.end) / 2)
     impact = getattr(problem.simulate(middle), "impact_speed", np.full(len(middle), np.nan))
     return Crashes(middle, impact[:, None], weights)
