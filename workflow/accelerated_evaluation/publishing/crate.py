@@ -19,6 +19,7 @@ from rocrate.rocrate import ROCrate
 from tqdm import tqdm
 
 from accelerated_evaluation.base.errors import InputError
+from accelerated_evaluation.base.extensions import known
 from accelerated_evaluation.base.files import PROJECT, atomic_path, file_digest
 from accelerated_evaluation.publishing.provenance import commit_of
 from accelerated_evaluation.publishing.run_records import Job, jobs_of, require_unchanged
@@ -76,7 +77,8 @@ def _add_files(crate: ROCrate, jobs: Sequence[Job]) -> dict[str, Entity]:
     raised if a job read or wrote a file that no longer exists.
     """
     project = [path for part in PARTS for path in _files(PROJECT / part)]
-    paths = {_name(path): path for path in project}
+    extensions = [path for each in known().values() for path in each.files]  # code of a user's own
+    paths = {_name(path): path for path in (*project, *extensions)}
     places = {str(path): name for name, path in paths.items()}
     for path in sorted({path for job in jobs for path in (*job.inputs, *job.outputs)}):
         places[path] = _name(Path(path))
