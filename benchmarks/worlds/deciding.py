@@ -13,7 +13,6 @@ from functools import partial
 
 import numpy as np
 import pandas as pd
-from accelerated_evaluation.answer.by_map import masses_under
 from accelerated_evaluation.answer.criterion import ENCOUNTER, UNDECIDED, Criterion, Judged, judge, verdict_of
 from accelerated_evaluation.answer.deciding import deciding_table, variances_of
 from accelerated_evaluation.answer.law_study import LawStudy
@@ -58,7 +57,7 @@ def answer_of(records: DistinctRecords, setting: WorldSettings, generator: np.ra
     )
     fitted = SmoothFamily(fitter, family, scores, {}, assign_segments(table, EDGES), TOP)
     draws = LawStudy.of_family(fitted, DRAWS, generator).draws(generator)
-    return Posterior(masses_under(setting.lines, draws).sum(axis=1), draws.member)
+    return Posterior(draws.masses(setting.lines).sum(axis=1), draws.member)
 
 
 def records_needed(judged: Judged, posterior: Posterior, size: int) -> float:

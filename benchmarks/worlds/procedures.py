@@ -8,7 +8,6 @@ import numpy as np
 import pandas as pd
 from accelerated_evaluation.answer.answer import evaluate
 from accelerated_evaluation.answer.by_few_runs import FewRuns
-from accelerated_evaluation.answer.by_map import masses_under
 from accelerated_evaluation.answer.calibration import (
     CLOSING,
     HOST,
@@ -66,7 +65,7 @@ class Fitted:
     def by_map(self, setting: WorldSettings, generator: np.random.Generator) -> Intervals:
         """Draw from the posterior, and evaluate every draw on the map."""
         draws = self.study.draws(generator)
-        return intervals(Posterior(masses_under(setting.lines, draws).sum(axis=1), draws.member))
+        return intervals(Posterior(draws.masses(setting.lines).sum(axis=1), draws.member))
 
     def by_few_runs(self, generator: np.random.Generator) -> Intervals:
         """Simulate the car under the mean of draws, some 150 times, and reweight the runs for each draw."""

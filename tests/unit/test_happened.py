@@ -7,7 +7,7 @@ import pandas as pd
 import pytest
 from accelerated_evaluation import CUT_IN, Grid, LawStudy, Map, Problem, evaluate, map_crashes
 from accelerated_evaluation.answer import by_map
-from accelerated_evaluation.answer.by_map import masses_under, thinned
+from accelerated_evaluation.answer.by_map import thinned
 from accelerated_evaluation.answer.comparison import is_resolved
 from accelerated_evaluation.answer.likeliest_crashes import (
     PLACE,
@@ -128,7 +128,7 @@ def test_a_contradicted_map_is_resolved_and_the_others_stay(records, smooth):
         crash_map = map_crashes(vehicle, GRID, [], generator)
         problem = Problem(CUT_IN, vehicle, law=draws)
         found[name] = evaluate(problem, draws, Map(crash_map, records), generator=np.random.default_rng(7))
-        scanned = masses_under(lines_of(crash_map, records), draws).sum(axis=1).mean()
+        scanned = draws.masses(lines_of(crash_map, records)).sum(axis=1).mean()
         assert found[name].replayed.supports(scanned) == (name == "rate")
     assert {name: own.notes["scan"] for name, own in found.items()} == {
         "rate": "refined",

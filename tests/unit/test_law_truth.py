@@ -9,7 +9,7 @@ import numpy as np
 import pandas as pd
 import pytest
 from accelerated_evaluation.answer import variants
-from accelerated_evaluation.answer.by_map import MapCrashes, masses_under, thinned
+from accelerated_evaluation.answer.by_map import MapCrashes, thinned
 from accelerated_evaluation.answer.calibration import (
     counts_by_fold,
     expected_counts,
@@ -401,7 +401,7 @@ def test_the_posterior_holds_the_truth_and_its_budget_adds_up(crash_map, records
     lines = CrashLines.of(crash_map, records.lead_speed)
     study = equal_weights(fitter, family)
     draws = study.draws(np.random.default_rng(8))
-    posterior = ae.Posterior(masses_under(lines, draws).sum(axis=1), draws.member)
+    posterior = ae.Posterior(draws.masses(lines).sum(axis=1), draws.member)
     low, high = posterior.interval(0.95)
     assert low < crash_probability() < high
     parts = budget(posterior, 0.1).set_index("source")

@@ -14,11 +14,8 @@ from accelerated_evaluation.base.arrays import Array
 from accelerated_evaluation.crash_map.checked import sample_crashes
 from accelerated_evaluation.crash_map.lines import CrashLines, crash_places, divided, with_impacts
 from accelerated_evaluation.crash_map.maps import CrashMap
-from accelerated_evaluation.laws.draws import Draws, MixedDraws, single_laws
-from accelerated_evaluation.laws.protocol import Law
-from accelerated_evaluation.laws.smooth.conditional import SpeedLaw
+from accelerated_evaluation.laws.draws import Draws
 from accelerated_evaluation.laws.smooth.family import DistinctRecords
-from accelerated_evaluation.laws.smooth.mean import MeanLaw
 from accelerated_evaluation.methods.problem import Problem
 from accelerated_evaluation.scenarios.protocol import Event
 from accelerated_evaluation.vehicles.protocol import CRASH, RandomVehicle, Vehicle
@@ -75,26 +72,26 @@ class Map:
         vehicle, scan = problem.vehicle, "refined"
         replayed = Replayed.of(problem, self.records.cut_ins)
         lines = self._lines(self.crash_map, problem.event, vehicle, draws, generator)
-        if not replayed.supports(masses_under(lines, draws).sum(axis=1).mean()):
+        if not replayed.supports(draws.masses(lines).sum(axis=1).mean()):
             sampled = sample_crashes(vehicle, self.crash_map, generator, events=(problem.event,))
             lines, scan = self._lines(sampled, problem.event, vehicle, draws, generator), "random"
         fixed = {
-            name: Posterior(masses_under(lines, own).sum(axis=1), draws.member)
+            name: Posterior(own.masses(lines).sum(axis=1), draws.member)
             for name, own in draws.fixed().items()
         }
         posteriors, crashes = {}, None
         for event in (problem.event, *events):
             if event != problem.event:
                 lines = self._lines(self.crash_map, event, vehicle, draws, generator)
-            if event == CRASH and (law := typical_law(draws)) is not None:
+            if event == CRASH and (law := draws.typical) is not None:
                 lines, impact_speed = with_impacts(lines, vehicle, law)
                 limits = speed_limits(self.records.cut_ins, lines.places.lead_speed, lines.places.range_)
                 lines, part = divided(lines, limits.values())
-                masses = masses_under(lines, draws)
+                masses = draws.masses(lines)
                 crashes = MapCrashes(lines.inside, impact_speed[part], masses, lines, draws)
                 probabilities = crashes.weights.sum(axis=1)
             else:
-                probabilities = masses_under(lines, draws).sum(axis=1)
+                probabilities = draws.masses(lines).sum(axis=1)
             posteriors[event] = Posterior(probabilities, draws.member)
         return Answer(problem, draws, posteriors, crashes, replayed, fixed=fixed, notes={"scan": scan})
 
@@ -122,17 +119,10 @@ class MapCrashes(Crashes):
         """Draw crashes from the mean of the draws, shape (size, 3)."""
         probabilities = self.weights.sum(axis=1)
         counts, places = generator.multinomial(size, probabilities / probabilities.sum()), []
-        for law, masses, count in zip(laws_of(self.draws), self.weights, counts, strict=True):
+        for law, masses, count in zip(self.draws.laws, self.weights, counts, strict=True):
             if count:
                 places.append(np.column_stack(crash_places(self.lines, masses, law, count, generator)))
         return generator.permutation(np.concatenate(places))
-
-
-def laws_of(draws: Draws) -> Sequence[SpeedLaw | Law]:
-    """Return the law of each draw: of the closing speed if it is smooth, and otherwise of cut-ins."""
-    if isinstance(draws, MixedDraws):
-        return [law for part in draws.parts for law in laws_of(part)]
-    return draws.draws.laws if isinstance(draws, MeanLaw) else single_laws(draws)
 
 
 def thinned(lines: CrashLines, vehicle: Vehicle, draws: Draws, generator: np.random.Generator) -> CrashLines:
@@ -141,7 +131,7 @@ def thinned(lines: CrashLines, vehicle: Vehicle, draws: Draws, generator: np.ran
     The weights depend on the seed of the generator and not on its state, so that all events of a random
     vehicle have the same draws of its parameters.
     """
-    masses = masses_under(lines, draws.thinned(GUIDES))
+    masses = draws.thinned(GUIDES).masses(lines)
     shares = [mass / mass.sum() for mass in masses if mass.any()]
     if shares:  # otherwise the event never happens, or its probability underflows
         lines = lines.thinned(np.mean(shares, axis=0), LINES, generator)
@@ -149,21 +139,3 @@ def thinned(lines: CrashLines, vehicle: Vehicle, draws: Draws, generator: np.ran
         return lines
     same = np.random.Generator(type(generator.bit_generator)(generator.bit_generator.seed_seq))
     return replace(lines, weights=vehicle.inner_weights(lines.inner, draws.size, same))
-
-
-def masses_under(lines: CrashLines, draws: Draws) -> Array:
-    """Return the probability of each interval of a crash map under each draw, shape (K, intervals)."""
-    if isinstance(draws, MixedDraws):
-        return np.vstack([masses_under(lines, part) for part in draws.parts])
-    if isinstance(draws, MeanLaw):
-        return lines.masses_of_draws(draws.draws)
-    return np.array([lines.of_draw(k).masses_by_density(law) for k, law in enumerate(single_laws(draws))])
-
-
-def typical_law(draws: Draws) -> SpeedLaw | None:
-    """Return a draw of the smooth law of which there are most draws; None if no law is smooth."""
-    if isinstance(draws, MixedDraws):
-        return next((law for part in draws.parts if (law := typical_law(part)) is not None), None)
-    if not isinstance(draws, MeanLaw):
-        return None
-    return draws.draws.laws[int(np.argmax(draws.member == np.bincount(draws.member).argmax()))]

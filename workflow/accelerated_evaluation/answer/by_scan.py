@@ -20,7 +20,7 @@ from accelerated_evaluation.answer.answer import Answer, Crashes
 from accelerated_evaluation.answer.posterior import SampledPosterior
 from accelerated_evaluation.base.arrays import Array
 from accelerated_evaluation.base.errors import InputError
-from accelerated_evaluation.laws.draws import Draws, OneLaw, single_laws
+from accelerated_evaluation.laws.draws import Draws, OneLaw
 from accelerated_evaluation.laws.protocol import Box, SlicedLaw
 from accelerated_evaluation.methods.problem import Problem
 from accelerated_evaluation.scenarios.protocol import Event
@@ -156,7 +156,7 @@ def _inside(u: Array) -> Array:
 def _capable(problem: Problem, draws: Draws) -> tuple[int, Sequence[SlicedLaw]]:
     """Return the index of the variable to scan, and the law of each draw; InputError says what is missing."""
     change = "Use Simulations, or FewRuns for a slow vehicle."
-    scenario, laws = problem.scenario, single_laws(draws)
+    scenario, laws = problem.scenario, draws.laws
     if scenario.scanned is None:
         raise InputError(
             f"scenario {scenario.name}",

@@ -7,7 +7,6 @@ import numpy as np
 import pandas as pd
 from tqdm import tqdm
 
-from accelerated_evaluation.answer.by_map import masses_under
 from accelerated_evaluation.answer.law_study import LawStudy
 from accelerated_evaluation.answer.posterior import SUMMARY, Posterior, summarise
 from accelerated_evaluation.answer.smooth_family import SmoothFamily, named
@@ -100,7 +99,7 @@ def quality_table(
 def summary_under(study: LawStudy, lines: CrashLines, streams: Streams) -> dict[str, float]:
     """Return the summary of the crash probability under draws of a study of laws, as those of the answer."""
     draws = study.draws(streams("draws"))
-    return summarise(Posterior(masses_under(lines, draws).sum(axis=1), draws.member))
+    return summarise(Posterior(draws.masses(lines).sum(axis=1), draws.member))
 
 
 ONE_FACTOR = "far tail: one factor for all places"
@@ -142,7 +141,7 @@ def choice_table(study: LawStudy, lines: CrashLines, streams: Streams) -> pd.Dat
         family = replace(smooth, family=replace(smooth.family, prior=prior))
         rows.append(row(choice, replace(of_smooth, family=family)))
     if (few := smooth.family.far_records) is not None:
-        mean = masses_under(lines, study.draws(streams("draws"))).mean(axis=0)
+        mean = study.draws(streams("draws")).masses(lines).mean(axis=0)
         near = replace(smooth.family, far_records=near_crashes(few, lines, mean), prior=PRIORS[ONE_FACTOR])
         rows.append(row(NEAR_FACTORS, replace(of_smooth, family=replace(smooth, family=near))))
     straight = replace(smooth, family=replace(smooth.family, far={}, far_records=None))

@@ -9,7 +9,7 @@ from abc import ABC, abstractmethod
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from itertools import pairwise
-from typing import Any, ClassVar, Self
+from typing import Any, ClassVar, Protocol, Self
 
 import numpy as np
 import pandas as pd
@@ -26,6 +26,16 @@ COMPONENTS = 8  # number of components of the mixture that approximates the mean
 POINTS = 8_000  # number of points to which this mixture is fitted
 
 
+class Lines(Protocol):
+    """Lines of a crash map, with the intervals of one variable in which an event happens."""
+
+    def of_draw(self, k: int) -> Self:
+        """Return the lines with the weights of draw k, if the vehicle has any."""
+
+    def masses_by_density(self, law: Law) -> Array:
+        """Return the probability of each interval under a law, shape (intervals,)."""
+
+
 class Draws(ABC):
     """K draws of the law of records, and a proposal under which a vehicle is simulated for all of them.
 
@@ -35,6 +45,8 @@ class Draws(ABC):
         The law under which encounters are drawn.
     names
         Name of the candidate from which each draw was made, of length K.
+    laws
+        The law of each draw, of length K; of smooth laws, that of the closing speed.
 
     See Also
     --------
@@ -50,6 +62,7 @@ class Draws(ABC):
 
     proposal: Law
     names: tuple[str, ...]
+    laws: Sequence[Any]
 
     @property
     def law(self) -> Law:
@@ -82,6 +95,15 @@ class Draws(ABC):
     @abstractmethod
     def draw_from_mean(self, n: int, generator: np.random.Generator) -> Array:
         """Draw n points or a few more from the mean of the draws."""
+
+    def masses(self, lines: Lines) -> Array:
+        """Return the probability of each interval of a crash map under each draw, shape (K, intervals)."""
+        return np.array([lines.of_draw(k).masses_by_density(law) for k, law in enumerate(self.laws)])
+
+    @property
+    def typical(self) -> Any:  # noqa: ANN401
+        """The smooth law of a draw of the candidate that has most draws; None if no draw is smooth."""
+        return None
 
     def fixed(self) -> Mapping[str, "Draws"]:
         """Return the draws with a part of their parameters at posterior means, by the name of the part.
@@ -202,6 +224,16 @@ class MixedDraws(Draws, Law):
         return tuple(name for part in self.parts for name in part.names)
 
     @property
+    def laws(self) -> Sequence[Any]:
+        """The law of each draw, in the order of the parts."""
+        return [law for part in self.parts for law in part.laws]
+
+    @property
+    def typical(self) -> Any:  # noqa: ANN401
+        """That of the first part that has one."""
+        return next((law for part in self.parts if (law := part.typical) is not None), None)
+
+    @property
     def digest(self) -> str:
         """The digest of all parts."""
         return value_digest([part.digest for part in self.parts])
@@ -230,6 +262,10 @@ class MixedDraws(Draws, Law):
     def log_densities(self, x: Array) -> Array:
         """Return the log density of each draw at points x, shape (n, d), as an array of shape (K, n)."""
         return np.vstack([part.log_densities(x) for part in self.parts])
+
+    def masses(self, lines: Lines) -> Array:
+        """Return the probability of each interval of a crash map under each draw, shape (K, intervals)."""
+        return np.vstack([part.masses(lines) for part in self.parts])
 
     def draw_from_mean(self, n: int, generator: np.random.Generator) -> Array:
         """Draw from the mean of each part in proportion to its size, n points or a few more together."""
@@ -284,6 +320,11 @@ class OneLaw(Draws):
         """The description of the law."""
         return (self.proposal.description,)
 
+    @property
+    def laws(self) -> Sequence[Law]:
+        """The law itself."""
+        return (self.proposal,)
+
     def log_densities(self, x: Array) -> Array:
         """Return the log density of the law at points x, shape (n, d), as an array of shape (1, n)."""
         return self.proposal.log_density(x)[None]
@@ -313,11 +354,6 @@ def as_draws(law: Law) -> Draws:
     1
     """
     return law if isinstance(law, Draws) else OneLaw(law)
-
-
-def single_laws(draws: Draws) -> Sequence[Law]:
-    """Return the K laws of draws that are not smooth laws of one family."""
-    return draws.laws if isinstance(draws, DrawnLaws) else [draws.proposal]
 
 
 def _from_each(laws: Sequence[Law], n: int, generator: np.random.Generator) -> Array:

@@ -12,9 +12,9 @@ as for the other smooth laws. The inverse of the map is computed by Newton's met
 """
 
 import math
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
-from typing import Any, Self
+from typing import Any, Protocol, Self
 
 import numpy as np
 import pandas as pd
@@ -152,6 +152,13 @@ class MeanStratum(SmoothStratum):
         )
 
 
+class SmoothLines(Protocol):
+    """Lines of a crash map of cut-ins."""
+
+    def masses_of_draws(self, draws: LawDraws) -> Array:
+        """Return the probability of each interval under each draw of smooth laws, (K, intervals)."""
+
+
 @LAWS.add("mean")
 @dataclass(frozen=True, repr=False)
 class MeanLaw(SmoothLaw, Draws):
@@ -198,6 +205,20 @@ class MeanLaw(SmoothLaw, Draws):
     def names(self) -> tuple[str, ...]:
         """Name of the member of the family of each draw."""
         return self.draws.names
+
+    @property
+    def laws(self) -> Sequence[SpeedLaw]:
+        """The law of the closing speed of each draw."""
+        return self.draws.laws
+
+    def masses(self, lines: SmoothLines) -> Array:
+        """Return the probability of each interval of a crash map under each draw, shape (K, intervals)."""
+        return lines.masses_of_draws(self.draws)
+
+    @property
+    def typical(self) -> SpeedLaw:
+        """The law of the closing speed of a draw of the member that has most draws."""
+        return self.laws[int(np.argmax(self.member == np.bincount(self.member).argmax()))]
 
     def draw_from_mean(self, n: int, generator: np.random.Generator) -> Array:
         """Draw n cut-ins from the mean law, shape (n, 3)."""
