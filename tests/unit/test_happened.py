@@ -77,7 +77,7 @@ def records():
 
 
 def encounters_of(records):
-    return complete(pd.DataFrame(records.cut_ins, columns=PLACE))
+    return complete(pd.DataFrame(records.x, columns=PLACE))
 
 
 @pytest.fixture(scope="module")

@@ -2,12 +2,12 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
 
 from accelerated_evaluation.answer.answer import Answer, Crashes, Replayed
 from accelerated_evaluation.answer.extrapolation import speed_limits
-from accelerated_evaluation.answer.fitted_records import FittedRecords
 from accelerated_evaluation.answer.posterior import Posterior
 from accelerated_evaluation.base.arguments import Argument, checked, one_of
 from accelerated_evaluation.base.arrays import Array
@@ -24,16 +24,16 @@ LINES = 2500  # number of lines of a map that are kept for the integrals
 GUIDES = 10  # number of draws of the law that determine which lines are kept
 
 
-def _distinct(records: object) -> DistinctRecords:
-    data = records.data if isinstance(records, FittedRecords) else records
-    if not isinstance(data, DistinctRecords):
+def _within_limits(records: Any) -> DistinctRecords:  # noqa: ANN401
+    data = getattr(records, "data", records)
+    if getattr(data, "support", None) is None:
         raise TypeError
     return data
 
 
 @checked(
     crash_map=one_of(CrashMap, words="a crash map", change="map_crashes makes one."),
-    records=Argument("records of cut-ins", _distinct, "Read them with read_records."),
+    records=Argument("records of cut-ins", _within_limits, "Read them with read_records."),
 )
 @dataclass(frozen=True)
 class Map:
@@ -70,7 +70,7 @@ class Map:
     ) -> Answer:
         """Return the probability of the events of a problem under each draw of the law."""
         vehicle, scan = problem.vehicle, "refined"
-        replayed = Replayed.of(problem, self.records.cut_ins)
+        replayed = Replayed.of(problem, self.records.x)
         lines = self._lines(self.crash_map, problem.event, vehicle, draws, generator)
         if not replayed.supports(draws.masses(lines).sum(axis=1).mean()):
             sampled = sample_crashes(vehicle, self.crash_map, generator, events=(problem.event,))
@@ -85,7 +85,7 @@ class Map:
                 lines = self._lines(self.crash_map, event, vehicle, draws, generator)
             if event == CRASH and (law := draws.typical) is not None:
                 lines, impact_speed = with_impacts(lines, vehicle, law)
-                limits = speed_limits(self.records.cut_ins, lines.places.lead_speed, lines.places.range_)
+                limits = speed_limits(self.records.x, lines.places.lead_speed, lines.places.range_)
                 lines, part = divided(lines, limits.values())
                 masses = draws.masses(lines)
                 crashes = MapCrashes(lines.inside, impact_speed[part], masses, lines, draws)

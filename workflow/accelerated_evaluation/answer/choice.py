@@ -17,7 +17,7 @@ from accelerated_evaluation.laws import FITS, LAWS, FitSettings
 from accelerated_evaluation.laws.draws import Draws, OneLaw, as_draws
 from accelerated_evaluation.laws.joint import JointLaw
 from accelerated_evaluation.laws.paper.models import PAPER_LAWS, IndependentLaw, fit_paper_laws
-from accelerated_evaluation.laws.smooth.family import DistinctRecords, Fitter, Member
+from accelerated_evaluation.laws.smooth.family import Fitter, Member
 from accelerated_evaluation.methods.problem import read_law_of
 
 ANSWER, PAPER = "answer", "paper"
@@ -70,7 +70,7 @@ def choose_draws(choice: str, records: FittedRecords, settings: LawSettings) -> 
         return as_draws(read_law_of(records.scenario, choice, records.table))
     if choice == ANSWER:
         return law_study(records, settings).draws(generator)
-    is_smooth = isinstance(records.data, DistinctRecords)
+    is_smooth = records.support is not None
     if is_smooth and choice in named():
         with threadpool_limits(1, "blas"):
             return _one_member(choice, records, settings).draws(generator)

@@ -18,7 +18,6 @@ from accelerated_evaluation.answer.answer import Answer
 from accelerated_evaluation.answer.fitted_records import FittedRecords
 from accelerated_evaluation.answer.posterior import Posterior, summarise
 from accelerated_evaluation.base.arrays import Array
-from accelerated_evaluation.laws.smooth.family import DistinctRecords
 from accelerated_evaluation.scenarios.protocol import Scenario
 
 ALL, RECORDED, NEAR, FAR = "all", "recorded", "near", "far"
@@ -91,7 +90,7 @@ def parts_by_distance(records: Array, events: Array) -> Parts:
 
 def parts_of(records: FittedRecords, x: Array) -> Parts:
     """Return which encounters x, (m, d), are in each part, by the distance that fits the records."""
-    divide = parts_by_speed if isinstance(records.data, DistinctRecords) else parts_by_distance
+    divide = parts_by_distance if records.support is None else parts_by_speed
     return divide(records.x, x)
 
 

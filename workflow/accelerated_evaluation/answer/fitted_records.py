@@ -66,7 +66,12 @@ class FittedRecords:
     @property
     def x(self) -> Array:
         """The records as points, shape (n, d)."""
-        return self.data.cut_ins if isinstance(self.data, DistinctRecords) else self.data.x
+        return self.data.x
+
+    @property
+    def support(self) -> Support | None:
+        """Limits within which smooth laws can be fitted; None if the candidates are joint laws."""
+        return self.data.support
 
     @property
     def size(self) -> int:
@@ -75,7 +80,7 @@ class FittedRecords:
 
     def write(self, path: str | os.PathLike) -> None:
         """Write the encounter table as a Parquet file."""
-        if self.scenario.has_sources:
+        if self.support is not None:
             write_encounters(path, self.table, self.table.attrs.get("description", "not described"))
         else:
             write_parquet(path, self.table)
@@ -118,7 +123,7 @@ def stored_records(
     exposure: Mapping[str, float | None] = UNKNOWN,
 ) -> FittedRecords:
     """Read the encounter table of a study; cut-ins need the content of the limits of their laws."""
-    if scenario.has_sources:
+    if support is not None:
         return FittedRecords.of(scenario, read_encounters(path), Support.of(support), exposure)
     return FittedRecords.of(scenario, read_parquet(path), exposure=exposure)
 

@@ -6,7 +6,7 @@ clusters, because the records of a driver resemble each other.
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
-from typing import Any, Self
+from typing import Any, ClassVar, Self
 
 import numpy as np
 import pandas as pd
@@ -55,6 +55,7 @@ def candidates() -> tuple[Candidate, ...]:
 class ClusteredRecords:
     """The records of a scenario, with clusters of records that may depend on each other."""
 
+    support: ClassVar[None] = None  # only records with the limits of smooth laws have them as candidates
     x: Array  # the records, shape (n, d)
     cluster: NDArray[np.int_]  # number of the cluster of each record, shape (n,)
     box: Box
@@ -154,6 +155,11 @@ class JointFamily:
     def names(self) -> tuple[str, ...]:
         """Names of the M candidates."""
         return tuple(candidate.name for candidate in self.candidates)
+
+    @property
+    def built_in(self) -> Self:
+        """The family itself."""
+        return self
 
     @property
     def scores(self) -> Array:

@@ -52,8 +52,12 @@ class Family(Protocol):
     scores: Array  # log score of each candidate on each unit (a record, or a cluster of records), (M, units)
     resampled: NDArray[np.bool_]  # the units that the Bayesian bootstrap resamples, shape (units,)
 
+    @property
+    def built_in(self) -> "Family":
+        """The candidates that come with the library, without those that users have added."""
+
     def law(self, name: str) -> Law:
-        """Return the law of one candidate, fitted to all records."""
+        """Return the law of one built-in candidate, fitted to all records."""
 
     def draws(self, chosen: NDArray[np.intp], generator: np.random.Generator) -> Draws:
         """Draw the chosen candidates, shape (K,), each with parameters from their posterior."""
@@ -118,7 +122,7 @@ class LawStudy:
         closing_speed_max
             Cap on the closing speed of laws of cut-ins [m/s].
         """
-        if isinstance(records.data, ClusteredRecords):
+        if records.support is None:
             vehicle = load_vehicle(records.scenario.default_vehicle, records.scenario)
             family = JointFamily.of(records.data, _responder(records.scenario, vehicle), streams("fit"))
             return cls.of_family(family, size, streams("weigh"))
@@ -142,7 +146,7 @@ class LawStudy:
     @property
     def smooth(self) -> SmoothFamily:
         """The smooth laws among the candidates; a study of other records than cut-ins has none."""
-        return self.family.smooth if isinstance(self.family, Together) else self.family
+        return self.family.built_in
 
     @property
     def mean_weights(self) -> Array:
@@ -161,7 +165,7 @@ class LawStudy:
 
     def law(self) -> Law:
         """Return the law with the largest weight, for cut-ins without the laws that users have added."""
-        study = self.smooth_only() if isinstance(self.family, Together) else self
+        study = self.smooth_only()
         return study.family.law(study.heaviest)
 
     @checked(generator=A_GENERATOR)
@@ -309,6 +313,15 @@ class Together:
     def names(self) -> tuple[str, ...]:
         """Names of all candidates, the smooth laws first."""
         return (*self.smooth.names, *self.added.names)
+
+    @property
+    def built_in(self) -> SmoothFamily:
+        """The smooth laws."""
+        return self.smooth
+
+    def law(self, name: str) -> Law:
+        """Return a smooth law, fitted to all records."""
+        return self.smooth.law(name)
 
     @property
     def scores(self) -> Array:

@@ -178,7 +178,7 @@ class MapTables:
     @cached_property
     def replayed(self) -> Outcomes:
         """Outcomes of the records."""
-        return self.vehicle.simulate(*self.records.cut_ins.T)
+        return self.vehicle.simulate(*self.records.x.T)
 
     def lines(self, event: Event = CRASH) -> CrashLines:
         """Return all lines of the map with the intervals of an event."""

@@ -32,7 +32,6 @@ from accelerated_evaluation.answer.injuries.tables import (
     mean_risks,
     tabulated_risks,
 )
-from accelerated_evaluation.answer.joint_family import JointFamily
 from accelerated_evaluation.answer.law_study import LawStudy
 from accelerated_evaluation.answer.map_tables import (
     MapTables,
@@ -85,7 +84,7 @@ def answer_tables(
         tables = own_tables(own, records, half_width)
     tables["extrapolation"] = extrapolation(own, records, replayed)
     tables["crash_places"] = drawn_crashes(own, records, streams("crash places"))
-    if isinstance(study.family, JointFamily):
+    if records.support is None:
         tables["laws"] = study.family.table(study.weights)
     elif not isinstance(way, Map):  # the table of a map also has crashes and near misses
         tables["calibration"] = calibration_table(study)

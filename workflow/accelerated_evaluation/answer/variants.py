@@ -82,10 +82,10 @@ def quality_table(
     records are left.
     """
     start = study.smooth
-    rows, answers = [], {start.records.cut_ins.tobytes(): summary_under(study, lines, streams)}
+    rows, answers = [], {start.records.x.tobytes(): summary_under(study, lines, streams)}
     for reading, records in tqdm(choices.items(), desc="data quality", unit=" readings"):
         # A treatment that concerns no record leaves the records, and therefore the answer, as they are.
-        content = records.cut_ins.tobytes()
+        content = records.x.tobytes()
         if content not in answers:
             answers[content] = {}
             if records.size >= MINIMUM_ROWS:

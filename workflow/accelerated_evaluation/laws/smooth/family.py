@@ -112,7 +112,7 @@ class DistinctRecords:
         return self.lead_speed.size
 
     @property
-    def cut_ins(self) -> Array:
+    def x(self) -> Array:
         """Lead speed [m/s], range [m] and closing speed [m/s] as columns, shape (n, 3)."""
         return np.column_stack([self.lead_speed, self.range_, self.closing_speed])
 
