@@ -132,5 +132,5 @@ def test_a_study_of_a_slow_vehicle_ends_in_a_book_though_it_dies_twice(finished,
     assert f"answers by {len(runs)} simulations" in first_page
     left_out = (results / "book/99_what_was_left_out.html").read_text()
     assert "crude Monte Carlo" in left_out
-    assert not (results / "book/08_ground_truth.html").exists()
+    assert not (results / "book/09_ground_truth.html").exists()
     assert '"run_crash"' in (results / "book/explorer.html").read_text()  # its runs stand in for a map
