@@ -19,6 +19,6 @@ def test_no_figure_of_a_study_has_a_defect(finished):
     )
     assert done.returncode == 0, done.stderr[-3000:]
     found = json.loads(done.stdout)
-    published = {path.stem for path in (finished.folder / "figures/smoke").glob("fig*.png")}
+    published = {path.stem for path in (finished.folder / "figures/smoke").glob("*.png")}
     assert set(found) == published
     assert {name: defects for name, defects in found.items() if defects} == {}

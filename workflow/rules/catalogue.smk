@@ -117,3 +117,8 @@ def shown_in_article(_):
                 " (simulations.slow: false). Make the book instead: make book."
             )
     return [str(FIGURES / f"{name}.pdf") for name in shown_figures(ARTICLE)]
+
+
+def files_of_own(figure):
+    """Files of a figure that a module of the user registers."""
+    return [str(FIGURES / f"{figure}.{extension}") for extension in FIGURE_FORMATS]

@@ -58,7 +58,7 @@ for _figure in OWN_FIGURES:
         input:
             results=[result(name) for name in READ_BY_OWN[_figure]],
         output:
-            [str(FIGURES / f"{_figure}.{extension}") for extension in FIGURE_FORMATS],
+            files_of_own(_figure),
         log:
             log_of("figures", f"{_figure}.log"),
         benchmark:
@@ -115,7 +115,8 @@ rule book:
             file
             for name in NOTEBOOKS
             for file in [*figures_of(name), *tables_of(name), rendered_of(name)]
-        ],
+        ]
+        + [file for name in OWN_FIGURES for file in files_of_own(name)],
         results=[result(name) for name in ("config.json", *ON_FIRST_PAGE)],
         guides=local(GUIDES),
         pictures=local(PICTURES),

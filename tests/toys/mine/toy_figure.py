@@ -11,6 +11,6 @@ def toy_figure(answer: pd.DataFrame, source: str) -> tuple[Figure, pd.DataFrame]
     """Draw the probability of each event of the answer."""
     data = answer[["event", "probability"]].assign(data=source)
     drawn, axes = plt.subplots()
-    axes.barh(data["event"], data["probability"])
-    axes.set_xlabel("probability per cut-in")
+    axes.plot(range(len(data)), data["probability"], "o", color="black")
+    axes.set(xlabel="event", ylabel="probability per cut-in", yscale="log")
     return drawn, data
