@@ -9,7 +9,12 @@ import pytest
 from accelerated_evaluation.base.errors import InputError
 from accelerated_evaluation.laws.paper import candidate_estimators
 from accelerated_evaluation.laws.paper.candidate_families import FAMILIES
-from accelerated_evaluation.laws.paper.candidates import CandidateFit, assessed_fit, compare, fit_candidates
+from accelerated_evaluation.laws.paper.candidates import (
+    CandidateFit,
+    assessed_fit,
+    fit_candidates,
+    fits_table,
+)
 from scipy import optimize, stats
 
 LOWER = 0.2
@@ -271,7 +276,7 @@ def test_comparison_ranks_by_aic_and_keeps_the_unfitted():
     x = np.append(draw("generalized Pareto", 2000), LOWER)
     law = BY_NAME["generalized Pareto"].freeze(LOWER, *TRUTH["generalized Pareto"])
     fits = [*fit_candidates(x, LOWER), assessed_fit("the truth", law.logpdf, law.cdf, 0, x)]
-    table = compare(fits)
+    table = fits_table(fits)
     assert ", ".join(table) == COLUMNS
     ranked = table[table["rank"].notna()]
     assert list(ranked["rank"]) == list(range(1, len(EDGELESS) + 2))

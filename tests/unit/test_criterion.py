@@ -13,7 +13,6 @@ from accelerated_evaluation.answer.criterion import (
     criteria_table,
     criterion_in_words,
     criterion_of,
-    crude_bound,
     crude_runs,
     judge,
 )
@@ -24,6 +23,7 @@ from accelerated_evaluation.answer.deciding import (
     factor_needed,
     variances_of,
 )
+from accelerated_evaluation.answer.extrapolation import exact_interval
 from scipy.special import ndtri
 from scipy.stats import gamma, norm
 
@@ -191,5 +191,5 @@ def test_the_table_of_criteria():
 
 def test_bounds_without_a_model():
     assert crude_runs(1e-2) == pytest.approx(298.07, abs=0.01)  # the engineer's 299 runs
-    assert crude_bound(0, 299) == pytest.approx(1 - 0.05 ** (1 / 299))
-    assert crude_bound(3, 3) == 1
+    assert exact_interval(0, 299, 0.9)[1] == pytest.approx(1 - 0.05 ** (1 / 299))
+    assert exact_interval(3, 3, 0.9)[1] == 1

@@ -12,7 +12,7 @@ import pandas as pd
 import pytest
 from accelerated_evaluation import VEHICLES, InputError, Stopping, load_vehicle
 from accelerated_evaluation.laws.distributions import BoundedExponential, BoundedNormal
-from accelerated_evaluation.laws.paper.candidates import compare, fit_candidates
+from accelerated_evaluation.laws.paper.candidates import fit_candidates, fits_table
 from accelerated_evaluation.methods import METHODS
 from drone_checks import extract
 from scipy import stats
@@ -192,7 +192,7 @@ def test_generalized_pareto_fits_are_within_one_percent(shape):
 def test_a_likelihood_without_a_maximum_never_wins():
     """SciPy issue 20094: below the shape -1, the likelihood grows without limit at the largest value."""
     x = stats.genpareto(-1.5, 1.0, 0.2).ppf(LEVELS[::40])
-    table = compare(fit_candidates(x, 1.0)).set_index("family")
+    table = fits_table(fit_candidates(x, 1.0)).set_index("family")
     assert "shape -1" in table.loc["generalized Pareto", "reason"]
     assert np.isnan(table.loc["generalized Pareto", ["aic", "rank"]].astype(float)).all()
     assert table["rank"].min() == 1

@@ -7,7 +7,7 @@ from functools import partial
 import accelerated_evaluation as ae
 import numpy as np
 import pytest
-from accelerated_evaluation.answer.explored import DrawnLaws
+from accelerated_evaluation.answer.explored import ExplorerDraws
 from accelerated_evaluation.answer.settings import RecordSettings
 from accelerated_evaluation.crash_map.lines import CrashLines
 from accelerated_evaluation.records.segments import read_encounters
@@ -44,7 +44,7 @@ def laws(finished):
     study = ae.LawStudy.of(
         records, config["answer"]["draws"], stream, folder / "laws/family.npz"
     ).smooth_only()
-    drawn = DrawnLaws.of(study, study.draws(stream("draws")), np.random.default_rng(0))
+    drawn = ExplorerDraws.of(study, study.draws(stream("draws")), np.random.default_rng(0))
     return drawn, records.data.lead_speed, support
 
 

@@ -4,7 +4,7 @@ from functools import partial
 from pathlib import Path
 
 import pandas as pd
-from accelerated_evaluation.answer.explored import DrawnLaws
+from accelerated_evaluation.answer.explored import ExplorerDraws
 from accelerated_evaluation.answer.fitted_records import stored_records
 from accelerated_evaluation.answer.law_study import LawStudy
 from accelerated_evaluation.base.files import atomic_path, read_json
@@ -27,7 +27,7 @@ if __name__ == "__main__":
             tested=config["vehicle"],
             impact_speeds=config["answer"]["events"].get("impact_speed", []),
             study=study,
-            drawn=DrawnLaws.of(study, study.draws(laws("draws")), stream("explorer", "draws")),
+            drawn=ExplorerDraws.of(study, study.draws(laws("draws")), stream("explorer", "draws")),
             exposure=exposure,
             answer=pd.read_csv(files.answer),
             vehicles=pd.read_csv(files.vehicles),

@@ -11,10 +11,9 @@ from dataclasses import dataclass
 
 import numpy as np
 import pandas as pd
-from scipy.stats import beta
 
 from accelerated_evaluation.answer.comparison import ratios
-from accelerated_evaluation.answer.extrapolation import ALL, RECORDED
+from accelerated_evaluation.answer.extrapolation import ALL, RECORDED, exact_interval
 from accelerated_evaluation.answer.injuries.curves import LEVELS
 from accelerated_evaluation.answer.posterior import UNITS, Posterior, Rate
 from accelerated_evaluation.base.arrays import Array
@@ -183,7 +182,7 @@ def criteria_table(
     bound that rests on predicted events unlike any record (`extrapolation`); and ``runs_without_event``, the
     number of encounters without the event that would show the same upper bound without a model. The last is
     known for rates per encounter only, and so is ``replayed_upper95``, the exact bound that follows from the
-    replayed records without a model (`crude_bound`).
+    replayed records without a model (`exact_interval`).
     """
     bounds = extrapolation.set_index("part")["upper95"] if len(extrapolation) else pd.Series(dtype=float)
     every = extrapolation.set_index("part").loc[ALL] if len(extrapolation) else {"recorded": np.nan}
@@ -204,7 +203,9 @@ def criteria_table(
             if plain and 0 < own.upper < 1:
                 row["runs_without_event"] = crude_runs(own.upper)
             if plain and not np.isnan(every["recorded"]):
-                row["replayed_upper95"] = crude_bound(int(every["recorded"]), int(every["records"]))
+                row["replayed_upper95"] = exact_interval(
+                    int(every["recorded"]), int(every["records"]), 2 * CONFIDENCE - 1
+                )[1]
         rows.append(row)
     columns = ["criterion", "verdict", "probability", "median", "lower95", "upper95", "beyond"]
     return pd.DataFrame(rows, columns=[*columns, "runs_without_event", "replayed_upper95"])
@@ -216,11 +217,6 @@ def crude_runs(probability: float) -> float:
     With n independent runs without an event, the exact upper bound p solves (1 - p)^n = 0.05.
     """
     return float(np.log(1 - CONFIDENCE) / np.log1p(-probability))
-
-
-def crude_bound(events: int, runs: int) -> float:
-    """Return the exact one-sided 95 % upper bound of a probability (Clopper and Pearson 1934)."""
-    return float(beta.ppf(CONFIDENCE, events + 1, runs - events)) if events < runs else 1.0
 
 
 def criterion_in_words(row: Mapping[str, object]) -> str:

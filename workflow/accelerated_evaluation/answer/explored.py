@@ -43,7 +43,7 @@ TINY = np.finfo(float).tiny
 
 
 @dataclass(frozen=True)
-class DrawnLaws:
+class ExplorerDraws:
     """Draws of the law of cut-ins: the draws of the answer, and further draws of rarely drawn members."""
 
     # Distributions of range and closing speed of each draw; those of the answer come first.
@@ -52,7 +52,7 @@ class DrawnLaws:
     answered: int  # number of draws of the answer
 
     @classmethod
-    def of(cls, study: LawStudy, draws: MeanLaw, more: np.random.Generator) -> "DrawnLaws":
+    def of(cls, study: LawStudy, draws: MeanLaw, more: np.random.Generator) -> "ExplorerDraws":
         """Add draws to those of the answer, such that every smooth law has at least `FEWEST` draws."""
         smooth, own = study.smooth, draws.draws
         laws = [(own.ranges[shared], law) for shared, law in zip(own.shared, own.laws, strict=True)]
@@ -128,7 +128,7 @@ class ExploredLines:
 
 
 def explored_lines(
-    drawn: DrawnLaws,
+    drawn: ExplorerDraws,
     lead_speeds: Array,
     support: Support,
     pilots: Sequence[Vehicle],
@@ -153,7 +153,9 @@ def explored_lines(
     return ExploredLines(lead_speed, range_, probability, distance, closing_speeds(survival, NODES))
 
 
-def _distance(lead_speed: Array, range_: Array, recorded: Array, drawn: DrawnLaws, support: Support) -> Array:
+def _distance(
+    lead_speed: Array, range_: Array, recorded: Array, drawn: ExplorerDraws, support: Support
+) -> Array:
     """Return the sum of the squared normal scores of v_L and of R given v_L, for pairs of both."""
     rank = (np.searchsorted(recorded, lead_speed) + 0.5) / (recorded.size + 1)
     places, logarithm = Places.of(lead_speed, range_, support), np.log(support.range_max / range_)
@@ -216,7 +218,7 @@ LEVELS = (0, 1, 2, 3, 4, 5, 6, 7, 8, 9, 10, 11, 12, 14, 17, 20, 24, DEPTH)  # st
 LIMITS = (-12.0, 8.0)
 
 
-def log_ratios(drawn: DrawnLaws, support: Support) -> Array:
+def log_ratios(drawn: ExplorerDraws, support: Support) -> Array:
     """Return the logarithms of the ratio of each draw to the mean law of the answer, at the stored nodes.
 
     The axes are draws, v_L, square root of R, and cumulative hazard.

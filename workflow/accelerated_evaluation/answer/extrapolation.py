@@ -187,9 +187,12 @@ def extrapolation_table(
     return pd.DataFrame(rows)
 
 
-def exact_interval(count: int, size: int) -> tuple[float, float]:
-    """Return the exact 95 % interval of a probability from a binomial count (Clopper and Pearson 1934)."""
-    outside = (1 - 0.95) / 2
+def exact_interval(count: int, size: int, level: float = 0.95) -> tuple[float, float]:
+    """Return the exact interval of a probability from a binomial count (Clopper and Pearson 1934).
+
+    Each end is also the one-sided bound of the level ``(1 + level) / 2``.
+    """
+    outside = (1 - level) / 2
     low = float(beta.ppf(outside, count, size - count + 1)) if count else 0.0
     return low, float(beta.isf(outside, count + 1, size - count)) if count < size else 1.0
 

@@ -121,7 +121,7 @@ def _checked(x: ArrayLike) -> Array:
     return x
 
 
-def compare(fits: Iterable[CandidateFit]) -> pd.DataFrame:
+def fits_table(fits: Iterable[CandidateFit]) -> pd.DataFrame:
     """Return a table of fits to one sample, in increasing order of AIC.
 
     Models that cannot be fitted come last and have no rank. Equal values of AIC share the smaller rank, from
@@ -143,7 +143,7 @@ def compare_with_candidates(
     The piecewise models are fitted again to the same rows, with their knots. Knots count as parameters. Rows
     exactly at the lower end of the support (R = 75 m in the paper) are counted, but excluded from all fits,
     because a family whose density is zero or infinite there could not be fitted. The table has the columns
-    ``variable``, ``segment``, ``rows``, ``rows_on_edge`` and those of `candidates.compare`. The segment
+    ``variable``, ``segment``, ``rows``, ``rows_on_edge`` and those of `candidates.fits_table`. The segment
     ``all`` means all rows.
     """
     x = encounters.loc[(encounters["segment"] == segment) | (segment == "all"), variable].to_numpy()
@@ -162,6 +162,6 @@ def compare_with_candidates(
             assessed_fit(f"piecewise ({pieces} pieces)", fitted.logpdf, fitted.cdf, parameters, inside)
         )
     counts = {"rows": inside.size, "rows_on_edge": x.size - inside.size}
-    comparison = compare(fits)
+    comparison = fits_table(fits)
     labels = {"variable": variable, "segment": segment, **counts}
     return comparison.assign(**labels)[[*labels, *comparison.columns]]

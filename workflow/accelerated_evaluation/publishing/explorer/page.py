@@ -19,8 +19,8 @@ from accelerated_evaluation.answer.explored import (
     FINE,
     LEVELS,
     LIMITS,
-    DrawnLaws,
     ExploredLines,
+    ExplorerDraws,
     explored_lines,
     log_ratios,
     refinements,
@@ -93,7 +93,7 @@ def add_lines(payload: Payload, lines: ExploredLines) -> None:
     payload.text["lines"] = {"depth": DEPTH, "speed_step": SPEED_STEP}
 
 
-def add_laws(payload: Payload, study: LawStudy, drawn: DrawnLaws, logs: Array) -> None:
+def add_laws(payload: Payload, study: LawStudy, drawn: ExplorerDraws, logs: Array) -> None:
     """Add the law of each draw, and its log ratios to the mean law at the nodes of `explored_ratios`."""
     members = study.smooth.members
     payload.add("member", drawn.member, "u1")
@@ -193,7 +193,7 @@ class Explored:
     tested: Mapping[str, Any]  # section of the configuration for the vehicle under test
     impact_speeds: Sequence[float]  # thresholds of the further events [m/s]
     study: LawStudy  # the laws with their weights
-    drawn: DrawnLaws  # random draws from the laws
+    drawn: ExplorerDraws  # random draws from the laws
     exposure: Mapping[str, float | None]  # ``kilometres`` and ``hours`` of the records
     answer: pd.DataFrame  # the published answer by event
     vehicles: pd.DataFrame  # the published answer by vehicle
