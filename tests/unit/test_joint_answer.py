@@ -33,7 +33,7 @@ class Outcomes:
 TOY = ae.Scenario(
     "toy",
     "Two variables, and a crash that is a function of them.",
-    [ae.Variable(name, "", 0, 10, "modelled", "") for name in BOX.names],
+    [ae.Variable(name, "", 0, 10, "") for name in BOX.names],
     Outcomes,
     [ae.Event.flag("crash", scored_by="distance")],
     {},

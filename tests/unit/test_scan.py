@@ -85,7 +85,7 @@ class Stripes:
 TOY = ae.Scenario(
     "stripes",
     "Two variables.",
-    [ae.Variable(name, "", 0, 10, "modelled", "") for name in "ab"],
+    [ae.Variable(name, "", 0, 10, "") for name in "ab"],
     Outcomes,
     [ae.Event.flag("crash", scored_by="distance")],
     {},

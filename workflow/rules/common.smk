@@ -65,7 +65,7 @@ SUPPORT = (
 )
 RESULTS = Path("results") / STUDY
 FIGURES = Path("figures") / STUDY
-# Whether the vehicle is slow to simulate: about 150 simulations are made, but no crash map and no crude Monte Carlo.
+# Whether the vehicle is slow to simulate: a few hundred simulations are made, but no crash map and no crude Monte Carlo.
 SLOW = config["simulations"]["slow"]
 REPLICATED = [
     name

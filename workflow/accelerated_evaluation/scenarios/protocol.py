@@ -9,7 +9,7 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, fields
 from functools import partial
 from pathlib import Path
-from typing import Any, Literal, Protocol
+from typing import Any, Protocol
 
 import numpy as np
 import pandas as pd
@@ -45,9 +45,6 @@ class Variable:
         Unit of the variable.
     low, high
         Smallest and largest value that can be simulated (both included), in this unit.
-    role
-        ``covariate`` if the variable has the empirical distribution of the records, ``modelled`` if a
-        distribution is fitted.
     description
         Description of the variable.
     sign_matters
@@ -60,7 +57,7 @@ class Variable:
     Examples
     --------
     >>> import accelerated_evaluation as ae
-    >>> gap = ae.Variable("gap", "m", 0.0, 100.0, "modelled", "distance to the car in front")
+    >>> gap = ae.Variable("gap", "m", 0.0, 100.0, "distance to the car in front")
     >>> gap.in_words
     '0 to 100 m'
     """
@@ -69,7 +66,6 @@ class Variable:
     unit: str
     low: float
     high: float
-    role: Literal["covariate", "modelled"]
     description: str
     sign_matters: bool = True
     step: float = 0.1

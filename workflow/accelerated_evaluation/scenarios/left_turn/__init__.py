@@ -21,15 +21,12 @@ LEFT_TURN = SCENARIOS.add("left_turn")(
         name="left_turn",
         description="a car turns left across the path of the oncoming vehicle under test",
         variables=(
-            Variable(
-                "sdv_speed_mps", "m/s", 0, 35, "modelled", "speed of the vehicle under test at the start"
-            ),
+            Variable("sdv_speed_mps", "m/s", 0, 35, "speed of the vehicle under test at the start"),
             Variable(
                 "turning_speed_mps",
                 "m/s",
                 0,
                 60,
-                "modelled",
                 "speed of the turning car, constant",
                 step=0.01,
             ),
@@ -38,7 +35,6 @@ LEFT_TURN = SCENARIOS.add("left_turn")(
                 "m",
                 0,
                 150,
-                "modelled",
                 "distance of the vehicle under test to the conflict point when the car begins to turn",
             ),
         ),

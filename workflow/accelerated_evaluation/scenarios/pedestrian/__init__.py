@@ -26,15 +26,12 @@ PEDESTRIAN = SCENARIOS.add("pedestrian")(
         name="pedestrian",
         description="a pedestrian crosses the lane of the vehicle under test",
         variables=(
-            Variable(
-                "vehicle_speed_mps", "m/s", 0, 13, "modelled", "speed of the vehicle under test at the start"
-            ),
+            Variable("vehicle_speed_mps", "m/s", 0, 13, "speed of the vehicle under test at the start"),
             Variable(
                 "pedestrian_speed_mps",
                 "m/s",
                 -7,
                 7,
-                "modelled",
                 "speed of the pedestrian, constant; the sign is the direction",
                 sign_matters=False,
                 step=0.01,
@@ -44,7 +41,6 @@ PEDESTRIAN = SCENARIOS.add("pedestrian")(
                 "m",
                 5,
                 60,
-                "modelled",
                 "distance to the pedestrian's path when the pedestrian is in the middle of the lane",
             ),
         ),
