@@ -156,9 +156,10 @@ def runs_of_cover(
 ) -> Array:
     """Return up to n runs, shape (m, d), that exclude other parts of the event; none if none are needed.
 
-    Known parts come first, because the estimate begins again if they are larger than it knows; but with at
-    most two inputs the runs of the cover are everywhere. With many inputs no run is near another one, and if
-    outcomes may be random, only the cover can be checked.
+    The surroundings of known parts are checked first, because the estimate begins again if a known part is
+    larger than its runs have shown. With at most two inputs, the runs of the cover reach all places, known
+    parts included. With many inputs, no run is near another one. If outcomes may be random, only the cover
+    can be checked.
     """
     z, happened, probability = progress.z, progress.happened, _mean(progress)
     can_see = not progress.chance and z.shape[1] <= FEW and not by_cover_alone
