@@ -104,6 +104,7 @@ def test_an_edited_campaign_is_refused(campaign, monkeypatch, capsys, data):
 @pytest.mark.parametrize(
     ("path", "value"),
     [
+        (("version",), True),
         (("scenario",), "sailing"),
         (("law",), DELETED),
         (("law", "sha256"), None),

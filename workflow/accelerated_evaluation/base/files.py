@@ -136,7 +136,8 @@ def require_format(path: str | os.PathLike, content: Any, name: str, version: in
     InputError is raised if one of the values differs, and LookupError or TypeError if the content has no such
     entries.
     """
-    if (kind := (content["format"], content["version"])) != (name, version):
+    kind = content["format"], content["version"]
+    if json.dumps(kind) != json.dumps((name, version)):  # true is equal to 1
         raise InputError(str(path), seen=f"{kind}", expected=f"{(name, version)}", change=change)
 
 

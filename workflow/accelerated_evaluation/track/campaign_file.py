@@ -122,8 +122,8 @@ def read_campaign(path: str | os.PathLike) -> Campaign:
     if not isinstance(plain, Mapping) or plain.get("format") != FORMAT:
         raise InputError(str(path), seen="no campaign", expected=f"format {FORMAT!r}", change=change)
     head = {name: plain.pop(name, None) for name in ("format", "version", "checksum")}
-    if head["version"] != VERSION:
-        seen = f"version {head['version']}"
+    if json.dumps(head["version"]) != str(VERSION):  # true is equal to 1
+        seen = f"version {json.dumps(head['version'])}"
         change = "Continue with the version of the program that wrote the file."
         raise InputError(str(path), seen=seen, expected=f"version {VERSION}", change=change)
     damage = "a checksum that does not agree with the content"
