@@ -36,7 +36,7 @@ class From:
         return Outcomes(
             crash,
             np.where(crash, 0.0, range_),
-            np.where(crash, 0.0, range_ / np.maximum(closing_speed, 1e-9)),
+            np.where(crash, 1e-3, range_ / np.maximum(closing_speed, 1e-9)),
             np.where(crash, closing_speed, zero),
         )
 

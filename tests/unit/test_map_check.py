@@ -32,7 +32,7 @@ class Striped:
 
     def simulate(self, lead_speed, range_, closing_speed):
         crash = (closing_speed > self.limit * range_) & (np.floor(closing_speed / self.width) % 2 == 0)
-        ttc = np.where(crash, 0.0, 5.0)
+        ttc = np.where(crash, 0.5, 5.0)
         return Outcomes(crash, np.where(crash, 0.0, range_), ttc, np.where(crash, closing_speed, 0.0))
 
 

@@ -64,7 +64,7 @@ class Car:
         crash = closing_speed > self.limit
         none = np.zeros(crash.size)
         return Outcomes(
-            crash, np.where(crash, 0.0, 1.0), np.where(crash, 0.5, 2.0), none + closing_speed * crash
+            crash, np.where(crash, 0.0, range_), np.where(crash, 0.5, 2.0), none + closing_speed * crash
         )
 
 

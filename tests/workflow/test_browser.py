@@ -160,7 +160,7 @@ def test_no_page_names_an_author_that_is_not_set(site):
 
 
 def test_code_is_folded_away_and_opens_by_the_keyboard(watch, site):
-    page = watch.open(site / "01_introduction.html")
+    page = watch.open(site / "02_the_answer.html")
     folded = page.locator("details.hide")
     assert folded.count() >= 2
     assert not page.locator("details.hide div.input_area, details.hide .highlight").first.is_visible()
@@ -171,10 +171,10 @@ def test_code_is_folded_away_and_opens_by_the_keyboard(watch, site):
 
 
 def test_a_figure_opens_alone_from_the_keyboard(watch, site):
-    page = watch.open(site / "08_ground_truth.html")
+    page = watch.open(site / "09_ground_truth.html")
     page.locator("figure a:has(img)").first.focus()
     page.keyboard.press("Enter")
-    page.wait_for_url(re.compile(r"_images/fig14_\w+\.png$"))
+    page.wait_for_url(re.compile(r"_images/fig15_\w+\.png$"))
 
 
 def test_the_report_asks_for_nothing_from_the_network(watch, finished, tmp_path):

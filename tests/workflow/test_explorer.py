@@ -8,8 +8,8 @@ import accelerated_evaluation as ae
 import numpy as np
 import pytest
 from accelerated_evaluation.answer.explored import ExplorerDraws
-from accelerated_evaluation.answer.settings import RecordSettings
 from accelerated_evaluation.crash_map.lines import CrashLines
+from accelerated_evaluation.laws.smooth.splines import Support
 from accelerated_evaluation.records.segments import read_encounters
 from accelerated_evaluation.vehicles.protocol import CRASH
 from test_browser import TOO_WIDE, Watch, pytestmark, watch  # noqa: F401
@@ -38,7 +38,8 @@ def laws(finished):
     """Return the draws of the laws of the finished study, its lead speeds and its limits."""
     folder = finished.folder / "results/smoke"
     config = json.loads((folder / "config.json").read_text())
-    support = RecordSettings.of(config).support
+    edges = config["segments"]["lead_speed_edges"]
+    support = Support.within(config["filters"], config["models"]["closing_speed_max"], edges)
     records = ae.FittedRecords.of(ae.CUT_IN, read_encounters(folder / "encounters.parquet"), support)
     stream = partial(ae.child_generator, config["seed"], "laws")
     study = ae.LawStudy.of(

@@ -24,7 +24,7 @@ TABLES = (
 )
 # One result of nearly every rule.
 RESUMED = (
-    "results/smoke/notebooks/01_what_happens.ipynb",
+    "results/smoke/notebooks/05_data_and_single_models.ipynb",
     "results/smoke/candidates.csv",
     "results/smoke/coverage/single.csv",
     "results/smoke/crude.csv",
@@ -69,7 +69,7 @@ def test_a_killed_run_resumes_on_one_core_and_ends_with_the_same_bytes(project_w
     run = project.run(*RESUMED, cores=1)  # the lock of the killed run is known to be dead
     assert run.returncode == 0, run.stderr[-5000:]
     tables, expected = project.tables(), request.getfixturevalue("finished").tables()
-    assert {"figures/smoke/fig01_concept.csv", *RESUMED[1:]} <= set(tables)
+    assert {"figures/smoke/fig02_data.csv", *RESUMED[1:]} <= set(tables)
     assert {path: content for path, content in expected.items() if path in tables} == tables
 
 
