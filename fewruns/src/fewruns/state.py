@@ -83,9 +83,9 @@ def _with_fields(choices: list[type], value: Mapping[str, Any]) -> type:
 def _array(kind: Any, axes: tuple, value: Any, sizes: ChainMap) -> np.ndarray:  # noqa: ANN401
     """Return a list as an array with the given axes; lengths of new axes are added to ``sizes``."""
     dtype = get_args(get_args(kind)[1])[0]
-    array = np.array(value)
-    is_other = array.dtype.kind not in ("b" if dtype is np.bool_ else "iuf")
-    if not isinstance(value, list) or (array.size and is_other):
+    array, kinds = np.array(value), {type(item) for item in np.array(value, dtype=object).flat}
+    is_other = not kinds <= ({bool} if dtype is np.bool_ else {int, float})  # NumPy makes [true, 0.5] numbers
+    if not isinstance(value, list) or is_other or array.dtype.kind not in "biuf":
         raise ValueError(f"{value!r:.40} where a list of type {dtype.__name__} was expected")
     known = [axis if isinstance(axis, int) else sizes.get(axis) for axis in axes]
     if array.shape == (0,):  # an empty list has lost the lengths of the other axes
