@@ -4,8 +4,9 @@ from dataclasses import dataclass
 
 import numpy as np
 import pytest
-from fewruns import combining, pools, two_phase
+from fewruns import combining, pools, results, two_phase
 from fewruns.constants import AGREEMENT, BEST, EVEN, FLOOR, KEPT, REACH, USABLE, WORTHLESS
+from fewruns.progress import Progress
 from sampler_checks import drive, half_plane, new_sampler
 from scipy import stats
 
@@ -249,6 +250,23 @@ def test_batches_count_while_they_share_one_view_of_the_event(known, first):
     assert 1.9 < AGREEMENT < 2.2
     kept = combining.counted_batches(of_batches(*known))
     assert [each.probability for each in kept] == list(range(first, len(known)))
+
+
+@pytest.mark.parametrize(
+    ("known", "again"),
+    [
+        ([(1.0, GOOD), (1.0, GOOD), (1.0, GOOD)], False),
+        ([(1.0, GOOD), (1.0, GOOD), (1.0, GOOD), (3.0, GOOD)], True),
+        ([(1.0, GOOD), (1.0, GOOD), (1.0, GOOD, "!")], False),  # one batch had given no estimate
+        ([(1.0, GOOD), (1.0, GOOD), (1.0, GOOD), (1.0, GOOD, "!")], True),
+        ([(1.0, GOOD)] * 3 + [(3.0, GOOD)] * 3, False),  # known again
+        ([], False),
+    ],
+)
+def test_an_estimate_that_was_known_and_is_not_has_begun_again(known, again):
+    progress = Progress.start(2)
+    progress.estimates = of_batches(*known)
+    assert results.has_begun_again(progress) == again
 
 
 @pytest.mark.parametrize(("observed", "predicted", "larger"), [(4.0, 0.01, 4.0), (1.0, 0.25, 0.25 * 2.5**2)])

@@ -218,6 +218,18 @@ def has_learnt(progress: Progress, batches: int) -> bool:
     return any(first is not None for first in begun[-batches:])
 
 
+def has_begun_again(progress: Progress) -> bool:
+    """Return whether there is no estimate now, although earlier batches had given one."""
+    if len(_that_count(progress)) >= 2:
+        return False
+    batches = progress.estimates
+    begun = enumerate(beginnings(batches, _usable(progress)))
+    return any(
+        first is not None and sum(batch.runs > 0 for batch in batches[first : last + 1]) >= 2
+        for last, first in begun
+    )
+
+
 def _usable(progress: Progress) -> float:
     """Return the coefficient of variation of a run below which the surrogate is usable."""
     return NOISY_USABLE if progress.repeats.vary_often else USABLE

@@ -423,6 +423,11 @@ class Sampler:
             return "outcomes may be random in a few of the runs, which the runs cannot exclude"
         if not progress.happened.any() and not progress.law_draws.events:
             return "no run has met the event"
+        if results.has_begun_again(progress) and not self.is_counted:
+            return (
+                "the estimate begins again without its earlier batches, because later runs did not agree "
+                "with what was predicted from them"
+            )
         if not self.is_narrow(stopping):
             return "the interval is wider than required"
         if self.is_settled():

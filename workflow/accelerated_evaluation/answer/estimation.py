@@ -3,6 +3,7 @@
 import json
 import math
 import os
+import sys
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
@@ -340,10 +341,16 @@ def reference_answer(
 
 @contextmanager
 def _progress() -> Iterator[Shown]:
-    """Yield a function that shows the progress of the simulations."""
+    """Yield a function that shows the progress of simulations, and says if the estimate begins again."""
+    was_known = False
     with tqdm(desc="simulations", unit="", disable=None) as bar:
 
         def show(estimate: Any, posterior: Any) -> None:  # noqa: ANN401
+            nonlocal was_known
+            is_known = (estimate.low, estimate.high) != (0.0, 1.0)
+            if was_known and not is_known:
+                tqdm.write(f"after {estimate.simulations:,} simulations: {estimate.reason}", file=sys.stderr)
+            was_known = is_known
             bar.n = estimate.simulations
             text = f"{estimate.events} events, sampling alone {estimate.low:.2g} to {estimate.high:.2g}"
             if posterior is not None:
