@@ -82,7 +82,7 @@ def test_snakemake_alone_ends_in_one_sentence_with_two_ways_to_install(tmp_path,
 
 def test_the_study_is_planned_without_its_console(tmp_path):
     """The profile names the console only where it is installed."""
-    ended = bare(tmp_path, {CONSOLE}, "-n")
+    ended = bare(tmp_path, {CONSOLE}, "-n", "--forceall")
     assert ended.returncode == 0, ended.stderr[-2000:]
     assert "Job stats" in ended.stdout + ended.stderr
 
