@@ -66,8 +66,7 @@ def current() -> Extension | None:
 
 def added(package: str) -> list[str]:
     """Return the names of the members that extensions add to the registry of a package of the library."""
-    load_known()
-    members = [member for each in EXTENSIONS.values() for member in each.members]
+    members = [member for each in known().values() for member in each.members]
     return sorted(name for registry, name in members if registry.package == package)
 
 

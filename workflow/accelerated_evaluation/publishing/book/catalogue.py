@@ -14,7 +14,6 @@ the variables have at this place, whoever runs the notebook: a reader in Jupyter
 
 import json
 import math
-import sys
 from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -23,7 +22,7 @@ from jinja2 import Environment, StrictUndefined
 from markupsafe import Markup
 
 from accelerated_evaluation.base.errors import InputError, StudyError
-from accelerated_evaluation.publishing.tables.display import as_markdown, readable
+from accelerated_evaluation.publishing.tables.display import as_markdown, readable, shell_of_notebook
 
 
 class Contents(NamedTuple):
@@ -101,8 +100,7 @@ def fill(text: str, names: Mapping[str, Any]) -> str:
 
 def fill_in_notebooks() -> None:
     """Let a notebook, if this is one, show cells that begin with ``%%text`` as Markdown, by `fill`."""
-    shell = sys.modules["IPython"].get_ipython() if "IPython" in sys.modules else None
-    if shell is None:
+    if (shell := shell_of_notebook()) is None:
         return
     from IPython.display import Markdown, display  # slow to import, and only notebooks need it
 

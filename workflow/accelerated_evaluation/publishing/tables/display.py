@@ -235,10 +235,14 @@ def as_html(table: pd.DataFrame) -> str:
     return above + _html(shown.iloc[:SHOWN]) + folded
 
 
+def shell_of_notebook() -> Any:  # noqa: ANN401
+    """Return the IPython shell in which this code runs; None if it does not run in a notebook."""
+    return sys.modules["IPython"].get_ipython() if "IPython" in sys.modules else None
+
+
 def display_in_notebooks() -> None:
     """Let a notebook, if this is one, display every table as `as_html` writes it."""
-    shell = sys.modules["IPython"].get_ipython() if "IPython" in sys.modules else None
-    if shell is not None:
+    if (shell := shell_of_notebook()) is not None:
         shell.display_formatter.formatters["text/html"].for_type(pd.DataFrame, as_html)
 
 

@@ -151,11 +151,6 @@ def _verdict(calibration: pd.DataFrame) -> pd.DataFrame:
     return pd.DataFrame(counts).assign(smallest_p_value=groups["p_value"].min())
 
 
-def threshold_ratio(answer_thresholds: pd.DataFrame) -> float:
-    """Return the ratio of the largest to the smallest crash probability over the thresholds of the tails."""
-    return float(answer_thresholds["probability"].max() / answer_thresholds["probability"].min())
-
-
 def without_sources(counted: pd.DataFrame) -> pd.DataFrame:
     """Return a short table of predicted and counted crash rates, without the columns of references.
 
