@@ -35,16 +35,18 @@ def opened(watch, path, fragment=""):  # noqa: F811
 
 @pytest.fixture(scope="module")
 def laws(finished):
-    """Return the draws of the laws of the finished study, its lead speeds and its limits."""
+    """Return the draws of the laws of the finished study, its lead speeds and its limits.
+
+    The laws are fitted again. With the study's file of laws, this process, which does not know the study's
+    modules, would write that file anew, and the study would no longer be up to date.
+    """
     folder = finished.folder / "results/smoke"
     config = json.loads((folder / "config.json").read_text())
     edges = config["segments"]["lead_speed_edges"]
     support = Support.within(config["filters"], config["models"]["closing_speed_max"], edges)
     records = ae.FittedRecords.of(ae.CUT_IN, read_encounters(folder / "encounters.parquet"), support)
     stream = partial(ae.child_generator, config["seed"], "laws")
-    study = ae.LawStudy.of(
-        records, config["answer"]["draws"], stream, folder / "laws/family.npz"
-    ).smooth_only()
+    study = ae.LawStudy.of(records, config["answer"]["draws"], stream).smooth_only()
     drawn = ExplorerDraws.of(study, study.draws(stream("draws")), np.random.default_rng(0))
     return drawn, records.data.lead_speed, support
 
