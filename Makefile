@@ -4,6 +4,7 @@ CORES ?= 2
 PYTHON ?= python3
 STUDY ?= spmd
 ENVIRONMENT := .venv/.installed
+EXTRAS := .venv/.extras
 SNAKEMAKE := snakemake --cores $(or $(CORES),2) --configfile $(or $(CONFIG),config/config.yaml)
 RULES := Snakefile workflow fewruns/benchmarks/Snakefile fewruns/benchmarks/vehicles.smk \
   benchmarks/worlds/Snakefile benchmarks/claims/Snakefile benchmarks/motorway/Snakefile
@@ -19,7 +20,7 @@ RESOLVE := uv pip compile pyproject.toml --universal --python-version 3.11 --gen
   --no-emit-package fewruns
 export PATH := $(CURDIR)/.venv/bin:$(PATH)
 
-.PHONY: environment container study book article test test-slurm test-studies test-fewruns crate paper-figures lint format report smoke benchmark-samplers \
+.PHONY: environment extras container study book article test test-slurm test-studies test-fewruns crate paper-figures lint format report smoke benchmark-samplers \
   benchmark-public benchmark-recordings benchmark-vehicles world worlds claims lock clean help
 .DEFAULT_GOAL := help
 
@@ -34,7 +35,13 @@ $(ENVIRONMENT): environment.txt pyproject.toml fewruns/pyproject.toml
 	.venv/bin/python -m pip install --quiet --no-deps --no-build-isolation --editable ./fewruns --editable .
 	@touch $@
 
+$(EXTRAS): $(ENVIRONMENT) tests/environment.txt
+	python -m pip install --quiet --require-hashes -r tests/environment.txt
+	@touch $@
+
 environment: $(ENVIRONMENT) ## make the environment .venv and nothing else; then: source .venv/bin/activate
+
+extras: $(EXTRAS) ## add to it what the study does not need: recordings, FMUs, OSI, clusters, crates, scenario files, tests
 
 study: $(ENVIRONMENT) ## run the study: make study [CONFIG=my_study.yaml] [CORES=2]
 	$(SNAKEMAKE)
@@ -54,7 +61,7 @@ smoke: ## a miniature of the whole study in under two minutes
 paper-figures: $(ENVIRONMENT) ## figures, tables and numbers of a finished study for a LaTeX paper: make paper-figures [STUDY=spmd] [FIGURE=fig12]
 	accelerated-evaluation paper $(STUDY) $(if $(FIGURE),--figure $(FIGURE))
 
-crate: study ## run the study, then pack it with its provenance: results/STUDY.crate.zip
+crate: $(EXTRAS) study ## run the study, then pack it with its provenance: results/STUDY.crate.zip
 	accelerated-evaluation crate $(STUDY)
 
 container: ## the locked environment as an image for Apptainer, environment.sif; needs Docker and Apptainer
@@ -73,7 +80,7 @@ benchmark-public: $(ENVIRONMENT) ## public problems, and problems with hidden pa
 benchmark-vehicles: $(ENVIRONMENT) ## all vehicles of the study under four laws: exact, and by the sampler; about 20 minutes
 	$(VEHICLES)
 
-benchmark-recordings: $(ENVIRONMENT) ## extraction of cut-ins from 1, 10 and 100 million rows: time, memory, correctness; needs 12 GB of disk
+benchmark-recordings: $(EXTRAS) ## extraction of cut-ins from 1, 10 and 100 million rows: time, memory, correctness; needs 12 GB of disk
 	python benchmarks/recordings/run.py
 
 worlds: $(ENVIRONMENT) ## coverage of the intervals in synthetic worlds of 20 kinds; two hours, resumable
@@ -88,7 +95,7 @@ world: $(ENVIRONMENT) ## crashes counted on a simulated motorway, and predicted;
 	python -m pip install --quiet --require-hashes -r benchmarks/motorway/environment.txt
 	$(MOTORWAY)
 
-lint: $(ENVIRONMENT) ## ruff and snakefmt
+lint: $(EXTRAS) ## ruff and snakefmt
 	ruff check .
 	ruff format --check .
 	snakefmt --check $(RULES)
@@ -96,24 +103,25 @@ lint: $(ENVIRONMENT) ## ruff and snakefmt
 test: lint ## lint and run the tests; lists at the end the slowest tests, and what was left out
 	pytest --durations 20
 
-test-slurm: $(ENVIRONMENT) ## run the smoke study through a Slurm on this machine; skipped where it cannot be installed
+test-slurm: $(EXTRAS) ## run the smoke study through a Slurm on this machine; skipped where it cannot be installed
 	tests/slurm/install.sh
 	pytest -n 0 -s -m slurm tests/slurm
 
-test-studies: $(ENVIRONMENT) ## whole small studies, the benchmarks' own tests and the installed wheel; over an hour
+test-studies: $(EXTRAS) ## whole small studies, the benchmarks' own tests and the installed wheel; over an hour
 	pytest -m studies --dist worksteal
 
-test-fewruns: $(ENVIRONMENT) ## all tests of the sampler, also those over many seeds; needed if fewruns/ has changed
+test-fewruns: $(EXTRAS) ## all tests of the sampler, also those over many seeds; needed if fewruns/ has changed
 	pytest -n 2 fewruns/tests
 
-format: $(ENVIRONMENT) ## format the sources for the linters
+format: $(EXTRAS) ## format the sources for the linters
 	ruff check --fix .
 	ruff format .
 	snakefmt $(RULES)
 
-lock: $(ENVIRONMENT) ## resolve environment.txt again from pyproject.toml
-	$(RESOLVE) --extra study --extra recordings --extra fmu --extra cluster --extra provenance --extra scenarios --extra osi --extra dev \
-	  --output-file environment.txt
+lock: $(EXTRAS) ## resolve the locks again from pyproject.toml
+	$(RESOLVE) --extra study --output-file environment.txt
+	$(RESOLVE) --extra recordings --extra fmu --extra cluster --extra provenance --extra scenarios --extra osi --extra dev \
+	  --constraint environment.txt --output-file tests/environment.txt
 	$(RESOLVE) --extra peers --constraint environment.txt --output-file benchmarks/environment.txt
 	$(RESOLVE) --extra world --constraint environment.txt --output-file benchmarks/motorway/environment.txt
 

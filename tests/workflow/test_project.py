@@ -73,7 +73,8 @@ def test_every_rule_has_been_measured_for_the_cluster(project):
 @pytest.mark.parametrize(
     ("lock", "extras"),
     [
-        ("environment.txt", ("study", "recordings", "cluster", "provenance", "dev")),
+        ("environment.txt", ("study",)),
+        ("tests/environment.txt", ("recordings", "fmu", "cluster", "provenance", "scenarios", "dev")),
         ("benchmarks/environment.txt", ("peers",)),
     ],
 )
@@ -97,7 +98,7 @@ def test_locks_pin_what_the_project_asks_for(lock, extras):
         assert all(requirement.specifier.contains(version) for version in versions), requirement
 
 
-@pytest.mark.parametrize("lock", ["environment.txt", "benchmarks/environment.txt"])
+@pytest.mark.parametrize("lock", ["environment.txt", "tests/environment.txt", "benchmarks/environment.txt"])
 def test_every_pin_has_a_hash_and_none_names_a_host(lock):
     pins = (ROOT / lock).read_text()
     assert "://" not in pins
