@@ -7,6 +7,7 @@ import numpy as np
 import pandas as pd
 import pytest
 from accelerated_evaluation.base.errors import InputError
+from accelerated_evaluation.laws.distributions import BoundedExponential, BoundedNormal
 from accelerated_evaluation.laws.paper import candidate_estimators
 from accelerated_evaluation.laws.paper.candidate_families import FAMILIES
 from accelerated_evaluation.laws.paper.candidates import (
@@ -319,3 +320,35 @@ def test_recorded_ranges_on_the_edge_are_not_fudged():
     fits = {fit.family: fit for fit in fit_candidates(x, 1 / 75)}
     assert "13 of 75783 values" in fits["lognormal"].reason
     assert not [fit for fit in fit_candidates(x[x > 1 / 75], 1 / 75) if fit.reason and fit.family != "beta"]
+
+
+LEVELS = (np.arange(20_000) + 0.5) / 20_000
+
+
+def test_truncated_fits_are_within_one_percent():
+    """SciPy issues 16382 and 8842: truncnorm.fit and other truncated fits miss their parameters."""
+    # truncnorm(a=0, b=3, loc=0.4, scale=0.2), measured from its location
+    x = stats.truncnorm(0, 3, 0, 0.2).ppf(LEVELS)
+    assert BoundedNormal.fit(x, 0.0, 0.6).sd == pytest.approx(0.2, rel=0.01)
+    for rate in (5.0, -5.0, 0.5):
+        exact = BoundedExponential(rate, 0.2, 1.0)
+        assert BoundedExponential.fit(exact.ppf(LEVELS), 0.2, 1.0).rate == pytest.approx(rate, rel=0.01)
+
+
+@pytest.mark.parametrize("shape", [0.3, -0.4, 1.5])
+def test_generalized_pareto_fits_are_within_one_percent(shape):
+    """SciPy issue 20094: genpareto.fit returns values far from the maximum of the likelihood."""
+    x = stats.genpareto(shape, 1.0, 0.2).ppf(LEVELS)
+    fits = {fit.family: fit for fit in fit_candidates(x, 1.0)}
+    found = fits["generalized Pareto"].parameters
+    assert found["shape"] == pytest.approx(shape, rel=0.01)
+    assert found["scale"] == pytest.approx(0.2, rel=0.01)
+
+
+def test_a_likelihood_without_a_maximum_never_wins():
+    """SciPy issue 20094: below the shape -1, the likelihood grows without limit at the largest value."""
+    x = stats.genpareto(-1.5, 1.0, 0.2).ppf(LEVELS[::40])
+    table = fits_table(fit_candidates(x, 1.0)).set_index("family")
+    assert "shape -1" in table.loc["generalized Pareto", "reason"]
+    assert np.isnan(table.loc["generalized Pareto", ["aic", "rank"]].astype(float)).all()
+    assert table["rank"].min() == 1

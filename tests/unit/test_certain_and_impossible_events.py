@@ -223,3 +223,37 @@ def test_refits_that_fail_are_told_and_do_not_end_the_bootstrap(mapped):
     assert 0 < np.isnan(refits).sum() < 300
     budget = uncertainty_budget(0.5, refits, [0.4, 0.5], (1e-7, 2e-7), alpha=0.2)
     assert budget.notna().all(axis=None)
+
+
+@pytest.mark.parametrize("batch_size", [1, 5])
+@pytest.mark.parametrize(("inverse_ttc", "probability"), [(0.0, 1.0), (np.inf, 0.0)])
+def test_events_that_always_or_never_happen(batch_size, inverse_ttc, probability):
+    """OpenTURNS issues 1405 and 1592: subset sampling fails for a probability of 1, or never ends."""
+    sampler = METHODS["surrogate"](batch_size=batch_size)
+    found = sampler.estimate(
+        before(From(inverse_ttc)), Stopping(maximum_simulations=40), np.random.default_rng(1)
+    )
+    assert found.probability == probability
+    assert found.low <= probability <= found.high
+    assert found.low < found.high
+    assert found.simulations <= 40
+
+
+class Fenced(From):
+    """A car that ends the run outside of the domain of its law."""
+
+    def simulate(self, lead_speed, range_, closing_speed):
+        inside = (
+            (lead_speed == 20) & (range_ > 0) & (range_ <= 75) & (closing_speed >= 0) & (closing_speed <= 24)
+        )
+        if not inside.all():
+            raise ValueError("outside of the domain")
+        return super().simulate(lead_speed, range_, closing_speed)
+
+
+@pytest.mark.parametrize("batch_size", [1, 5])
+def test_no_input_outside_of_the_law_is_simulated(batch_size):
+    """OpenTURNS issue 1405: importance sampling around a design point passes negative counts to the model."""
+    sampler, problem = METHODS["surrogate"](batch_size=batch_size), before(Fenced(0.5), cap=24.0)
+    found = sampler.estimate(problem, Stopping(maximum_simulations=80), np.random.default_rng(2))
+    assert found.events > 0

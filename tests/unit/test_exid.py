@@ -287,3 +287,18 @@ def test_the_formats_of_motorways_name_each_others_source(tmp_path):
     trajectories.write_recording(tmp_path / "highd", 1, 2, np.random.default_rng(1))
     with pytest.raises(InputError, match=r"columns of highD .*those of exiD .*Set data.source to highd"):
         extract(tmp_path / "highd")
+
+
+def test_headers_of_round_and_ind_are_refused_with_alternatives(tmp_path):
+    """The drone data sets without lanes, as their publisher's tools write the headers."""
+    header = (
+        "recordingId,trackId,frame,trackLifetime,xCenter,yCenter,heading,width,length,xVelocity,yVelocity"
+    )
+    header += ",xAcceleration,yAcceleration,lonVelocity,latVelocity,lonAcceleration,latAcceleration\n"
+    (tmp_path / "00_tracks.csv").write_text(header + ",".join(["0"] * 17) + "\n")
+    (tmp_path / "00_tracksMeta.csv").write_text(
+        "recordingId,trackId,initialFrame,finalFrame,numFrames,width,length,class\n0,0,0,0,1,2,4,car\n"
+    )
+    (tmp_path / "00_recordingMeta.csv").write_text("recordingId,locationId,frameRate\n0,0,25\n")
+    with pytest.raises(InputError, match=r"inD, rounD and uniD.* do not say which lane.*(table|source)"):
+        extract(tmp_path)

@@ -4,6 +4,7 @@ import re
 import shutil
 import subprocess
 import zipfile
+from functools import partial
 from pathlib import Path
 
 import numpy as np
@@ -222,3 +223,24 @@ def test_files_that_are_no_fmu_for_here(tmp_path, fmus):
     )
     with pytest.raises(InputError, match=r"seen FMI 2\.0, not for co-simulation"):
         load_vehicle("fmu", file=packed("exchange.fmu", **{"modelDescription.xml": exchange}))
+
+
+@pytest.mark.parametrize(
+    ("declared", "step", "warns"),
+    [("0.02", 0.1, False), ("0.03", 0.1, True), ("0.2", 0.1, True), (None, 0.1, False)],
+)
+@pytest.mark.parametrize("version", [2, 3])
+def test_a_step_that_is_no_multiple_of_the_fmu_s_own_is_reported(tmp_path, version, declared, step, warns):
+    """FMPy issue 699: an FMU with a fixed step of its own returns outdated or invalid values."""
+    experiment = f'<DefaultExperiment stepSize="{declared}"/>' if declared else ""
+    text = described(version).replace("<ModelVariables>", experiment + "<ModelVariables>")
+    place = {2: "linux64", 3: "x86_64-linux"}[version]
+    with zipfile.ZipFile(tmp_path / "car.fmu", "w") as archive:
+        archive.writestr("modelDescription.xml", text)
+        archive.writestr(f"binaries/{place}/car.so", "")
+    load = partial(load_vehicle, "fmu", file=str(tmp_path / "car.fmu"), inputs=INPUTS, step=step)
+    if not warns:
+        load()
+        return
+    with pytest.warns(UserWarning, match=rf"step of 0\.1 s is no multiple of {declared} s"):
+        load()

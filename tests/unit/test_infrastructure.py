@@ -211,3 +211,33 @@ def test_no_text_of_a_table_is_a_formula(tmp_path):
     write_csv(tmp_path / "t.csv", table)
     text = (tmp_path / "t.csv").read_text()
     assert text == "file,value\n'=cmd(),1.5\n'@sum,-2.0\na=b,3.0\n,4.0\n"
+
+
+@pytest.mark.studies
+def test_nothing_needs_a_writable_home(tmp_path):
+    """A home folder on a read-only disk, and a package in a folder that is not writable either."""
+    program = """
+import pkgutil, importlib, sys
+import numba.core.caching as caching
+def refuse(self):
+    raise OSError("read-only")
+caching.InTreeCacheLocator.ensure_cache_path = refuse
+import accelerated_evaluation
+for module in pkgutil.walk_packages(accelerated_evaluation.__path__, "accelerated_evaluation."):
+    importlib.import_module(module.name)
+from accelerated_evaluation import cli
+sys.exit(cli.main(["simulate", "in.csv", "out.csv"]))
+"""
+    (tmp_path / "in.csv").write_text("lead_speed,range,closing_speed\n20,10,8\n")
+    environment = {"PATH": os.environ["PATH"], "HOME": "/dev/null", "PYTHONDONTWRITEBYTECODE": "1"}
+    environment["MPLCONFIGDIR"] = str(tmp_path)  # Matplotlib itself warns, and then uses a temporary folder
+    done = subprocess.run(
+        [sys.executable, "-c", program],
+        cwd=tmp_path,
+        env=environment,
+        capture_output=True,
+        text=True,
+        check=False,
+    )
+    assert done.returncode == 0, done.stderr
+    assert (tmp_path / "out.csv").read_text().count("\n") == 2

@@ -193,3 +193,57 @@ def test_a_missing_database_is_told(tmp_path, monkeypatch):
     monkeypatch.setitem(sys.modules, "duckdb", None)
     with pytest.raises(InputError, match=r"pip install 'accelerated-evaluation\[recordings\]'"):
         extract(tmp_path)
+
+
+def write_trace(path, frames, rate=10, **lanes):
+    """Write a trace; a frame is a list of vehicles, each a mapping of what differs from a car at 0 m."""
+    car = {"y": 0.0, "width": 4.0, "xVelocity": 0.0, "laneId": 1, "drivingDirection": 2, "class_": "Car"}
+    pieces = osi_trace.lane_pieces({1: 0.0, 2: 3.5}, 4, **lanes)
+    with betterosi.Writer(str(path)) as writer:
+        for number, rows in enumerate(frames):
+            made = []
+            for row in rows:
+                one = osi_trace.vehicle(pd.Series(car | row), 0.0, row.get("field", "newer"))
+                if "assigned" in row:
+                    one.moving_object_classification = betterosi.MovingObject.MovingObjectClassification(
+                        assigned_lane_id=[osi_trace.number(lane) for lane in row["assigned"]],
+                        assigned_lane_percentage=row["shares"],
+                    )
+                made.append(one)
+            stamp = betterosi.Timestamp(seconds=number // rate, nanos=10**9 // rate * (number % rate))
+            writer.add(betterosi.GroundTruth(timestamp=stamp, moving_object=made, lane=pieces))
+
+
+@pytest.mark.parametrize("turned", [False, True])
+def test_of_two_assigned_lanes_the_one_with_the_larger_percentage_counts(tmp_path, turned):
+    """OSI pull request 599: a car on the marking is assigned to both lanes, in either order."""
+
+    def lead(frame):
+        own = min(max((frame - 10) / 21, 0), 1)  # share in the lane of the host, above half from frame 21
+        order = slice(None, None, -1 if turned else 1)
+        lanes, shares = [200, 100][order], [100 - 100 * own, 100 * own][order]
+        return {"id": 2, "x": 40.0 + 2.5 * frame, "xVelocity": 25.0, "assigned": lanes, "shares": shares}
+
+    def host(frame):
+        return {"id": 1, "x": 3.0 * frame, "xVelocity": 30.0, "assigned": [100], "shares": [100]}
+
+    write_trace(tmp_path / "a.mcap", [[host(frame), lead(frame)] for frame in range(50)])
+    (found,) = extract(tmp_path).to_dict("records")
+    assert found["time"] == pytest.approx(2.1)
+    assert found["range"] == pytest.approx(40 + 2.5 * 21 - 3 * 21 - 4)
+    assert found["closing_speed"] == pytest.approx(5.0)
+
+
+@pytest.mark.parametrize("size", [0.02, 0.2])
+def test_a_standing_car_that_jitters_on_a_marking_does_not_cut_in(tmp_path, size):
+    """SMARTS issue 1214: the lane of a standing car flips for 1 to 4 frames, 10 a second."""
+    generator = np.random.default_rng(3)
+    flips = np.repeat(np.arange(60) % 2, generator.integers(1, 5, 60))[:80]
+    y = 1.75 + size * np.where(flips, 1.0, -1.0)
+    host = {"id": 1, "width": 4.0, "xVelocity": 10.0, "field": None}
+    car = {"id": 2, "x": 200.0, "field": None}
+    frames = [[host | {"x": 1.0 * frame}, car | {"y": y[frame]}] for frame in range(80)]
+    write_trace(tmp_path / "a.mcap", frames, angle=0.0)
+    assert extract(tmp_path).empty
+    rule = {"rule": {"gap": 0.1, "absence": 0.0, "stay": 0.0}}
+    assert not extract(tmp_path, **rule).empty  # without the rule for stays, it cuts in again

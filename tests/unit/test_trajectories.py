@@ -253,3 +253,28 @@ def test_a_frame_rate_that_cannot_be_is_an_error(rate, tmp_path):
         pd.read_csv(file).assign(frameRate=rate).to_csv(file, index=False)
     with pytest.raises(InputError, match="column frameRate: seen"):
         extract(folder)
+
+
+def test_times_to_collision_of_highd_follow_from_positions_on_both_carriageways(tmp_path):
+    """highD-dataset issues 8 and 9: velocities are negative on the upper one, and so is the published TTC."""
+    speeds, gap, moment = (32.06, 38.53), 112.62, 100
+    rows = []
+    for frame in range(1, 201):
+        time = (frame - moment) / 25
+        fronts = (150 + speeds[0] * time, 150 + gap + 4 + speeds[1] * time)
+        for number, (front, speed) in enumerate(zip(fronts, speeds, strict=True), 1):
+            lane = 2 if number == 1 or frame >= moment else 3
+            row = {"frame": frame, "id": number, "x": 420 - front, "y": 10.0, "width": 4.0, "height": 2.0}
+            row |= {"xVelocity": -speed, "laneId": lane, "followingId": int(number == 2), "ttc": -17.38}
+            rows.append(row | {"dhw": 0.0})
+    tracks = pd.DataFrame(rows).reindex(columns=trajectories.TRACKS.split(","), fill_value=0)
+    tracks.to_csv(tmp_path / "01_tracks.csv", index=False)
+    meta = pd.DataFrame({"id": [1, 2], "class": "Car", "drivingDirection": 1, "width": 4.0})
+    meta = meta.reindex(columns=trajectories.TRACKS_META.split(","), fill_value=0)
+    meta.to_csv(tmp_path / "01_tracksMeta.csv", index=False)
+    recording = pd.DataFrame([dict.fromkeys(trajectories.RECORDING_META.split(","), 0) | {"frameRate": 25}])
+    recording.to_csv(tmp_path / "01_recordingMeta.csv", index=False)
+    (found,) = extract(tmp_path).to_dict("records")
+    assert found["range"] == pytest.approx(gap)
+    assert found["closing_speed"] == pytest.approx(speeds[0] - speeds[1])  # the gap opens
+    assert found["range"] / found["closing_speed"] == pytest.approx(-17.4, abs=0.05)

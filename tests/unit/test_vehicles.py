@@ -341,3 +341,12 @@ def test_a_new_built_in_vehicle_is_one_new_file(tmp_path):
 def test_a_file_of_a_vehicle_has_to_exist():
     with pytest.raises(InputError, match=r"nowhere\.py: seen no such file"):
         section_files({"name": "acc_aeb", "parameters": {}, "files": ["nowhere.py"]})
+
+
+@pytest.mark.parametrize("name", [name for name in VEHICLES if name not in ("command", "fmu")])
+def test_behind_a_faster_lead_there_is_no_time_to_collision(name):
+    """esmini issue 569: a follower that falls back reports a positive time to collision."""
+    outcomes = load_vehicle(name).simulate([30.0, 20.0], [20.0, 20.0], [-5.0, 0.0])
+    assert np.isinf(outcomes.min_ttc).all()
+    closing = load_vehicle(name).simulate([20.0], [40.0], [5.0])
+    assert 0 < closing.min_ttc[0] <= 8
