@@ -142,6 +142,7 @@ def test_a_fault_in_known_traffic_is_a_stop_with_its_remedy(fault, rows):
 
 
 NOTICED = [
+    ("dense motorway", "range in feet"),
     ("lorries", "range in feet"),
     ("rapid motorway", "range in feet"),
     *((kind, "1/TTC") for kind in TRAFFIC[:-1]),  # a jam is too unlike the known traffic
@@ -152,6 +153,16 @@ NOTICED = [
 def test_a_fault_in_other_traffic_is_noticed(kind, fault):
     spoil, remedy = SPOILED[fault]
     assert remedy in found(spoil(drawn(kind, 2_000))).advice
+
+
+def test_sound_cut_ins_come_no_nearer_to_the_known_ones_if_their_ranges_are_divided_by_feet():
+    """A smaller number than `FEET` would call sound tables of other traffic tables in feet."""
+    for kind in TRAFFIC:
+        for seed in range(5):
+            report = found(drawn(kind, 2_000, seed))
+            assert "range in ft" not in report.seen
+            feet = found(SPOILED["range in feet"][0](drawn(kind, 2_000, seed)))
+            assert ("probably range in ft" in feet.seen) == (kind != "a jam")
 
 
 def test_far_ranges_in_feet_are_not_to_be_hidden():
