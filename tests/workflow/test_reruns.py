@@ -29,31 +29,28 @@ def studied(finished, tmp_path_factory):
     return finished.copied(tmp_path_factory.mktemp("studied"))
 
 
-def test_an_edited_module_reruns_its_room_and_those_after_it(studied):
-    path = studied.folder / LIBRARY / "methods/crude.py"
-    text, status = path.read_text(), path.stat()
+def planned_after_an_edit(studied, path):
+    """Return the rules that would run after a line is added to a file of the study."""
+    file = studied.folder / path
+    text, status = file.read_text(), file.stat()
     try:
-        path.write_text(text + EDIT)
+        file.write_text(text + EDIT)
         run = studied.run("--dry-run")
     finally:
-        path.write_text(text)
-        os.utime(path, ns=(status.st_atime_ns, status.st_mtime_ns))
-    planned = planned_rules(run.stdout + run.stderr)
+        file.write_text(text)
+        os.utime(file, ns=(status.st_atime_ns, status.st_mtime_ns))
+    return planned_rules(run.stdout + run.stderr)
+
+
+def test_an_edited_module_reruns_its_room_and_those_after_it(studied):
+    planned = planned_after_an_edit(studied, LIBRARY / "methods/crude.py")
     notebooks = {rule for rule in planned if re.match(r"run_\d\d_", rule)}
     assert len(notebooks) == len(list((studied.folder / "notebooks").glob("*.ipynb")))
     assert planned - notebooks == METHODS | ANSWER | ALWAYS
 
 
 def test_an_edited_extension_reruns_the_rooms_to_which_it_adds_and_those_after_them(studied):
-    path = studied.folder / "mine/toy_exponential.py"
-    text, status = path.read_text(), path.stat()
-    try:
-        path.write_text(text + EDIT)
-        run = studied.run("--dry-run")
-    finally:
-        path.write_text(text)
-        os.utime(path, ns=(status.st_atime_ns, status.st_mtime_ns))
-    planned = planned_rules(run.stdout + run.stderr)
+    planned = planned_after_an_edit(studied, "mine/toy_exponential.py")
     assert METHODS | ANSWER | {"fit_models"} <= planned
     without_laws = {"ingest_encounters", "inspect_records", "describe_encounters"}
     without_laws |= {"map_crashes", "map_crashes_uncapped"}
