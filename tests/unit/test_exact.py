@@ -17,7 +17,6 @@ from accelerated_evaluation.laws.distributions import (
     Mixture,
     PiecewiseMixture,
 )
-from accelerated_evaluation.laws.distributions.pareto import interval_probability
 from accelerated_evaluation.laws.paper.models import IndependentLaw
 from accelerated_evaluation.methods.importance_sampling import Sample
 from accelerated_evaluation.vehicles import AccAeb, Outcomes
@@ -40,9 +39,9 @@ def test_interval_probability_keeps_its_digits_in_the_tail(law):
         far = start > 0.166
         if width == 1e-6:
             density = np.exp(law.logpdf(start + width / 2)) * width
-            np.testing.assert_allclose(interval_probability(law, start, start + width), density, rtol=1e-6)
+            np.testing.assert_allclose(law.interval_probability(start, start + width), density, rtol=1e-6)
         else:
-            values = interval_probability(law, start, start + width)
+            values = law.interval_probability(start, start + width)
             np.testing.assert_allclose(values[~far], exact[~far], rtol=1e-9)
             np.testing.assert_allclose(values[far], exact[far], rtol=1e-9, atol=0)
 

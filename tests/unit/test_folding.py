@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from accelerated_evaluation import Box, InputError
 from accelerated_evaluation.laws.joint.truncated import Normals
-from accelerated_evaluation.laws.joint.truncated_normals import TruncatedNormalMixture, folded
+from accelerated_evaluation.laws.joint.truncated_normals import TruncatedNormalMixture
 
 SIGN = np.array([1, -1, 1])
 
@@ -19,7 +19,7 @@ def law(lower=-7.0):
 
 def test_the_density_is_the_sum_of_those_of_both_signs():
     x = np.abs(law().draw(500, np.random.default_rng(1)))
-    found, plain = folded(law(), 1), law()
+    found, plain = law().folded(1), law()
     both = np.logaddexp(plain.log_density(x), plain.log_density(x * SIGN))
     assert found.log_density(x) == pytest.approx(both, abs=1e-4)
     assert not np.allclose(found.log_density(x), plain.log_density(x), atol=1e-2)
@@ -28,7 +28,7 @@ def test_the_density_is_the_sum_of_those_of_both_signs():
 
 def test_the_samples_are_the_absolute_values():
     generator = np.random.default_rng(2)
-    own, other = folded(law(), 1).draw(20_000, generator), np.abs(law().draw(20_000, generator))
+    own, other = law().folded(1).draw(20_000, generator), np.abs(law().draw(20_000, generator))
     error = np.sqrt((own.var(axis=0) + other.var(axis=0)) / 20_000)
     assert (np.abs(own.mean(axis=0) - other.mean(axis=0)) < 4.5 * error).all()
     assert np.corrcoef(own.T) == pytest.approx(np.corrcoef(other.T), abs=0.05)
@@ -36,4 +36,4 @@ def test_the_samples_are_the_absolute_values():
 
 def test_limits_that_are_far_from_symmetric_are_refused():
     with pytest.raises(InputError, match="expected symmetric limits"):
-        folded(law(lower=-2.0), 1)
+        law(lower=-2.0).folded(1)

@@ -3,7 +3,6 @@
 import numpy as np
 import pytest
 from accelerated_evaluation import CUT_IN, Box, InputError, Problem, Stopping, write_law
-from accelerated_evaluation.laws.joint.truncated_normals import folded
 from accelerated_evaluation.methods import METHODS
 from accelerated_evaluation.methods.normal_mixture import DEFENSIVE, NormalMixture
 from accelerated_evaluation.methods.problem import read_law_of
@@ -126,4 +125,4 @@ def test_a_law_of_both_directions_is_read_as_one_of_absolute_values(tmp_path):
     read = read_law_of(PEDESTRIAN, tmp_path / "law.json")
     assert read.box.lower[1] == 0 > law.box.lower[1]
     x = law.draw(20, np.random.default_rng(2))
-    np.testing.assert_allclose(read.log_density(np.abs(x)), folded(law, 1).log_density(np.abs(x)), 1e-12)
+    np.testing.assert_allclose(read.log_density(np.abs(x)), law.folded(1).log_density(np.abs(x)), 1e-12)

@@ -65,7 +65,6 @@ class Export:
         """Draw the set, write it, and print its path."""
         from accelerated_evaluation.base.errors import InputError
         from accelerated_evaluation.base.randomness import child_generator
-        from accelerated_evaluation.laws import StratifiedLaw
         from accelerated_evaluation.laws.motion import MOTIONS
         from accelerated_evaluation.track.export import with_motion, write_set
         from accelerated_evaluation.track.scenarios import NOT_WRITTEN
@@ -80,7 +79,7 @@ class Export:
         else:
             data["data"] = given.table.attrs.get("description", "not described")
         safe = arguments.safe_deceleration
-        if isinstance(law, StratifiedLaw):
+        if law.strata:
             drawn = draw_weighted_set(law, arguments.size, SAFE if safe is None else safe, generator)
         elif safe is None:
             drawn = draw_scored_set(scenario, law, arguments.size, generator)

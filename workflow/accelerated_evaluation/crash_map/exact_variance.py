@@ -16,7 +16,7 @@ from accelerated_evaluation.crash_map.exact import (
 )
 from accelerated_evaluation.crash_map.maps import LINES_PER_CELL, Cells, CrashMap
 from accelerated_evaluation.laws import Factors, StratifiedLaw, Stratum
-from accelerated_evaluation.laws.distributions import Distribution, Mixture
+from accelerated_evaluation.laws.distributions import Distribution
 from accelerated_evaluation.vehicles.protocol import CRASH
 
 _NODES, _NODE_WEIGHTS = np.polynomial.legendre.leggauss(8)
@@ -130,8 +130,7 @@ def _squared_mass(f: Distribution, proposal: Distribution, start: Array, end: Ar
 
 def _edges(law: Distribution) -> set[float]:
     """Return the finite bounds of a distribution and its components, at which densities may jump."""
-    inner = [_edges(component) for component in law.components] if isinstance(law, Mixture) else []
-    return {edge for edge in (law.lower, law.upper) if math.isfinite(edge)}.union(*inner)
+    return {edge for _, leaf in law.leaves() for edge in (leaf.lower, leaf.upper) if math.isfinite(edge)}
 
 
 def variation_table(

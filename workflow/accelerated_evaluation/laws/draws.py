@@ -60,6 +60,7 @@ class Draws(ABC):
     True
     """
 
+    has_draws: ClassVar[bool] = True
     proposal: Law
     names: tuple[str, ...]
     laws: Sequence[Any]
@@ -111,6 +112,10 @@ class Draws(ABC):
         They show how much the part contributes to the uncertainty; there are none by default.
         """
         return {}
+
+    def with_cap_of(self, law: Law) -> "Draws":
+        """Return the draws with the cap on the closing speed of another law; most draws have no cap."""
+        return self
 
     @abstractmethod
     def subset(self, chosen: NDArray[np.intp]) -> Self:
@@ -353,7 +358,7 @@ def as_draws(law: Law) -> Draws:
     >>> ae.as_draws(law).size
     1
     """
-    return law if isinstance(law, Draws) else OneLaw(law)
+    return law if law.has_draws else OneLaw(law)
 
 
 def _from_each(laws: Sequence[Law], n: int, generator: np.random.Generator) -> Array:

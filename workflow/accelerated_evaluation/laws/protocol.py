@@ -131,6 +131,7 @@ class Law(ABC):
 
     kind: ClassVar[str]
     needs_records: ClassVar[bool] = False  # whether a law file refers to the table of records for its values
+    has_draws: ClassVar[bool] = False  # whether the law is the proposal of draws, which come with it
     box: Box
     description: str
 
@@ -138,6 +139,11 @@ class Law(ABC):
     def dimension(self) -> int:
         """Number d of variables."""
         return self.box.dimension
+
+    @property
+    def strata(self) -> Mapping[str, Any]:
+        """The distribution in each stratum of the lead speed, by name; none for most laws."""
+        return {}
 
     @property
     def digest(self) -> str:
@@ -164,6 +170,13 @@ class Law(ABC):
     def draw(self, n: int, generator: np.random.Generator) -> Array:
         """Draw n independent points from the law, shape (n, d)."""
         return self.from_normal_scores(generator.standard_normal((n, self.dimension)))
+
+    def folded(self, variable: int) -> "Law":
+        """Return the law in which one variable is replaced by its absolute value.
+
+        A kind of law that cannot be folded returns itself.
+        """
+        return self
 
     @abstractmethod
     def content(self) -> dict[str, Any]:

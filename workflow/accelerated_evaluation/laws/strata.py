@@ -23,7 +23,6 @@ from scipy.special import ndtr
 from accelerated_evaluation.base.arrays import Array
 from accelerated_evaluation.base.files import value_digest
 from accelerated_evaluation.laws.distributions import Distribution, Empirical
-from accelerated_evaluation.laws.distributions.pareto import interval_probability
 from accelerated_evaluation.laws.protocol import Box, Law
 
 VARIABLES = ("lead_speed", "range", "closing_speed")
@@ -115,7 +114,7 @@ class Stratum(ABC):
         closing speed only in the form of these probabilities.
         """
         ends = (self.second(lead_speed, inverse_range, speed) for speed in (start, end))
-        return interval_probability(self.factors.second, *ends)
+        return self.factors.second.interval_probability(*ends)
 
     def cell_probability(self, lead_speed: Array, inverse_range: Array) -> Array:
         """Return the probability of cells of v_L [m/s] and R^-1 [1/m], given by bounds (cells, 2).
@@ -125,7 +124,7 @@ class Stratum(ABC):
         """
         middle = lead_speed.mean(axis=1)
         ends = (self.first(middle, inverse_range[:, side]) for side in (0, 1))
-        return self.lead_speed_share(lead_speed) * interval_probability(self.factors.first, *ends)
+        return self.lead_speed_share(lead_speed) * self.factors.first.interval_probability(*ends)
 
     def lead_speed_share(self, lead_speed: Array) -> Array:
         """Return the share of the recorded v_L in each interval [low, high) [m/s], shape (n, 2)."""

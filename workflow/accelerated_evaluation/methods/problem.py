@@ -17,7 +17,6 @@ from accelerated_evaluation.base.errors import InputError
 from accelerated_evaluation.base.files import without_addresses
 from accelerated_evaluation.laws import Law
 from accelerated_evaluation.laws.files import read_law
-from accelerated_evaluation.laws.joint.truncated_normals import TruncatedNormalMixture, folded
 from accelerated_evaluation.records.segments import read_encounters
 from accelerated_evaluation.scenarios import A_SCENARIO
 from accelerated_evaluation.scenarios.protocol import Event, Scenario
@@ -174,8 +173,8 @@ def read_law_of(scenario: Scenario, path: str, records: pd.DataFrame | None = No
     law = read_law(path, records)
     require_law(scenario, law)
     for k, variable in enumerate(scenario.variables):
-        if not variable.sign_matters and isinstance(law, TruncatedNormalMixture) and law.box.lower[k] < 0:
-            law = folded(law, k)
+        if not variable.sign_matters and law.box.lower[k] < 0:
+            law = law.folded(k)
     return law
 
 

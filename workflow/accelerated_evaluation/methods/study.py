@@ -7,7 +7,6 @@ import numpy as np
 import pandas as pd
 from tqdm import trange
 
-from accelerated_evaluation.laws import StratifiedLaw
 from accelerated_evaluation.methods import Method, Stopping
 from accelerated_evaluation.methods.cross_entropy.search import Proposals
 from accelerated_evaluation.methods.problem import Problem
@@ -56,7 +55,7 @@ def with_encounters(runs: pd.DataFrame, problem: Problem) -> pd.DataFrame:
     z = runs[scores].to_numpy()
     coordinates = problem.coordinates(z)
     renamed = runs.rename(columns={z: f"z_{name}" for z, name in zip(scores, coordinates, strict=True)})
-    if not isinstance(problem.law, StratifiedLaw):
+    if not problem.law.strata:
         return renamed.assign(**coordinates)
     names = np.array([*problem.law.shares])[problem.law.stratum_of_normal_scores(z)]
     return renamed.assign(**coordinates, segment=names)

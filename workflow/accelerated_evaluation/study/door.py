@@ -4,8 +4,6 @@ import os
 from collections.abc import Callable, Mapping, Sequence
 from typing import Any
 
-import pandas as pd
-
 from accelerated_evaluation.answer import choice as choices
 from accelerated_evaluation.answer import estimation, fitted_records
 from accelerated_evaluation.answer.estimation import Estimated, Request
@@ -143,12 +141,10 @@ def choose_draws(choice: str, records: FittedRecords, config: Config | None = No
 
 @checked(
     name=a_choice(PAPER_LAWS),
-    records=one_of(FittedRecords, pd.DataFrame, words="records"),
+    records=one_of(FittedRecords, words="records"),
     config=A_CONFIGURATION,
 )
-def fit_paper_law(
-    name: str, records: FittedRecords | pd.DataFrame, config: Config = DEFAULT
-) -> IndependentLaw:
+def fit_paper_law(name: str, records: FittedRecords, config: Config = DEFAULT) -> IndependentLaw:
     """Fit one of the paper's laws to cut-ins.
 
     Parameters
@@ -156,7 +152,7 @@ def fit_paper_law(
     name
         The number of pieces of the law: ``single``, ``two_pieces`` or ``three_pieces``.
     records
-        Cut-ins, or their encounter table.
+        Cut-ins, as `read_records` returns them.
     config
         A configuration as in `read_records`, which gives the settings of the models.
 
@@ -173,8 +169,7 @@ def fit_paper_law(
     >>> law.box.names
     ('lead_speed', 'range', 'closing_speed')
     """
-    table = records.table if isinstance(records, FittedRecords) else records
-    return choices.fit_paper_law(name, table, LawSettings.of(config).fitting)
+    return choices.fit_paper_law(name, records.table, LawSettings.of(config).fitting)
 
 
 @checked(config=A_CONFIGURATION, request=one_of(Request, words="a request", change="Write Request(...)."))

@@ -5,7 +5,7 @@ import json
 import os
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -21,9 +21,8 @@ from accelerated_evaluation.base.arrays import Array
 from accelerated_evaluation.base.errors import InputError, located
 from accelerated_evaluation.base.files import read_json, write_text
 from accelerated_evaluation.base.tables import require_file
-from accelerated_evaluation.laws import Law, StratifiedLaw
+from accelerated_evaluation.laws import Law
 from accelerated_evaluation.laws.draws import Draws
-from accelerated_evaluation.laws.smooth.mean import MeanLaw
 from accelerated_evaluation.methods.surrogate import study_errors
 from accelerated_evaluation.scenarios import SCENARIOS
 from accelerated_evaluation.track.campaign import Campaign, Run
@@ -190,7 +189,7 @@ def read_draws(path: Path, campaign: Campaign) -> Draws:
     A law of cut-ins must have been fitted to the encounter table of the campaign.
     """
     law = law_in(campaign.scenario, source_of(path), campaign.encounters)
-    if not isinstance(law, Draws):
+    if not law.has_draws:
         change = "Name results/STUDY/estimate/law.json, which `accelerated-evaluation estimate` writes."
         raise InputError("--under", seen=f"the single law {path}", expected="a law with draws", change=change)
     return law
@@ -202,7 +201,7 @@ def whole_in_words(campaign: Campaign, law: Law, draws: Draws | None = None) -> 
     The runs of the open batch are not used. The runs were chosen under ``law``, whose draws, if it has any,
     are the default.
     """
-    under = law if draws is None and isinstance(law, Draws) else draws
+    under = law if draws is None and law.has_draws else draws
     if under is None:
         return [ALONE]
     laws = laws_of(under, law.from_normal_scores) if under is law else laws_under(law, under)
@@ -227,8 +226,7 @@ def laws_under(law: Law, draws: Draws) -> SeveralLaws:
     A cut-in with a closing speed above the cap of that law was driven with the cap. Its outcome is used for
     all closing speeds from the cap on, so the draws get the same cap.
     """
-    if isinstance(law, StratifiedLaw) and isinstance(draws, MeanLaw):
-        draws = replace(draws, closing_speed_max=law.closing_speed_max)
+    draws = draws.with_cap_of(law)
 
     def log_ratios(x: Array) -> Array:
         return draws.log_densities(x) - law.log_density(x)

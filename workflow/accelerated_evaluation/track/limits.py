@@ -110,7 +110,7 @@ def usual_where_open(limits: Limits, law: Law) -> Limits:
 
     Under a law without strata the probability beyond limits is not known, so the limits are unchanged.
     """
-    if not isinstance(law, StratifiedLaw):
+    if not law.strata:
         return limits
     given = {name: value for name, value in asdict(limits).items() if value is not None}
     return replace(USUAL, **given)
@@ -135,7 +135,7 @@ def require_limits(limits: Limits, law: Law) -> float:
             raise InputError(
                 where, seen=f"{value:g}", expected="a number above 0", change="Correct the value."
             )
-    if limits and not isinstance(law, StratifiedLaw):
+    if limits and not law.strata:
         raise InputError(
             "the limits of the proving ground",
             seen=f"a law without strata ({law.description})",

@@ -22,8 +22,7 @@ from scipy.special import ndtri
 from accelerated_evaluation.base.arrays import Array
 from accelerated_evaluation.base.errors import InputError
 from accelerated_evaluation.laws import Law, StratifiedLaw
-from accelerated_evaluation.laws.draws import Draws, as_draws
-from accelerated_evaluation.laws.smooth.mean import MeanLaw
+from accelerated_evaluation.laws.draws import as_draws
 from accelerated_evaluation.laws.strata import VARIABLES
 from accelerated_evaluation.scenarios.protocol import Scenario
 from accelerated_evaluation.vehicles.loading import load_vehicle
@@ -73,8 +72,7 @@ def draw_weighted_set(
     """
     _check_size(size)
     _check_deceleration(safe_deceleration)
-    if isinstance(law, MeanLaw):
-        law = law.thinned(DRAWS)
+    law = as_draws(law).thinned(DRAWS).law
     edges = np.geomspace(safe_deceleration, HARDEST, SHELLS)
     places, stratum = _places(law, generator)
     begin = _tails(law, places, stratum, edges)
@@ -93,7 +91,7 @@ def draw_weighted_set(
     drawn = np.hstack([shell.draw(count, generator) for shell in shells])
     table = _table(VARIABLES, drawn, probabilities, count)
     draws = None
-    if isinstance(law, MeanLaw):
+    if law.has_draws:
         draws = _weights_of_draws(table, law.log_ratios(table[list(VARIABLES)].to_numpy()))
     return WeightedSet(table, edges, probabilities, draws)
 
@@ -122,7 +120,7 @@ def draw_scored_set(scenario: Scenario, law: Law, size: int, generator: np.rando
     probabilities = np.array([len(shell) / pool for shell in shells])
     table = _table(scenario.names, encounters[chosen].T, probabilities, count)
     weights = None
-    if isinstance(law, Draws):
+    if law.has_draws:
         weights = _weights_of_draws(table, draws.log_ratios_to_mean(x[chosen]))
     return WeightedSet(table, score[order[begins]], probabilities, weights, scored=True)
 

@@ -3,7 +3,7 @@
 import dataclasses
 import math
 from abc import ABC
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, ClassVar, Protocol, Self, TypeVar, runtime_checkable
@@ -49,6 +49,12 @@ class Distribution(Protocol):
 
     def rvs(self, generator: np.random.Generator, size: int) -> Array:
         """Return independent draws from the distribution, shape (size,)."""
+
+    def interval_probability(self, start: ArrayLike, end: ArrayLike) -> Array:
+        """Return P(start <= X < end), element by element; the end may be infinite."""
+
+    def leaves(self) -> Iterator[tuple[float, Self]]:
+        """Yield the weight and the distribution of each component that is not a mixture itself."""
 
 
 @runtime_checkable
@@ -99,6 +105,19 @@ class Described(ABC):
     def rebounded(self, lower: float, upper: float) -> Self:
         """Return a distribution with the same parameters and the support [lower, upper)."""
         return dataclasses.replace(self, lower=lower, upper=upper)
+
+    def interval_probability(self, start: ArrayLike, end: ArrayLike) -> Array:
+        """Return P(start <= X < end), element by element, without subtracting nearly equal numbers.
+
+        The end may be infinite.
+        """
+        low = self.logsf(start)
+        with np.errstate(invalid="ignore"):
+            return np.where(np.isneginf(low), 0.0, np.exp(low) * -np.expm1(self.logsf(end) - low))
+
+    def leaves(self) -> Iterator[tuple[float, Distribution]]:
+        """Yield the distribution itself, with the weight one."""
+        yield 1.0, self
 
     def to_dict(self) -> dict[str, Any]:
         """Return the kind and the fields as a dictionary for JSON; an infinite bound is null."""

@@ -1,7 +1,7 @@
 """Finite mixtures, and the piecewise mixture of the paper: a mixture whose components do not overlap."""
 
 import math
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from itertools import pairwise
@@ -106,6 +106,24 @@ class Mixture(Described):
     def rebounded(self, lower: float, upper: float) -> Self:
         """Return the mixture with the same weights, whose components have the support [lower, upper)."""
         return type(self)(self.weights, [component.rebounded(lower, upper) for component in self.components])
+
+    def interval_probability(self, start: ArrayLike, end: ArrayLike) -> Array:
+        """Return P(start <= X < end), element by element; that of each component keeps its digits."""
+        start, end = np.broadcast_arrays(np.asarray(start, dtype=float), np.asarray(end, dtype=float))
+        total = np.zeros(start.shape)
+        for weight, component in zip(self.weights, self.components, strict=True):
+            reached = (start < component.upper) & (end > component.lower)
+            total[reached] += weight * component.interval_probability(start[reached], end[reached])
+        return total
+
+    def leaves(self) -> Iterator[tuple[float, Tiltable]]:
+        """Yield weight and distribution of each component; of a mixture among them, those of its components.
+
+        The weight is the product along the nesting.
+        """
+        for weight, component in zip(self.weights, self.components, strict=True):
+            for share, leaf in component.leaves():
+                yield weight * share, leaf
 
     def to_dict(self) -> dict[str, Any]:
         """Return the kind, the weights and the components of the mixture as a dictionary for JSON."""

@@ -34,6 +34,8 @@ TABLE_REACH = 6.0  # number of standard deviations around a component within whi
 FARTHEST = 8.0  # largest absolute value of a normal score
 PAIRS_AT_ONCE = 1_000_000  # number of points times components, which limits the memory for densities
 MAPPED_AT_ONCE = 800  # number of points times components, so that arrays stay in the cache of the processor
+BEYOND = 1e-3  # largest error of the total probability that is accepted if the box is not symmetric
+LEAST_SHARE = 1e-9  # components with a smaller share are dropped
 
 
 @LAWS.add("truncated_normals")
@@ -221,6 +223,38 @@ class TruncatedNormalMixture(JointLaw):
         )
         return np.clip(np.where(below < above, ndtri(below), -ndtri(above)), -FARTHEST, FARTHEST)
 
+    def folded(self, variable: int) -> Self:
+        """Return the law in which one variable is replaced by its absolute value.
+
+        Each component becomes two: its part above zero, and the mirror image of its part below zero. Folding
+        helps the sampler in normal scores if events occur at values near zero of either sign. These values
+        are a thin layer in the middle of the distribution of the variable, but the lower tail of its absolute
+        value. InputError is raised if the limits of the variable are not symmetric, so that the total
+        probability of the folded law would differ from 1 by more than `BEYOND`.
+        """
+        box, mean, covariance = self.box, self.normals.mean, self.normals.covariance
+        sign = np.ones(self.dimension)
+        sign[variable] = -1
+        reach = max(-box.lower[variable], box.upper[variable])
+        upper = (*box.upper[:variable], reach, *box.upper[variable + 1 :])
+        whole = Box(box.names, (*box.lower[:variable], 0.0, *box.lower[variable + 1 :]), upper)
+        means = np.concatenate([mean, mean * sign])
+        covariances = np.concatenate([covariance, covariance * np.outer(sign, sign)])
+        masses = np.tile(self.normals.masses, 2)
+        shares = np.tile(self.shares, 2) * Normals(means, covariances, whole).masses / masses
+        beyond = abs(shares.sum() - 1)
+        if beyond > BEYOND:
+            raise InputError(
+                f"the limits of {box.names[variable]}",
+                seen=f"{box.lower[variable]:g} to {box.upper[variable]:g}, with a probability of "
+                f"{beyond:.2g} beyond the mirror image of the nearer limit",
+                expected="symmetric limits",
+                change="Fit the law within symmetric limits, or to absolute values.",
+            )
+        kept = shares > LEAST_SHARE
+        shares = shares[kept] / shares[kept].sum()
+        return type(self)(shares, Normals(means[kept], covariances[kept], whole))
+
     def content(self) -> dict[str, Any]:
         """Return the parameters of the law, for JSON."""
         numbers = zip(self.shares.tolist(), self.normals.mean, self.normals.covariance, strict=True)
@@ -241,40 +275,3 @@ class TruncatedNormalMixture(JointLaw):
         )
         fitted = None if content["fit"] is None else Fitted(**content["fit"])
         return cls(shares_of_one(shares), Normals(numbers_in(mean), symmetric(covariance), box), fitted)
-
-
-BEYOND = 1e-3  # largest error of the total probability that is accepted if the box is not symmetric
-LEAST_SHARE = 1e-9  # components with a smaller share are dropped
-
-
-def folded(law: TruncatedNormalMixture, variable: int) -> TruncatedNormalMixture:
-    """Return the law in which one variable is replaced by its absolute value.
-
-    Each component becomes two: its part above zero, and the mirror image of its part below zero. Folding
-    helps the sampler in normal scores if events occur at values near zero of either sign. These values are a
-    thin layer in the middle of the distribution of the variable, but the lower tail of its absolute value.
-    InputError is raised if the limits of the variable are not symmetric, so that the total probability of the
-    folded law would differ from 1 by more than `BEYOND`.
-    """
-    box, mean, covariance = law.box, law.normals.mean, law.normals.covariance
-    sign = np.ones(law.dimension)
-    sign[variable] = -1
-    reach = max(-box.lower[variable], box.upper[variable])
-    upper = (*box.upper[:variable], reach, *box.upper[variable + 1 :])
-    whole = Box(box.names, (*box.lower[:variable], 0.0, *box.lower[variable + 1 :]), upper)
-    means = np.concatenate([mean, mean * sign])
-    covariances = np.concatenate([covariance, covariance * np.outer(sign, sign)])
-    masses = np.tile(law.normals.masses, 2)
-    shares = np.tile(law.shares, 2) * Normals(means, covariances, whole).masses / masses
-    beyond = abs(shares.sum() - 1)
-    if beyond > BEYOND:
-        raise InputError(
-            f"the limits of {box.names[variable]}",
-            seen=f"{box.lower[variable]:g} to {box.upper[variable]:g}, with a probability of {beyond:.2g} "
-            "beyond the mirror image of the nearer limit",
-            expected="symmetric limits",
-            change="Fit the law within symmetric limits, or to absolute values.",
-        )
-    kept = shares > LEAST_SHARE
-    shares = shares[kept] / shares[kept].sum()
-    return TruncatedNormalMixture(shares, Normals(means[kept], covariances[kept], whole))

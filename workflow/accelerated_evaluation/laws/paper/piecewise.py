@@ -11,7 +11,7 @@ from tqdm import tqdm
 
 from accelerated_evaluation.base.arrays import Array
 from accelerated_evaluation.base.errors import ConvergenceError, InputError
-from accelerated_evaluation.laws.distributions import DISTRIBUTIONS, Described, Mixture, PiecewiseMixture
+from accelerated_evaluation.laws.distributions import DISTRIBUTIONS, Described, PiecewiseMixture
 
 
 @dataclass(frozen=True)
@@ -24,9 +24,8 @@ class PieceFamily:
     @classmethod
     def of(cls, piece: Described) -> "PieceFamily":
         """Return the family to which a fitted piece belongs."""
-        if isinstance(piece, Mixture):
-            return cls(piece.components[0].kind, len(piece.components))
-        return cls(piece.kind)
+        leaves = [leaf for _, leaf in piece.leaves()]
+        return cls(leaves[0].kind, len(leaves))
 
     def fit(self, x: Array, lower: float, upper: float) -> Described:
         """Return the member of the family that is fitted by maximum likelihood to a sample on [lower, upper).

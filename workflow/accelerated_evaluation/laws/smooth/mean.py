@@ -26,7 +26,7 @@ from accelerated_evaluation.laws import LAWS
 from accelerated_evaluation.laws.distributions import Empirical
 from accelerated_evaluation.laws.draws import Draws
 from accelerated_evaluation.laws.paper.models import recorded_lead_speeds
-from accelerated_evaluation.laws.protocol import Box
+from accelerated_evaluation.laws.protocol import Box, Law
 from accelerated_evaluation.laws.smooth.conditional import Places, SpeedLaw, Threshold, range_grid, speed_grid
 from accelerated_evaluation.laws.smooth.draws import TOLERANCE, LawDraws, RangeMixture, SpeedsAt, mixed, solve
 from accelerated_evaluation.laws.smooth.excess import Excess
@@ -161,7 +161,7 @@ class SmoothLines(Protocol):
 
 @LAWS.add("mean")
 @dataclass(frozen=True, repr=False)
-class MeanLaw(SmoothLaw, Draws):
+class MeanLaw(Draws, SmoothLaw):
     """The law in which v_L is as recorded, and range and closing speed follow the mean of K draws."""
 
     description: str
@@ -228,6 +228,10 @@ class MeanLaw(SmoothLaw, Draws):
         """Return the draws with the factors of the far tails at their posterior means, if these are known."""
         typical = self.draws.with_mean_far_tails()
         return {} if typical is None else {FAR_TAIL: replace(self, draws=typical)}
+
+    def with_cap_of(self, law: Law) -> Self:
+        """Return the mean law with the cap of another law with strata."""
+        return replace(self, closing_speed_max=law.closing_speed_max) if law.strata else self
 
     def subset(self, chosen: NDArray[np.intp]) -> Self:
         """Return the mean law of the k draws with the given indices, shape (k,)."""

@@ -17,7 +17,6 @@ from numpy.typing import ArrayLike
 
 from accelerated_evaluation.base.arrays import Array
 from accelerated_evaluation.laws.distributions import BoundedExponential, Empirical, PiecewiseMixture
-from accelerated_evaluation.laws.distributions.pareto import interval_probability
 from accelerated_evaluation.laws.paper.models import recorded_lead_speeds
 from accelerated_evaluation.laws.smooth.conditional import Places
 from accelerated_evaluation.laws.smooth.splines import Support
@@ -83,7 +82,7 @@ class SmoothStratum(Stratum):
     ) -> Array:
         """Return P(start <= closing speed < end) given v_L [m/s] and R^-1 [1/m], all of shape (n,)."""
         ends = self.second_at(lead_speed, inverse_range, np.column_stack([start, end]))
-        return interval_probability(self.factors.second, *ends.T)
+        return self.factors.second.interval_probability(*ends.T)
 
     @abstractmethod
     def second_at(self, lead_speed: Array, inverse_range: Array, closing_speeds: Array) -> Array:

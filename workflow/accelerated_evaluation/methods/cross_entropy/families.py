@@ -37,6 +37,12 @@ class ProposalFamily(Protocol):
         ``x`` and ``weight`` are those of `update`.
         """
 
+    def raised(self, step: float, x: Array | None) -> "ProposalFamily":
+        """Return the family with truncation points one step higher, if it has any and they should move up.
+
+        If the values x of events are given, the last truncation point stays at least one step below all.
+        """
+
     def parameters(self) -> dict[str, float]:
         """Return the parameters by name, for the table of the iterations of a search."""
 
@@ -60,6 +66,10 @@ class SingleFamily:
     def is_determined(self, x: Array, weight: Array) -> bool:
         """Return True, because the one rate is estimated from all events."""
         return True
+
+    def raised(self, step: float, x: Array | None) -> "SingleFamily":
+        """Return the family itself, because it has no truncation points."""
+        return self
 
     def parameters(self) -> dict[str, float]:
         """Return the rate, in the inverse unit of the variable."""
@@ -125,6 +135,16 @@ class PiecewiseFamily:
     def tail_is_full(self) -> bool:
         """Whether the tail has its largest possible weight, with all other weights at the lower bound."""
         return self.weights[-1] >= 1 - (len(self.weights) - 1) * self.minimum_weight - 1e-9
+
+    def raised(self, step: float, x: Array | None) -> "PiecewiseFamily":
+        """Return the family with truncation points one step higher if its tail has its largest weight.
+
+        If the values x of events are given, the last truncation point stays at least one step below all.
+        """
+        if not (step > 0 and self.tail_is_full):
+            return self
+        has_room = x is None or self.model.knots[-1] + 2 * step <= x.min()
+        return self.shifted(step) if has_room else self
 
     def shifted(self, shift: float) -> "PiecewiseFamily":
         """Return the family with the truncation points between pieces moved up by ``shift`` (V.C.5).

@@ -6,7 +6,7 @@ import numpy as np
 
 from accelerated_evaluation.base.arrays import Array
 from accelerated_evaluation.laws import Factors
-from accelerated_evaluation.methods.cross_entropy.families import PiecewiseFamily, ProposalFamily
+from accelerated_evaluation.methods.cross_entropy.families import ProposalFamily
 from accelerated_evaluation.methods.importance_sampling import Sample
 from accelerated_evaluation.methods.problem import Problem
 
@@ -44,15 +44,8 @@ class Shift:
 
         If the coordinates of events are given, the last truncation point stays at least one step below all.
         """
-
-        def one(family: ProposalFamily, step: float, x: Array | None) -> ProposalFamily:
-            if not (step > 0 and isinstance(family, PiecewiseFamily) and family.tail_is_full):
-                return family
-            has_room = x is None or family.model.knots[-1] + 2 * step <= x.min()
-            return family.shifted(step) if has_room else family
-
         first, second = events or (None, None)
-        return one(families[0], self.inverse_range, first), one(families[1], self.inverse_ttc, second)
+        return families[0].raised(self.inverse_range, first), families[1].raised(self.inverse_ttc, second)
 
 
 @dataclass(frozen=True)

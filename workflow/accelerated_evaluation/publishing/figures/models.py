@@ -31,7 +31,6 @@ from accelerated_evaluation.publishing.figures.style import (
     style_of,
 )
 from accelerated_evaluation.publishing.published import figure
-from accelerated_evaluation.publishing.tables.models import leaves
 
 BODY_SHARE = 0.99  # share of the events that the panel of the body shows
 BINS = 60
@@ -71,7 +70,7 @@ def fig05_inverse_ttc_fit(
     """
     law = piecewise.inverse_ttc[segment]
     curves = {f"piecewise ({len(law.components)} pieces)": Curve(law, style_of("piecewise"))}
-    body = [(weight, leaf) for weight, leaf in leaves(law) if leaf.upper < np.inf]
+    body = [(weight, leaf) for weight, leaf in law.leaves() if leaf.upper < np.inf]
     for number, (weight, leaf) in enumerate(body):
         style = {"color": "#444444", "linewidth": 0.9, "linestyle": ("--", ":", "-.")[number % 3]}
         curves[_described(leaf, INVERSE_TTC)] = Curve(leaf, style, weight, whole=False)

@@ -1,11 +1,11 @@
 """Readable tables of the records and their checks, of fitted models, and of candidate families."""
 
 import json
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 
 import pandas as pd
 
-from accelerated_evaluation.laws.distributions import Distribution, Empirical, Mixture, unit_to_power
+from accelerated_evaluation.laws.distributions import Distribution, Empirical, unit_to_power
 from accelerated_evaluation.laws.paper.models import UNITS, IndependentLaw
 from accelerated_evaluation.publishing.published import result_table, table
 from accelerated_evaluation.publishing.tables.display import reproducible_value
@@ -30,18 +30,6 @@ PARAMETER_DIGITS = 5  # significant digits of fitted parameters, of which the ei
 SYMBOLS = {"inverse_range": "R⁻¹", "inverse_ttc": "TTC⁻¹"}
 
 
-def leaves(law: Distribution, weight: float = 1.0) -> Iterator[tuple[float, Distribution]]:
-    """Yield weight and component of a mixture whose components may be mixtures again.
-
-    The weight is the product along the nesting. A law that is not a mixture is yielded itself.
-    """
-    if isinstance(law, Mixture):
-        for share, component in zip(law.weights, law.components, strict=True):
-            yield from leaves(component, weight * share)
-    else:
-        yield weight, law
-
-
 def parameter_table(model: IndependentLaw) -> pd.DataFrame:
     """Tabulate the parameters of a lane-change model, one row for each parameter of each component.
 
@@ -63,7 +51,7 @@ def parameter_table(model: IndependentLaw) -> pd.DataFrame:
             "value_unit": unit_to_power(UNITS[variable], parameter.power),
         }
         for variable, segment, law in laws
-        for weight, leaf in leaves(law)
+        for weight, leaf in law.leaves()
         for name, parameter in leaf.parameters.items()
     ]
     return pd.DataFrame(rows)
