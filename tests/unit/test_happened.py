@@ -1,5 +1,6 @@
 """What happens: ways to crash, nearest records, their figures; random closing speeds for narrow stripes."""
 
+import tracemalloc
 from dataclasses import replace
 
 import numpy as np
@@ -19,6 +20,7 @@ from accelerated_evaluation.answer.likeliest_crashes import (
 )
 from accelerated_evaluation.answer.replays import CLOSING_SPEEDS, FORESEEN, preventable
 from accelerated_evaluation.answer.smooth_family import SmoothFamily
+from accelerated_evaluation.crash_map import lines as crash_lines
 from accelerated_evaluation.crash_map.checked import sample_crashes
 from accelerated_evaluation.crash_map.lines import CrashLines
 from accelerated_evaluation.laws.paper.models import recorded_lead_speeds
@@ -180,6 +182,32 @@ def test_crashes_of_probability_zero_to_rounding_are_none(records, smooth, law, 
     draws = smooth.draws(np.zeros(2, int), np.random.default_rng(1))
     assert thinned(lines, RateCar(), draws, np.random.default_rng(1)).share.size < lines.share.size
     assert thinned(beyond, RateCar(), draws, np.random.default_rng(1)) is beyond
+
+
+def peak_of(call):
+    """Return the result of a call, and the largest memory [bytes] that it needed."""
+    tracemalloc.start()
+    try:
+        return call(), tracemalloc.get_traced_memory()[1]
+    finally:
+        tracemalloc.stop()
+
+
+def test_a_map_of_many_intervals_needs_no_memory_for_all_draws_at_once(records, smooth, monkeypatch):
+    """A map from random simulations may have ten million intervals, of which few are kept."""
+    lines = lines_of(map_crashes(RateCar(), GRID, [], np.random.default_rng(1)), records)
+    ends, parts = np.minimum(lines.end, 60.0), 400
+    edges = (lines.start + (ends - lines.start) * np.arange(parts + 1)[:, None] / parts).T
+    row = np.repeat(lines.row, parts)
+    many = replace(lines, row=row, start=edges[:, :-1].ravel(), end=edges[:, 1:].ravel())
+    draws = smooth.draws(np.zeros(40, int), np.random.default_rng(1))
+    monkeypatch.setattr(crash_lines, "AT_ONCE", 2_000)
+    share, needed = peak_of(lambda: by_map._mean_share(many, draws))
+    masses, at_once = peak_of(lambda: draws.masses(many))
+    np.testing.assert_array_equal(share, np.mean([mass / mass.sum() for mass in masses], axis=0))
+    assert needed < 16 * row.nbytes < at_once
+    monkeypatch.setattr(crash_lines, "AT_ONCE", row.size)
+    np.testing.assert_array_equal(by_map._mean_share(many, draws), share)
 
 
 def test_a_threshold_whose_laws_have_no_weight_is_told_with_equal_weights(smooth):

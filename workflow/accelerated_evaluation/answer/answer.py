@@ -172,7 +172,9 @@ class Answer:
         weights = self.crashes.weights
         with np.errstate(divide="ignore", invalid="ignore"):
             scale = self.posterior.probabilities / weights.sum(axis=1)  # sampled: without control variates
-        return weights * np.nan_to_num(scale, nan=1.0, posinf=1.0)[:, None]
+        scale = np.nan_to_num(scale, nan=1.0, posinf=1.0)
+        # The weights of a crash map may need a GB, and already add up to the probability.
+        return weights if (scale == 1).all() else weights * scale[:, None]
 
     def table(self, events_per_km: float | None = None) -> pd.DataFrame:
         """Return one row for each event: mean, median, 50, 80 and 95 % interval, and rate per kilometre.

@@ -73,8 +73,7 @@ class Map:
         replayed = Replayed.of(problem, self.records.x)
         lines = self._lines(self.crash_map, problem.event, vehicle, draws, generator)
         if not replayed.supports(draws.masses(lines).sum(axis=1).mean()):
-            sampled = sample_crashes(vehicle, self.crash_map, generator, events=(problem.event,))
-            lines, scan = self._lines(sampled, problem.event, vehicle, draws, generator), "random"
+            lines, scan = self._random_lines(problem.event, vehicle, draws, generator), "random"
         fixed = {
             name: Posterior(own.masses(lines).sum(axis=1), draws.member)
             for name, own in draws.fixed().items()
@@ -107,6 +106,13 @@ class Map:
         lines = CrashLines.of(crash_map, self.records.lead_speed, event, self.records.support)
         return thinned(lines, vehicle, draws, generator)
 
+    def _random_lines(
+        self, event: Event, vehicle: Vehicle, draws: Draws, generator: np.random.Generator
+    ) -> CrashLines:
+        """Return these lines of a map with random closing speeds."""
+        sampled = sample_crashes(vehicle, self.crash_map, generator, events=(event,))
+        return self._lines(sampled, event, vehicle, draws, generator)
+
 
 @dataclass(frozen=True)
 class MapCrashes(Crashes):
@@ -131,11 +137,25 @@ def thinned(lines: CrashLines, vehicle: Vehicle, draws: Draws, generator: np.ran
     The weights depend on the seed of the generator and not on its state, so that all events of a random
     vehicle have the same draws of its parameters.
     """
-    masses = draws.thinned(GUIDES).masses(lines)
-    shares = [mass / mass.sum() for mass in masses if mass.any()]
-    if shares:  # otherwise the event never happens, or its probability underflows
-        lines = lines.thinned(np.mean(shares, axis=0), LINES, generator)
+    share = _mean_share(lines, draws.thinned(GUIDES))
+    if share.any():  # otherwise the event never happens, or its probability underflows
+        lines = lines.thinned(share, LINES, generator)
     if not isinstance(vehicle, RandomVehicle) or lines.inner is None:
         return lines
     same = np.random.Generator(type(generator.bit_generator)(generator.bit_generator.seed_seq))
     return replace(lines, weights=vehicle.inner_weights(lines.inner, draws.size, same))
+
+
+def _mean_share(lines: CrashLines, draws: Draws) -> Array:
+    """Return the share of each interval in the probability of the event, as a mean over draws, (intervals,).
+
+    The draws are used one after the other, because a map from simulations at random closing speeds may have
+    ten million intervals.
+    """
+    total, count = np.zeros(lines.row.size), 0
+    for k in range(draws.size):
+        (mass,) = draws.subset(np.array([k])).masses(lines)
+        if mass.any():
+            total += mass / mass.sum()
+            count += 1
+    return total / max(count, 1)

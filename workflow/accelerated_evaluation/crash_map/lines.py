@@ -18,6 +18,7 @@ from accelerated_evaluation.laws.protocol import Law
 from accelerated_evaluation.laws.smooth.conditional import Given, Places, SpeedLaw
 from accelerated_evaluation.laws.smooth.draws import LawDraws
 from accelerated_evaluation.laws.smooth.family import LawFamily, Member
+from accelerated_evaluation.laws.smooth.segments import parts
 from accelerated_evaluation.laws.smooth.smooth_hazard import SmoothHazard
 from accelerated_evaluation.laws.smooth.splines import SUPPORT, Support
 from accelerated_evaluation.scenarios.cut_in import SPEED_LIMIT
@@ -26,6 +27,7 @@ from accelerated_evaluation.vehicles.protocol import CRASH, Vehicle
 
 NODES, NODE_WEIGHTS = np.polynomial.legendre.leggauss(32)
 STEPS = 200  # number of closing speeds in an interval at which a density is evaluated to draw one of them
+AT_ONCE = 1_000_000  # number of closing speeds of which the hazards, with all temporary arrays, need 100 MB
 EVEN = 0.05  # share of the kept lines that are selected independently of their probability
 
 
@@ -99,10 +101,10 @@ class CrashLines(Lines):
         return (self.share * self.range_probability(ranges))[self.row]
 
     def _masses(self, lines: Array, given: Given) -> Array:
-        start = given.cumulative(self.start, self.row)
+        start = _hazards(given, self.start, self.row)
         # Many intervals end where the next one begins, so the hazard is computed once for both.
         end = np.roll(start, -1)
-        end[self._apart] = given.cumulative(self.end[self._apart], self.row[self._apart])
+        end[self._apart] = _hazards(given, self.end[self._apart], self.row[self._apart])
         reached = np.isfinite(start)  # the law may have no probability beyond a finite end
         start, end = start[reached], end[reached]
         masses = np.zeros(self.row.size)
@@ -196,6 +198,14 @@ class CrashLines(Lines):
             end=self.end[inside],
             inner=None if self.inner is None else self.inner[kept],
         )
+
+
+def _hazards(given: Given, speeds: Array, row: NDArray[np.int_]) -> Array:
+    """Return the cumulative hazard at each closing speed [m/s] on the line of index ``row``, shape (n,)."""
+    hazards = np.empty(len(speeds))
+    for part in parts(len(speeds), AT_ONCE):
+        hazards[part] = given.cumulative(speeds[part], row[part])
+    return hazards
 
 
 def crash_places(
