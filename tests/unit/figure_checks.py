@@ -23,9 +23,8 @@ from accelerated_evaluation.publishing import study as study_module
 from accelerated_evaluation.publishing.figures import style
 from accelerated_evaluation.publishing.figures.style import COLUMN_WIDTH, paper_style, save_figure
 from accelerated_evaluation.publishing.provenance import described
-from accelerated_evaluation.publishing.published import FIGURES
+from accelerated_evaluation.publishing.published import FIGURES, arguments_of
 from accelerated_evaluation.publishing.study import Study
-from accelerated_evaluation.scenarios.cut_in import CUT_IN
 from matplotlib import pyplot as plt
 from matplotlib.colors import to_rgba
 from matplotlib.lines import Line2D
@@ -131,14 +130,13 @@ def main(results, published=None):
     if published:
         reader = SimpleNamespace(**{**vars(pd), "read_csv": _on_another_processor})
         mock.patch.object(study_module, "pd", reader).start()
-    of_scenario = study.scenario is not CUT_IN
     found = {}
     for name, make in sorted(FIGURES.items()):
-        if name.startswith(("fig35", "fig36")) or ("scenario" in name) != of_scenario:
-            continue  # a figure of another kind of study
-        given = _given(study, name)
         parts = inspect.signature(make).parameters
-        arguments = {part: given[part]() if part in given else getattr(study, part) for part in parts}
+        given = {part: read for part, read in _given(study, name).items() if part in parts}
+        if arguments_of(study, make, given) is None:
+            continue  # a figure of another kind of study
+        arguments = arguments_of(study, make, {part: read() for part, read in given.items()})
         found[name] = _differences(study, name, make(**arguments), published) if published else []
         found[name] += defects(make(**arguments)[0])
         plt.close("all")

@@ -1,5 +1,7 @@
 """The table of credibility: every answer comes from the table that its row names."""
 
+import inspect
+
 import pandas as pd
 import pytest
 from accelerated_evaluation.publishing.tables import credibility as module
@@ -35,6 +37,7 @@ RESULTS = {
         {"who": ["under test"], "kind": "predicted", "in_hundred_car": 0.96, "verdict": "compatible"}
     ),
 }
+REPORT = pd.DataFrame({"check": ["unit"], "verdict": ["fine"], "seen": ""}).assign(advice="", explained=False)
 EXPECTED = {
     "encounters_account": "5,000 rows were read, and 4,321 are used",
     "config.json": "my_car",
@@ -44,7 +47,7 @@ EXPECTED = {
     "extrapolation": "91 %",
     "numerical_error": "fine: times 1.23 ± 0.04",
     "fold_calibration": "halves: 41 of 128 counts outside their limits, 8 by chance",
-    "scenario_agreement": "1,498 of 1,500 firm verdicts",
+    "agreement": "1,498 of 1,500 firm verdicts",
     "all_cut_ins": "missing: records of opening cut-ins",
     "counted_crashes": "0.96 crashes in two million miles: compatible",
     "provenance.json": "root seed 77",
@@ -69,9 +72,13 @@ def test_results_without_rows_are_not_known(name):
 
 def test_every_question_is_asked_in_a_published_table():
     asked = {name for _, name, *_ in QUESTIONS}
-    parameters = [make.__code__.co_varnames for make in (module.credibility_table,)]
-    parameters += [module.scenario_credibility_table.__code__.co_varnames]
-    assert asked == {name for names in parameters for name in names}
+    assert asked == {*inspect.signature(module.credibility_table).parameters}
+
+
+def test_results_that_a_study_lacks_are_not_asked_for():
+    needed = ("account", "scope", "seed", "records_report", "answer_budget", "extrapolation")
+    table = module.credibility_table(**{name: RESULTS.get(name, REPORT) for name in needed})
+    assert len(table) == len(needed)
 
 
 def test_a_vehicle_that_never_crashes_has_no_number_where_none_is_known():

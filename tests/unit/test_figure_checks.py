@@ -6,7 +6,7 @@ import matplotlib as mpl
 import numpy as np
 import pandas as pd
 import pytest
-from accelerated_evaluation.publishing.figures.scenario import fig35_sampled_answer, fig36_crashes_among_runs
+from accelerated_evaluation.publishing.figures.laws import fig23_answer
 from accelerated_evaluation.publishing.figures.style import paper_style, save_figure
 from accelerated_evaluation.scenarios.cut_in import CUT_IN
 from accelerated_evaluation.vehicles.replay import write_trace
@@ -65,24 +65,17 @@ def test_each_defect_is_found_alone(spoil, words):
 
 
 def test_the_answer_for_a_slow_vehicle_has_a_row_for_its_simulations_alone():
-    drawn, data = fig35_sampled_answer(ANSWER, ESTIMATE, CUT_IN, "made up")
+    drawn, data = fig23_answer(ANSWER, CUT_IN, "made up", sampled_estimate=ESTIMATE)
     assert defects(drawn) == []
     assert data["event"].tolist()[:2] == EVENTS
     assert data["low80"].tolist() == [2e-7, 2e-7, 4e-6]
 
 
-def test_the_simulations_of_a_slow_vehicle_are_drawn_with_the_critical_records():
-    generator = np.random.default_rng(1)
-    records = pd.DataFrame(
-        {"range": generator.uniform(5, 75, 50), "closing_speed": generator.uniform(1, 20, 50)}
-    )
-    records["inverse_ttc"] = records["closing_speed"] / records["range"]
-    runs = pd.DataFrame({"event": [False, True], "lead_speed": 10.0, "range": 20.0, "closing_speed": 10.0})
-    crashes = pd.DataFrame({"lead_speed": [10.0], "range": [20.0], "closing_speed": [10.0], "share": [1.0]})
-    drawn, data = fig36_crashes_among_runs(runs, crashes, records, "made up")
+def test_an_answer_without_any_known_event_is_drawn():
+    unknown = ANSWER.assign(**dict.fromkeys(ANSWER.columns[1:], np.nan))
+    drawn, data = fig23_answer(unknown, CUT_IN, "made up", sampled_estimate=ESTIMATE)
     assert defects(drawn) == []
-    assert data["outcome"].tolist() == ["no crash", "crash"]
-    assert data["closing_speed"].tolist() == [10.0, 10.0]
+    assert data.empty
 
 
 USERS = {

@@ -2,29 +2,21 @@
 
 import numpy as np
 import pandas as pd
-import pytest
-from accelerated_evaluation.publishing.figures import scenario as figures
+from accelerated_evaluation.publishing.figures.coverage import fig37_extrapolation
+from accelerated_evaluation.publishing.figures.laws import fig25_vehicles
+from accelerated_evaluation.publishing.figures.surrogate import fig35_scenario_methods
+from accelerated_evaluation.publishing.tables.laws import vehicles_digest
 from accelerated_evaluation.scenarios.left_turn import LEFT_TURN
 from accelerated_evaluation.scenarios.pedestrian import PEDESTRIAN
 
 SOURCE = "made up"
+EXTRAPOLATION = pd.DataFrame({"part": ["all", "recorded", "near", "far"], "share": [1.0, 0.26, 0.68, 0.06]})
 
 
-def drawn_records(scenario):
+def drawn_crashes(scenario, extrapolation=EXTRAPOLATION):
     x = np.random.default_rng(1).uniform(*scenario.limits.T, size=(30, 3))
-    x[0, 1] = 0  # which a purely logarithmic axis would hide
     points = pd.DataFrame(x, columns=scenario.names)
-    runs = points.assign(event=points.index % 2 == 0)
-    return figures.fig01_scenario_records(points, runs, scenario, SOURCE)
-
-
-def drawn_answer(factor=1.0):
-    row = {"event": "crash", "encounters": "all encounters", "median": 0.02}
-    row |= {"low50": 0.018, "high50": 0.022, "low80": 0.016, "high80": 0.024, "low95": 0.01, "high95": 0.03}
-    numbers = [name for name in row if name not in ("event", "encounters")]
-    table = pd.DataFrame([row, row])
-    table.loc[1, numbers] = table.loc[1, numbers].astype(float) * factor
-    return figures.fig02_scenario_answer(table, SOURCE)
+    return fig37_extrapolation(extrapolation, points.assign(part="near"), points, scenario, SOURCE)
 
 
 def drawn_methods(converged=(True, True, False), probability=(0.02, 0.021, 0.0001)):
@@ -42,24 +34,44 @@ def drawn_methods(converged=(True, True, False), probability=(0.02, 0.021, 0.000
             "converged": converged,
         }
     )
-    return figures.fig03_scenario_methods(table, 0.2, SOURCE)
+    return fig35_scenario_methods(table, 0.2, SOURCE)
 
 
 def test_a_speed_without_a_sign_is_drawn_as_the_laws_treat_it():
-    drawn, points = drawn_records(PEDESTRIAN)
-    assert points["pedestrian_speed_mps"].min() == 0
-    assert drawn.axes[0].get_ylabel().startswith("|pedestrian speed| [m/s]\n(linear below 0.")
-    assert [axes.get_xlabel() for axes in drawn.axes[:2]] == ["vehicle speed [m/s]"] * 2
-    assert drawn.axes[0].get_yscale() == drawn.axes[2].get_xscale() == "symlog"
-    assert drawn.axes[0].get_xscale() == "linear"
-    drawn, points = drawn_records(LEFT_TURN)
-    assert drawn.axes[0].get_ylabel().startswith("turning speed [m/s]\n(linear below 0.")
+    drawn, points = drawn_crashes(PEDESTRIAN)
+    assert points["pedestrian_speed_mps"].min() >= 0
+    assert points["records"].sum() == 30
+    (axes,) = drawn.axes
+    assert axes.get_xlabel() == "|pedestrian speed| [m/s]"
+    assert (axes.get_xscale(), axes.get_yscale()) == ("asinh", "linear")
+    shown = [text.get_text() for text in axes.get_legend().get_texts()]
+    assert "crashes, farther away than most records are: 68 %" in shown
+    (axes,) = drawn_crashes(LEFT_TURN)[0].axes
+    assert axes.get_ylabel() == "distance to conflict [m]"
 
 
-@pytest.mark.parametrize(("factor", "scale"), [(1, "linear"), (0.01, "log")])
-def test_probabilities_of_several_decades_have_a_logarithmic_axis(factor, scale):
-    drawn, _ = drawn_answer(factor)
-    assert drawn.axes[0].get_xscale() == scale
+def test_an_answer_without_crashes_has_a_figure_of_its_records():
+    drawn, _ = drawn_crashes(LEFT_TURN, pd.DataFrame(columns=["part"]))
+    assert len(drawn.axes[0].get_legend().get_texts()) == 1
+
+
+def test_vehicles_of_a_scenario_without_references_have_no_ratio():
+    vehicles = pd.DataFrame({"vehicle": ["under test", "b"], "resolved": True, "probability": [0.02, 0.01]})
+    ends = {
+        "low95": 0.5,
+        "low80": 0.7,
+        "low50": 0.9,
+        "median": 1.0,
+        "high50": 1.1,
+        "high80": 1.3,
+        "high95": 1.5,
+    }
+    vehicles = vehicles.assign(**{name: vehicles["probability"] * factor for name, factor in ends.items()})
+    vehicles = vehicles.assign(recorded=np.nan, expected=np.nan)
+    drawn, _ = fig25_vehicles(vehicles, LEFT_TURN, SOURCE)
+    assert len(drawn.axes) == 1
+    assert "probability of an encounter" in drawn.axes[0].get_xlabel()
+    assert [*vehicles_digest(vehicles)] == ["vehicle", "recorded", "expected", "median", "80 %"]
 
 
 def test_estimates_that_have_not_converged_or_have_no_event_are_marked():

@@ -39,6 +39,7 @@ def study(tmp_path):
     results = tmp_path / "results" / "made_up"
     results.mkdir(parents=True)
     (results / "config.json").write_text(json.dumps(CONFIG))
+    (results / "contents.json").write_text(json.dumps(["config.json", "exact.csv"]))
     exact = pd.DataFrame({"segment": ["5-15", "all"], "probability": [2.5e-6, 1.23456e-6]})
     exact.to_csv(results / "exact.csv", index=False)
     report = pd.DataFrame(
@@ -99,9 +100,47 @@ def test_a_study_knows_what_was_read_and_published(study):
     assert study.table("exact.csv").equals(study.exact)
     show(study, example_table)
     show(study, fig99_example, marker="s")
-    assert study.used == (["fig99_example"], ["example"], ["exact.csv", "config.json"])
+    assert study.used == (["fig99_example"], ["example"], ["exact.csv", "contents.json", "config.json"])
     with pytest.raises(AttributeError, match="exakt"):
         _ = study.exakt
+
+
+def test_what_a_study_lacks_is_not_made_even_if_an_earlier_study_left_it_behind(study):
+    @table("of_an_option")
+    def table_with_an_option(exact, crude=None):
+        return exact.assign(has_crude=crude is not None)
+
+    @table("of_a_need")
+    def table_with_a_need(exact, crude):
+        raise AssertionError
+
+    study.exact.to_csv(study.results / "crude.csv", index=False)
+    assert study.has("exact", "seed")
+    assert not study.has("exact", "crude")
+    assert not show(study, table_with_an_option).data["has_crude"].any()
+    assert show(study, table_with_a_need) is None
+    assert study.used.tables == ["of_an_option"]
+    (study.results / "contents.json").write_text(json.dumps(["exact.csv", "crude.csv"]))
+    again = Study(study.results, study.figures)
+    assert show(again, table_with_an_option).data["has_crude"].all()
+
+
+def test_a_study_has_the_notebooks_and_the_parts_for_which_it_makes_all_results(tmp_path):
+    path = tmp_path / "n.ipynb"
+    parts = [
+        {"figures": ["fig2"], "tables": [], "reads": ["b.csv"]},
+        {"figures": ["fig3"], "tables": ["t3"], "reads": ["b.csv", "c.csv"]},
+    ]
+    declared = {"figures": ["fig1"], "tables": ["t1"], "reads": ["a.csv"], "optional": parts}
+    path.write_text(json.dumps({"metadata": {"study": declared}}))
+    assert read_contents(path, {"b.csv", "c.csv"}.__contains__) is None
+    assert read_contents(path, {"a.csv", "c.csv"}.__contains__) == (("fig1",), ("t1",), ("a.csv",))
+    assert read_contents(path, {"a.csv", "b.csv"}.__contains__).figures == ("fig1", "fig2")
+    assert read_contents(path) == (("fig1", "fig2", "fig3"), ("t1", "t3"), ("a.csv", "b.csv", "c.csv"))
+    del parts[1]["tables"]
+    path.write_text(json.dumps({"metadata": {"study": declared}}))
+    with pytest.raises(InputError, match=r"n\.ipynb, key study"):
+        read_contents(path)
 
 
 @pytest.mark.parametrize("metadata", [{}, {"study": {"figures": [], "reads": ["exact.csv"]}}])
@@ -113,13 +152,10 @@ def test_a_notebook_has_to_declare_what_it_reads_and_makes(tmp_path, metadata):
 
 
 def test_every_caption_is_that_of_a_figure_or_table():
-    books = {path.parent: [] for path in NOTEBOOKS}  # books of slow vehicles and scenarios share some figures
-    for path in NOTEBOOKS:
-        books[path.parent] += _made(path)
+    made = [name for path in NOTEBOOKS for name in _made(path)]
     captions = {path.stem for path in (ROOT / "workflow" / "report").glob("*.rst")}
-    assert captions - {"workflow", "notebook"} == {name for made in books.values() for name in made}
-    for made in books.values():
-        require_captions(made, ROOT / "workflow" / "report")
+    assert captions - {"workflow", "notebook"} == set(made)
+    require_captions(made, ROOT / "workflow" / "report")
 
 
 def test_a_caption_that_is_missing_and_a_name_that_is_shared_are_errors(tmp_path):

@@ -7,7 +7,7 @@ import pandas as pd
 import pytest
 from accelerated_evaluation.publishing.figures import surrogate as surrogate_figures
 from accelerated_evaluation.publishing.figures.style import style_of
-from accelerated_evaluation.publishing.tables.sampled import PHASES, side_by_side, surrogate_table
+from accelerated_evaluation.publishing.tables.methods import PHASES, side_by_side, surrogate_table
 
 FIGURES = ("fig19_surrogate_runs", "fig20_methods")
 SHARES = {"5-15": 0.4, "15-25": 0.6}

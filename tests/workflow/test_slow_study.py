@@ -130,7 +130,7 @@ def test_a_study_of_a_slow_vehicle_ends_in_a_book_though_it_dies_twice(finished,
     assert compared.loc["reg157", "ratio":"safer"].isna().all()  # the replayed records contradict its answer
     first_page = (results / "book/index.html").read_text()
     assert f"answers by {len(runs)} simulations" in first_page
-    left_out = (results / "book/99_what_was_left_out.html").read_text()
-    assert "crude Monte Carlo" in left_out
+    left_out = (results / "book/03_can_it_be_trusted.html").read_text()
+    assert "What is left out for a slow vehicle" in left_out
     assert not (results / "book/09_ground_truth.html").exists()
     assert '"run_crash"' in (results / "book/explorer.html").read_text()  # its runs stand in for a map

@@ -9,7 +9,7 @@ EVERY += ["crash_places", "vehicle"]
 OF_MAPS = ["answer_thresholds", "calibration", "fold_calibration", "near_misses"]
 OF_FEW_RUNS = ["estimate", "runs", "crashes", "replays", "replayed_events"]
 OF_LAWS_OF_CUT_INS = (
-    ["calibration", "fold_calibration"] if "smooth laws" in STAGES else ["laws"]
+    ["calibration", "fold_calibration"] if "smooth laws" in STAGES else ["joint_laws"]
 )
 WITH_INJURIES = SCENARIOS[SCENARIO].has_injuries
 INJURIES = ["injuries", "injuries_by_curve", "injury_budget", "injury_curves"]

@@ -13,16 +13,38 @@ FIGURE_FORMATS = ["png", "pdf", "svg", "csv"]
 TABLE_FORMATS = ["csv", "md", "tex"]
 CAPTIONS = PROJECT / "workflow/report"
 ARTICLE = PROJECT / "article"
-FOLDER = PROJECT / "notebooks" if "maps" in STAGES else PROJECT / "notebooks/scenario"
-CHAPTERS = sorted(FOLDER.glob("*.ipynb"))
-# A study of a slow vehicle has its own chapters, and those chapters of other studies whose results it has.
-if SLOW:
-    SHARED = ("05", "06", "12", "91") if "maps" in STAGES else ("01", "02")
-    CHAPTERS = [path for path in CHAPTERS if path.stem.startswith(SHARED)]
-    CHAPTERS = sorted(
-        [*CHAPTERS, *(FOLDER / "slow").glob("*.ipynb")], key=lambda path: path.stem
+# Results that the rules above make, by their paths in the folder of the results. A workflow that uses this one as a
+# module may have put a prefix before this folder.
+PREFIX = str(rules.ingest_encounters.output.encounters).removesuffix(
+    result("encounters.parquet")
+)
+MADE = sorted(
+    {
+        file.removeprefix(f"{PREFIX}{RESULTS}/")
+        for each in workflow.rules
+        for file in map(str, each.output)
+        if file.startswith(f"{PREFIX}{RESULTS}/") and "{" not in file
+    }
+    | {"config.json", "contents.json"}
+)
+
+
+def files_of_result(name):
+    """Paths of a result; a name with {method} represents those of all methods with a search."""
+    path = result(name)
+    return expand(path, method=SEARCHING) if "{method}" in path else [path]
+
+
+def is_made(name):
+    """Whether this study makes a result."""
+    return name in MADE or any(
+        each.is_producer(PREFIX + path)
+        for path in files_of_result(name)
+        for each in workflow.rules
     )
-PATHS = {path.stem: path for path in CHAPTERS}
+
+
+PATHS = {path.stem: path for path in sorted((PROJECT / "notebooks").glob("*.ipynb"))}
 # The guides of the study, and those of the sampler, which is a package of its own.
 FOLDERS_OF_GUIDES = [PROJECT / "docs", PROJECT / "fewruns"]
 GUIDES = [
@@ -31,11 +53,14 @@ GUIDES = [
 PICTURES = [
     str(path) for folder in FOLDERS_OF_GUIDES for path in sorted(folder.glob("*.svg"))
 ]
-ON_FIRST_PAGE = ["records_report.csv", "laws/answer.csv"]
-if "maps" in STAGES:
-    ON_FIRST_PAGE += ["laws/compared.csv"] if SLOW else ["exact.csv", "crude.csv"]
+ON_FIRST_PAGE = ["records_report.csv", "laws/answer.csv", "laws/extrapolation.csv"]
+ON_FIRST_PAGE += [name for name in ("exact.csv", "crude.csv") if is_made(name)]
 try:
-    NOTEBOOKS = {name: read_contents(path) for name, path in PATHS.items()}
+    NOTEBOOKS = {
+        name: contents
+        for name, path in PATHS.items()
+        if (contents := read_contents(path, is_made)) is not None
+    }
     require_captions(
         [name for made in NOTEBOOKS.values() for name in [*made.figures, *made.tables]],
         CAPTIONS,
@@ -56,13 +81,8 @@ def notebook_of(name):
 
 
 def read_by(notebook):
-    """Results that a notebook reads; a name with {method} is replaced by those of all methods with a search."""
-    paths = [result(name) for name in NOTEBOOKS[notebook].reads]
-    return [
-        file
-        for path in paths
-        for file in (expand(path, method=SEARCHING) if "{method}" in path else [path])
-    ]
+    """Results that a notebook reads."""
+    return [path for name in NOTEBOOKS[notebook].reads for path in files_of_result(name)]
 
 
 def in_report(path, category, name, caption):

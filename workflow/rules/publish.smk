@@ -8,15 +8,17 @@ PAGES = PROJECT / "workflow/book"  # templates of the first and the last page
 
 
 rule record_configuration:
-    """Write the resolved configuration into the folder of the results."""
+    """Write the resolved configuration, and the list of the results of the study."""
     output:
         config=result("config.json"),
+        contents=result("contents.json"),
     log:
         log_of("record_configuration.log"),
     benchmark:
         benchmark_of("record_configuration.tsv")
     params:
         config=config,
+        contents=MADE,
         library=code_up_to("base"),
     message:
         "Recording the configuration"
@@ -117,7 +119,7 @@ rule book:
             for file in [*figures_of(name), *tables_of(name), rendered_of(name)]
         ]
         + [file for name in OWN_FIGURES for file in files_of_own(name)],
-        results=[result(name) for name in ("config.json", *ON_FIRST_PAGE)],
+        results=[result(name) for name in ("config.json", "contents.json", *ON_FIRST_PAGE)],
         guides=local(GUIDES),
         pictures=local(PICTURES),
         captions=local(sorted(map(str, CAPTIONS.glob("*.rst")))),

@@ -85,7 +85,7 @@ def answer_tables(
     tables["extrapolation"] = extrapolation(own, records, replayed)
     tables["crash_places"] = drawn_crashes(own, records, streams("crash places"))
     if records.support is None:
-        tables["laws"] = study.family.table(study.weights)
+        tables["joint_laws"] = study.family.table(study.weights)
     elif not isinstance(way, Map):  # the table of a map also has crashes and near misses
         tables["calibration"] = calibration_table(study)
         tables["fold_calibration"] = fold_calibration(study)

@@ -7,7 +7,6 @@ from accelerated_evaluation.commands import COMMANDS, csv_file
 
 SHOWN = {  # columns that are printed, by published table
     "answer": ["probability", "low80", "high80"],
-    "scenario_answer": ["probability", "low80", "high80"],
     "exact": ["probability"],
 }
 DESCRIPTION = """\

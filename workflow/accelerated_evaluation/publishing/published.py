@@ -14,7 +14,7 @@ list the figure, and the results that it reads (`publishing.book.catalogue`).
 """
 
 import inspect
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, TypeVar
@@ -27,16 +27,13 @@ from accelerated_evaluation.base.registry import Registry
 from accelerated_evaluation.publishing import figures
 from accelerated_evaluation.publishing.figures.style import COLUMN_WIDTH, save_figure
 from accelerated_evaluation.publishing.provenance import described
-from accelerated_evaluation.publishing.study import TABLES, Study
+from accelerated_evaluation.publishing.study import FILES, Study
 from accelerated_evaluation.publishing.tables.display import as_html, readable, save_table
 
 Make = TypeVar("Make", bound=Callable[..., Any])
 WIDTH = 150 * COLUMN_WIDTH  # [px], width of a figure in a notebook
-# Results that every study has, and those that are no tables or that are computed from tables.
-ALWAYS = ("config.json", "encounters.parquet", "records_report.csv")
-FILES = TABLES | {name: f"models/{name}.json" for name in ("two_pieces", "three_pieces", "single")}
-FILES |= {"account": "encounters_account.csv", "truth": TABLES["exact"]}
-FILES |= dict.fromkeys(("replicates", "estimates"), "estimates.csv")
+# Results that every study has.
+ALWAYS = ("config.json", "contents.json", "encounters.parquet", "records_report.csv")
 # Functions that make figures, by the names of the figures.
 FIGURES: Registry[Callable[..., Any]] = Registry("figure", figures.__name__, figures.__path__)
 
@@ -156,11 +153,27 @@ class ShownTable:
 Shown = ShownFigure | ShownTable
 
 
-def show(study: Study, make: Callable[..., Any], **given: Any) -> Shown:  # noqa: ANN401
+def arguments_of(study: Study, make: Callable[..., Any], given: Mapping[str, Any]) -> dict[str, Any] | None:
+    """Return the arguments of a registered function by name; None if the study lacks a result that it needs.
+
+    The parameters are read from the study, except for those that are given. One with a default value is an
+    optional result, which is read if the study has it.
+    """
+    wanted = {
+        name: parameter.default is parameter.empty
+        for name, parameter in inspect.signature(make).parameters.items()
+        if name not in given
+    }
+    if not study.has(*(name for name, is_needed in wanted.items() if is_needed)):
+        return None
+    had = {name: getattr(study, name) for name, is_needed in wanted.items() if is_needed or study.has(name)}
+    return had | given
+
+
+def show(study: Study, make: Callable[..., Any], **given: Any) -> Shown | None:  # noqa: ANN401
     """Make a registered figure or table of a study, publish it, and return an object for the notebook.
 
-    The parameters of ``make`` are read from the study by name, except for those that are given.
+    Nothing is made, and None is returned, if the study lacks a result that the function needs.
     """
-    read = [name for name in inspect.signature(make).parameters if name not in given]
-    made = make(**{name: getattr(study, name) for name in read}, **given)
-    return make.publish(study, made)
+    arguments = arguments_of(study, make, given)
+    return None if arguments is None else make.publish(study, make(**arguments))

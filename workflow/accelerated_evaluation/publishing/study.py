@@ -25,7 +25,7 @@ from accelerated_evaluation.study.configuration import load_modules
 from accelerated_evaluation.study.limits import value_of
 
 if TYPE_CHECKING:
-    from accelerated_evaluation.laws import Factors
+    from accelerated_evaluation.laws import Factors, Law
 
 TABLES = {
     # Number and share of the lane changes in each segment.
@@ -64,6 +64,8 @@ TABLES = {
     "bootstrap": "bootstrap.csv",
     # Held-out scores, weights and crash probabilities of laws, and whether the records contradict them.
     "laws": "laws/laws.csv",
+    # For other scenarios than the cut-in: criteria, held-out scores and weights of the joint laws.
+    "joint_laws": "laws/joint_laws.csv",
     # Recorded against expected counts of cut-ins and near misses near the crash set.
     "calibration": "laws/calibration.csv",
     # The same by block of the records: cells outside their limits, those expected by chance, and dispersion.
@@ -143,6 +145,12 @@ TABLES = {
     "coverage": "coverage.csv",
 }
 
+# Results that are no tables, or that are computed from tables, by their names in `Study`.
+FILES = TABLES | {name: f"models/{name}.json" for name in ("two_pieces", "three_pieces", "single")}
+FILES |= {"account": "encounters_account.csv", "truth": TABLES["exact"]}
+FILES |= dict.fromkeys(("replicates", "estimates"), "estimates.csv")
+FILES |= {"models": FILES["single"], "piecewise": FILES["two_pieces"]}
+
 
 class Study:
     """The finished results of a study; each is read when it is first used, and then cached.
@@ -193,6 +201,20 @@ class Study:
             )
         return path
 
+    def has(self, *names: str) -> bool:
+        """Return whether the study makes all results with the given names, as its configuration asks for.
+
+        A study of a vehicle that is slow to simulate, for example, has no ``exact``. A file that an earlier
+        study of the same name left behind is no result of this study. Results that the study has count as
+        read.
+        """
+        if "contents" not in self.__dict__:
+            self.__dict__["contents"] = set(read_json(self.path("contents.json")))
+        paths = [FILES[name] for name in names if name in FILES]
+        made = [path for path in paths if path in self.__dict__["contents"]]
+        self.used.reads.extend(path for path in made if path not in self.used.reads)
+        return made == paths
+
     def __getattr__(self, name: str) -> pd.DataFrame:
         """Read a table by its name in `TABLES`, and cache it."""
         if name not in TABLES:
@@ -211,7 +233,7 @@ class Study:
             table["study"] = self.results.name
         return table
 
-    def _law(self, name: str) -> IndependentLaw:
+    def _law(self, name: str) -> Any:  # noqa: ANN401
         return read_law(self.path(name), self.encounters)
 
     # What the study is.
@@ -240,26 +262,18 @@ class Study:
         return SCENARIOS[self.config.get("scenario", {}).get("name", DEFAULT)]
 
     @property
-    def scenario_headline(self) -> str:
-        """Study, scenario, vehicle and root seed as one line of Markdown."""
-        vehicle, seed = self.config["vehicle"]["name"], self.config["seed"]
-        what = as_markdown(self.scenario.description)
-        text = f"Study **{self.name}**: {what}. Vehicle {as_markdown(vehicle)}. Root seed {seed}."
-        return text + self._doubts
+    def is_slow(self) -> bool:
+        """Whether the vehicle under test is simulated only a few hundred times."""
+        return self.config["simulations"]["slow"]
 
     @property
     def headline(self) -> str:
         """Study, data and root seed as one line of Markdown."""
         text = f"Study **{self.name}**. Data: {as_markdown(self.source)}. Root seed {self.config['seed']}."
-        return text + self._doubts
-
-    @property
-    def _doubts(self) -> str:
-        """What the checks of the records found, as Markdown that begins with a space; empty if nothing."""
         verdict = self.verdict
         if verdict.stops:
-            return f" **{as_markdown(summary(self.records_report))}**"
-        return f" Records: {as_markdown(verdict.in_short)}." if verdict.in_short else ""
+            return f"{text} **{as_markdown(summary(self.records_report))}**"
+        return f"{text} Records: {as_markdown(verdict.in_short)}." if verdict.in_short else text
 
     def caption(self, folder: Path, name: str) -> list[str]:
         """Return the paragraphs of the caption of a figure or table, with its placeholders filled in.
@@ -321,9 +335,12 @@ class Study:
         return self.segments[0]
 
     @property
-    def paper_interval(self) -> tuple[float, float]:
-        """The paper's interval of the crash probability (section VI.C)."""
-        return PAPER_INTERVAL
+    def paper_interval(self) -> tuple[float, float] | None:
+        """The paper's interval of the crash probability of a cut-in (section VI.C); None if there is none.
+
+        The paper has none for other scenarios, and none for a vehicle without a crash map.
+        """
+        return PAPER_INTERVAL if self.has("exact") else None
 
     # The records.
 
@@ -364,6 +381,11 @@ class Study:
     def single(self) -> IndependentLaw:
         """The single parametric law."""
         return self._law("models/single.json")
+
+    @cached_property
+    def answer_law(self) -> "Law":
+        """The law of the largest weight in the answer."""
+        return self._law("laws/answer.json")
 
     @property
     def models(self) -> dict[str, IndependentLaw]:

@@ -77,6 +77,12 @@ class Variable:
         return self.name.removesuffix(f"_{unit}").replace("_", " ")
 
     @property
+    def label(self) -> str:
+        """Return the label of an axis; bars around the name say that the values are absolute values."""
+        name = self.in_title.replace("sdv", "vehicle")  # the self-driving vehicle, which is under test
+        return f"{name if self.sign_matters else f'|{name}|'} [{self.unit}]"
+
+    @property
     def in_words(self) -> str:
         """Return the limits as text, such as ``0 to 30 m/s``; only the unit if the variable has no limits."""
         is_limited = max(abs(self.low), abs(self.high)) < UNLIMITED
@@ -403,6 +409,11 @@ class Scenario:
     panels: Sequence[Panel] = ()
     cluster: str = "driver"
     prescribed: Sequence[PrescribedTest] = ()
+
+    @property
+    def one(self) -> str:
+        """The word for an encounter with its article, such as "a cut-in"."""
+        return f"{'an' if self.noun[0] in 'aeiou' else 'a'} {self.noun}"
 
     @property
     def names(self) -> tuple[str, ...]:

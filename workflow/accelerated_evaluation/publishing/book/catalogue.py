@@ -3,10 +3,15 @@
 The key ``study`` of a notebook's metadata lists the figures and tables that it publishes, and the results
 that it reads::
 
-    "study": {"figures": ["fig02_data"], "tables": ["account"], "reads": ["encounters.parquet"]}
+    "study": {
+        "figures": ["fig02_data"], "tables": ["account"], "reads": ["encounters.parquet"],
+        "optional": [{"figures": ["fig30_preventable"], "tables": [], "reads": ["happened/preventable.csv"]}]
+    }
 
-A part of a name in braces, as in ``cross_entropy/{method}_0.json``, represents several files. When a notebook
-runs, `publishing.book.execution` compares this declaration with what the notebook did.
+A part of a name in braces, as in ``cross_entropy/{method}_0.json``, represents several files. A study has the
+notebooks for which it makes all results in ``reads``, whatever its scenario and however slow its vehicle is.
+Each part in ``optional`` belongs to the notebook if the study makes all results of this part, too. When a
+notebook runs, `publishing.book.execution` compares this declaration with what the notebook did.
 
 A text with placeholders is a cell of code that begins with ``%%text``. It shows the text with the values that
 the variables have at this place, whoever runs the notebook: a reader in Jupyter, papermill or the study.
@@ -14,7 +19,8 @@ the variables have at this place, whoever runs the notebook: a reader in Jupyter
 
 import json
 import math
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from itertools import chain
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -26,24 +32,38 @@ from accelerated_evaluation.publishing.tables.display import as_markdown, readab
 
 
 class Contents(NamedTuple):
-    """The inputs and outputs of a notebook."""
+    """The inputs and outputs of a notebook, or of a part of it."""
 
     figures: Sequence[str]  # names of the published figures
     tables: Sequence[str]  # names of the published tables
     reads: Sequence[str]  # paths of the results, relative to their folder
 
 
-def read_contents(notebook: Path) -> Contents:
-    """Return what the metadata of a notebook declare, or raise InputError."""
+def read_contents(notebook: Path, is_made: Callable[[str], bool] = lambda _: True) -> Contents | None:
+    """Return what the metadata of a notebook declare, or raise InputError.
+
+    ``is_made`` says whether a study makes a result. Optional parts without all of their results are left out,
+    and None is returned if the study does not make a result that the notebook needs.
+    """
     declared = json.loads(notebook.read_text(encoding="utf-8"))["metadata"].get("study", {})
-    if set(declared) != set(Contents._fields):
-        raise InputError(
-            f"{notebook}, key study of the metadata",
-            seen=f"the lists {sorted(declared)}",
-            expected="the figures and tables that the notebook publishes, and the results that it reads",
-            change='Write three lists of names: "study": {"figures": [], "tables": [], "reads": []}.',
-        )
-    return Contents(**{name: tuple(declared[name]) for name in Contents._fields})
+    parts = [
+        {name: part for name, part in declared.items() if name != "optional"},
+        *declared.get("optional", []),
+    ]
+    for part in parts:
+        if set(part) != set(Contents._fields):
+            raise InputError(
+                f"{notebook}, key study of the metadata",
+                seen=f"the lists {sorted(part)}",
+                expected="the figures and tables that the notebook publishes, and the results that it reads",
+                change='Write three lists of names: "study": {"figures": [], "tables": [], "reads": []}, and '
+                'the same three in each part of the list "optional", if there is one.',
+            )
+    needed, *optional = (Contents(*map(tuple, (part[name] for name in Contents._fields))) for part in parts)
+    if not all(map(is_made, needed.reads)):
+        return None
+    had = [needed, *(part for part in optional if all(map(is_made, part.reads)))]
+    return Contents(*(tuple(dict.fromkeys(chain(*names))) for names in zip(*had, strict=True)))
 
 
 def require_captions(names: Iterable[str], folder: Path) -> None:

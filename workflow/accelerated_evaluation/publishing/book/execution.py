@@ -109,10 +109,12 @@ def run_notebook(notebook: str, parameters: dict[str, str], executed: str) -> No
             raise StudyError(f"{notebook}, {error}") from error
 
 
-def _as_declared(declared: Mapping[str, list[str]], study: Study) -> dict[str, list[str]]:
+def _as_declared(declared: Mapping[str, Any], study: Study) -> dict[str, list[str]]:
     """Return what a notebook read and published; StudyError if ``declared`` does not list all of it."""
     used = study.used._asdict() | {"reads": sorted(study.used.reads)}
-    if missing := sorted({name for key in used for name in set(used[key]) - set(declared.get(key, []))}):
+    parts = [declared, *declared.get("optional", [])]
+    listed = {key: {name for part in parts for name in part.get(key, [])} for key in used}
+    if missing := sorted({name for key in used for name in set(used[key]) - listed[key]}):
         raise StudyError(
             f'key study of the metadata: {", ".join(missing)} not listed; write "study": {json.dumps(used)}'
         )

@@ -47,29 +47,23 @@ def known_to_pages(study: Study, records: Iterable[str]) -> dict[str, Any]:
 
     The last page lists the SHA-256 checksums of the records.
     """
-    common = {
+    answer = study.answer
+    return {
         "vehicle": study.config["vehicle"],
-        "slow": study.config["simulations"]["slow"],
+        "crash": answer[answer["event"] == "crash"].iloc[0],
+        "rests": rests_in_words(study.extrapolation),
+        "paper": _of_the_paper(study) if study.has("exact", "crude") else None,
         "commit": commit_of(PROJECT),
         "checksums": {str(path): _checksum(Path(path)) for path in records},
         "versions": {"Python": platform.python_version()} | {name: version(name) for name in PACKAGES},
         "configuration": yaml.safe_dump(study.config, allow_unicode=True, sort_keys=False).strip(),
     }
-    if "maps" not in study.scenario.stages:
-        answer = study.answer
-        rests = rests_in_words(study.extrapolation, by_speed=False)
-        return common | {"crash": answer.iloc[0], "answers": answer.to_dict("records"), "rests": rests}
-    common["crash"] = study.answer.set_index("event").loc["crash"]
-    common["rests"] = rests_in_words(study.extrapolation)
-    return common | (
-        {"compared": study.compared} if study.config["simulations"]["slow"] else _of_the_paper(study)
-    )
 
 
 def _of_the_paper(study: Study) -> dict[str, Any]:
     """Return the values that need results of the paper's methods and of crude Monte Carlo."""
     return {
-        "paper_probability": PAPER_PROBABILITY,
+        "probability": PAPER_PROBABILITY,
         "departed": departure(study.premises, study.source),
         "contradicted": contradictions(study.truth, study.crude),
     }
@@ -223,7 +217,7 @@ def _write_sources(parts: Parts, sources: Path, names: dict[str, Any]) -> None:
         chapters.setdefault(notebook.metadata.get("part", "Chapters"), []).append(path.stem)
         notebook.cells = list(_chapter(parts, path.stem, notebook))
         nbformat.write(notebook, sources / path.name)
-    known = names | {"study": parts.study, "figure": parts.figure}
+    known = names | {"study": parts.study, "figure": parts.figure, "explorer": parts.explorer}
     known |= {"notebooks": chapters, "guides": grouped(map(page_of, parts.guides))}
     for template in parts.pages.glob("*.md"):
         page = sources / template.name

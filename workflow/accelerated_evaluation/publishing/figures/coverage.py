@@ -12,7 +12,7 @@ from matplotlib.figure import Figure
 from matplotlib.patches import Patch
 from matplotlib.ticker import MaxNLocator, PercentFormatter
 
-from accelerated_evaluation.answer.extrapolation import FAR, NEAR, RECORDED
+from accelerated_evaluation.answer.extrapolation import CAPPED, FAR, NEAR, RECORDED
 from accelerated_evaluation.methods.coverage import LEVELS
 from accelerated_evaluation.methods.intervals import binomial_interval
 from accelerated_evaluation.publishing.figures.dot_chart import (
@@ -27,6 +27,7 @@ from accelerated_evaluation.publishing.figures.dot_chart import (
 )
 from accelerated_evaluation.publishing.figures.style import COLUMN_WIDTH, note_source, paper_style, style_of
 from accelerated_evaluation.publishing.published import figure
+from accelerated_evaluation.scenarios.protocol import Scenario
 
 OURS = "this project"
 # Colour, marker and vertical shift of each procedure in figure 24.
@@ -171,64 +172,93 @@ def _coverage_rows(coverage: pd.DataFrame) -> pd.DataFrame:
     return data.assign(ci_low=[bound.low for bound in bounds], ci_high=[bound.high for bound in bounds])
 
 
-# Each part of the predicted crashes: what it means, and its colour and marker, which differ in grey as well.
-PARTS = {
-    RECORDED: ("as fast as a record at a similar range", "#08306b", "s"),
-    NEAR: ("faster than the records at a similar range", "#4292c6", "o"),
-    FAR: ("faster than all records", "#b2182b", "^"),
+# Colour and marker of each part of the predicted crashes, which differ in grey as well.
+PARTS = {RECORDED: ("#08306b", "s"), NEAR: ("#4292c6", "o"), FAR: ("#b2182b", "^")}
+# What the parts mean if they are divided by the closing speed, and if by the distance from the records.
+BY_SPEED = {
+    RECORDED: "as fast as a record at a similar range",
+    NEAR: "faster than the records at a similar range",
+    FAR: "faster than all records",
+}
+BY_DISTANCE = {
+    RECORDED: "as near to a record as most records are",
+    NEAR: "farther away than most records are",
+    FAR: "farther away than any record is",
 }
 DRAWN_CRASHES = 1000  # largest number of crashes that is drawn
-CELL = (0.75, 0.25)  # [m] and [m/s], cells in which the records are counted
+CELLS = (30, 100)  # smallest and largest number of cells along each axis in which the records are counted
 LIGHTEST = 0.05  # number of records that would be white, so that a cell with one record can be seen
 
 
 @figure
 def fig37_extrapolation(
-    extrapolation: pd.DataFrame, crash_places: pd.DataFrame, encounters: pd.DataFrame, source: str
+    extrapolation: pd.DataFrame,
+    crash_places: pd.DataFrame,
+    encounters: pd.DataFrame,
+    scenario: Scenario,
+    source: str,
 ) -> tuple[Figure, pd.DataFrame]:
-    """Draw the number of records in each cell of range and closing speed, and crashes drawn from the answer.
+    """Draw the number of records in cells of the last two variables, and crashes drawn from the answer.
+
+    If small values of the first of them are important (``divided_by``), its axis is linear up to the smallest
+    limit and nearly logarithmic beyond. Variables whose sign does not matter have absolute values.
 
     The figure, with the share of each part of the predicted crashes in its legend; and its data: a row for
     each crash with its ``part``, and one for the middle of each cell with its number of ``records``.
     """
-    shares, crashes = extrapolation.set_index("part")["share"], crash_places.head(DRAWN_CRASHES)
-    cells = _counted(encounters)
+    across, up = scenario.variables[-2:]
+    names = list(scenario.names)
+    recorded, crashes = (
+        pd.DataFrame(scenario.as_in_law(table[names].to_numpy(float)), columns=names)
+        for table in (encounters, crash_places.head(DRAWN_CRASHES))
+    )
+    crashes["part"] = crash_places["part"].head(DRAWN_CRASHES).to_numpy()
+    small = (
+        scenario.divided_by[1][0] if scenario.divided_by and scenario.divided_by[0] == across.name else None
+    )
+    # The cells have equal widths on the axes.
+    scaled = np.arcsinh(recorded[across.name] / small) if small else recorded[across.name]
+    largest = recorded[up.name].max()
+    spans = [[0, scaled.max()], [0, largest]]
+    number = int(np.clip(math.sqrt(len(recorded)), *CELLS))
+    counts, *edges = np.histogram2d(scaled, recorded[up.name], number, spans)
+    if small:
+        edges[0] = small * np.sinh(edges[0])
+    middles, found = [(each[1:] + each[:-1]) / 2 for each in edges], np.nonzero(counts)
+    cells = pd.DataFrame({across.name: middles[0][found[0]], up.name: middles[1][found[1]]})
+    cells["records"] = counts[found].astype(int)
+    shares, by_speed = extrapolation.set_index("part"), CAPPED in set(extrapolation["part"])
     with paper_style():
         drawn, axes = plt.subplots(figsize=(1.4 * COLUMN_WIDTH, 3.2))
-        grid = cells.pivot_table(index="closing_speed", columns="range", values="records")
+        if small:
+            axes.set_xscale("asinh", linear_width=small)
         most = int(cells["records"].max())
-        image = axes.pcolormesh(
-            grid.columns, grid.index, grid, cmap="Greys", norm=LogNorm(LIGHTEST, most), rasterized=True
-        )
+        look = {"cmap": "Greys", "norm": LogNorm(LIGHTEST, most), "rasterized": True}
+        image = axes.pcolormesh(*edges, np.ma.masked_equal(counts.T, 0), **look)
         grey = image.cmap(image.norm(math.sqrt(most)))
-        handles = [Patch(color=grey, label=f"records: 1 (light) to {most:,} (black) in a cell")]
-        for part, (meaning, color, marker) in PARTS.items():
-            rows = crashes[crashes["part"] == part]
+        shade = f"records: 1 (light) to {most:,} (black) in a cell" if most > 1 else "records"
+        handles = [Patch(color=grey, label=shade)]
+        for part, meaning in (BY_SPEED if by_speed else BY_DISTANCE).items() if len(shares) else ():
+            (color, marker), rows = PARTS[part], crashes[crashes["part"] == part]
             handles += axes.plot(
-                rows["range"],
-                rows["closing_speed"],
+                rows[across.name],
+                rows[up.name],
                 marker,
                 color=color,
                 markersize=2.5,
                 markerfacecolor="none",
                 markeredgewidth=0.5,
-                label=f"crashes, {meaning}: {100 * shares[part]:.0f} %",
+                label=f"crashes, {meaning}: {100 * shares.loc[part, 'share']:.0f} %",
             )
-        fastest = encounters["closing_speed"].max()
-        handles.append(
-            axes.axhline(fastest, color="black", linewidth=0.6, linestyle=":", label="fastest record")
-        )
-        ends = round(encounters["range"].max()), 1.05 * max([fastest, *crashes["closing_speed"]])
-        axes.set(xlabel="range [m]", ylabel="closing speed [m/s]", xlim=(0, ends[0]), ylim=(0, ends[1]))
+        if by_speed:
+            look = {"color": "black", "linewidth": 0.6, "linestyle": ":"}
+            handles.append(axes.axhline(largest, label="fastest record", **look))
+        ends = max([recorded[across.name].max(), *crashes[across.name]]), max([largest, *crashes[up.name]])
+        axes.set(xlim=(0, ends[0]), ylim=(0, 1.05 * ends[1]), ylabel=up.label, xlabel=across.label)
+        if small:
+            ticks = [0, small, *(tick for tick in (1, 10, 100) if small < tick < ends[0])]
+            axes.set_xticks(ticks, [f"{tick:g}" for tick in ticks], minor=False)
+            axes.minorticks_off()
         axes.legend(handles=handles, loc="lower center", bbox_to_anchor=(0.5, 1.0), fontsize=6)
         note_source(drawn, source)
     return drawn, pd.concat([crashes, cells], ignore_index=True)
-
-
-def _counted(encounters: pd.DataFrame) -> pd.DataFrame:
-    """Count the records in cells; a row for the middle of each cell that contains records."""
-    columns = ("range", "closing_speed")
-    middles = [
-        (np.floor(encounters[name] / width) + 0.5) * width for name, width in zip(columns, CELL, strict=True)
-    ]
-    return encounters.groupby(middles).size().rename("records").reset_index()

@@ -1,4 +1,4 @@
-"""Figures 19 and 20, beyond the paper: runs of the surrogate-guided sampler, and the cost of all methods."""
+"""Figures 19, 20 and 35, beyond the paper: runs of the sampler, and what all methods cost and estimate."""
 
 from collections.abc import Mapping
 
@@ -13,23 +13,28 @@ from accelerated_evaluation.base.arrays import Array
 from accelerated_evaluation.publishing.figures.dot_chart import (
     DOT,
     FRAME,
+    INTERVAL,
     ROW,
     TRUTH,
     draw_intervals,
+    draw_truth,
+    finish,
     in_powers,
     name_groups,
     name_rows,
     scale_linearly,
+    scale_logarithmically,
     spaced,
     write_beside,
 )
 from accelerated_evaluation.publishing.figures.style import COLUMN_WIDTH, note_source, paper_style, style_of
 from accelerated_evaluation.publishing.published import figure
-from accelerated_evaluation.publishing.tables.sampled import PHASES, side_by_side
+from accelerated_evaluation.publishing.tables.methods import PHASES, side_by_side
 
 # Names of the shares of simulations in the figure.
 QUANTITIES = {"simulations": "all simulations", "of the estimate": "those of the estimate"}
 SMALL = 0.01  # shares below this are not written as a number
+WIDE = 10.0  # the axis of figure 35 is logarithmic if its values differ by more than this factor
 MARGIN = 0.5  # margin around the crashes in figure 19 (b), in units of the normal scores
 SCORES = {"z_range": "$R^{-1}$", "z_closing_speed": "$TTC^{-1}$"}
 PHASE_LOOKS = {
@@ -163,3 +168,53 @@ def _draw_shares(axes: Axes, spread: pd.DataFrame, y: Array) -> None:
     write_beside(axes, y, texts, "")
     axes.set(xlabel="share", xlim=(0, 1.06))
     axes.invert_yaxis()
+
+
+@figure
+def fig35_scenario_methods(
+    scenario_estimates: pd.DataFrame, alpha: float, source: str
+) -> tuple[Figure, pd.DataFrame]:
+    """Draw the estimates of each method with their intervals, for the law with the largest weight.
+
+    The figure has a row for each replicate, with an open marker if it has not converged, and an arrow at the
+    upper limit if it has no event. The columns of the data are law, event, method, replicate, probability,
+    ci_low, ci_high, simulations and converged.
+    """
+    together = scenario_estimates["learning"] + scenario_estimates["estimating"]
+    columns = ["law", "event", "method", "replicate", *INTERVAL, "simulations", "converged"]
+    table = scenario_estimates.assign(simulations=together)[columns].reset_index(drop=True)
+    y = spaced(table["method"], 1.0)
+    found = table["probability"] > 0
+    kinds = {
+        "converged": (found & table["converged"], {}),
+        "not converged": (found & ~table["converged"], {"markerfacecolor": "white"}),
+    }
+    runs = table.groupby("method", sort=False)["simulations"].mean()
+    with paper_style():
+        drawn, axes = plt.subplots(figsize=(COLUMN_WIDTH, FRAME + 0.1 * (y.max() + 4)))
+        for kind, (chosen, fill) in kinds.items():
+            for method, rows in table[chosen].groupby("method", sort=False):
+                draw_intervals(axes, rows, y[rows.index], **style_of(str(method), "color", "marker"), **fill)
+            if chosen.any():
+                axes.plot([], [], "s", color="black", markersize=3.5, label=kind, **fill)
+        if not found.all():
+            arrow = {"color": "black", "linestyle": "none", "markersize": 4}
+            axes.plot(table["ci_high"][~found], y[~found], "<", label="no event: upper limit", **arrow)
+        crude = table[found & (table["method"] == "crude")]
+        if len(crude):
+            draw_truth(axes, crude.iloc[0], "crude Monte Carlo")
+        for _, rows in pd.Series(y).groupby(table["method"].to_numpy()):
+            axes.axhspan(rows.min() - 0.6, rows.max() + 0.6, color="#f4f4f4", linewidth=0, zorder=0)
+        words = {name: f"{str(name).replace('_', ' ')},\n{runs[name]:,.0f} runs" for name in runs.index}
+        name_groups(axes, y, table["method"].map(words))
+        label = f"probability: {table['event'].iloc[0]},\n{100 * (1 - alpha):g} % intervals"
+        _scale(axes, table[list(INTERVAL)], label)
+        finish(drawn, axes, source)
+    return drawn, table
+
+
+def _scale(axes: Axes, values: pd.DataFrame, label: str) -> None:
+    """Label x, and scale it logarithmically if the positive values differ by more than a factor of `WIDE`."""
+    positive = values.to_numpy(float)[values.to_numpy(float) > 0]
+    wide = positive.size and positive.max() > WIDE * positive.min()
+    (scale_logarithmically if wide else scale_linearly)(axes, label)

@@ -131,7 +131,7 @@ QUESTIONS: tuple[tuple[str, str, str, Callable[[Any], str]], ...] = (
     ("extrapolation", "extrapolation", "extrapolation", beyond_records),
     ("numerical error", "numerical_error", "numerical_error", steps_of),
     ("validation: held-out records", "fold_calibration", "fold_calibration", calibration_of),
-    ("validation: published outcomes", "scenario_agreement", "scenario_agreement", agreement_of),
+    ("validation: published outcomes", "scenario_agreement", "agreement", agreement_of),
     ("differences from the world: lead motion", "all_cut_ins", "all_cut_ins", motion_of),
     ("differences from the world: counted crashes", "counted_crashes", "counted_crashes", counted_of),
     ("chain from the run to the claim", "seed", "provenance.json", chain_of),
@@ -158,41 +158,15 @@ def credibility_table(
     scope: tuple[str, Mapping[str, float]],
     seed: int,
     records_report: pd.DataFrame,
-    choices: pd.DataFrame,
-    data_quality: pd.DataFrame,
     answer_budget: pd.DataFrame,
     extrapolation: pd.DataFrame,
-    numerical_error: pd.DataFrame,
-    fold_calibration: pd.DataFrame,
-    all_cut_ins: pd.DataFrame,
-    counted_crashes: pd.DataFrame,
+    choices: pd.DataFrame | None = None,
+    data_quality: pd.DataFrame | None = None,
+    numerical_error: pd.DataFrame | None = None,
+    fold_calibration: pd.DataFrame | None = None,
+    scenario_agreement: pd.DataFrame | None = None,
+    all_cut_ins: pd.DataFrame | None = None,
+    counted_crashes: pd.DataFrame | None = None,
 ) -> pd.DataFrame:
-    """Return what a safety case asks of the simulation of cut-ins, with answers from the tables."""
-    return credibility(locals())
-
-
-@table("sampled_credibility")
-def sampled_credibility_table(
-    account: pd.DataFrame,
-    scope: tuple[str, Mapping[str, float]],
-    seed: int,
-    records_report: pd.DataFrame,
-    answer_budget: pd.DataFrame,
-    extrapolation: pd.DataFrame,
-) -> pd.DataFrame:
-    """Return what a safety case asks of the simulation of a slow vehicle, with answers from the tables."""
-    return credibility(locals())
-
-
-@table("scenario_credibility")
-def scenario_credibility_table(
-    account: pd.DataFrame,
-    scope: tuple[str, Mapping[str, float]],
-    seed: int,
-    records_report: pd.DataFrame,
-    answer_budget: pd.DataFrame,
-    extrapolation: pd.DataFrame,
-    scenario_agreement: pd.DataFrame,
-) -> pd.DataFrame:
-    """Return what a safety case asks of the simulation of another scenario, with answers from the tables."""
-    return credibility(locals())
+    """Return what a safety case asks of the simulation, with the answers of the tables of the study."""
+    return credibility({name: result for name, result in locals().items() if result is not None})

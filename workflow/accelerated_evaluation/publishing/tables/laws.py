@@ -48,6 +48,9 @@ def of_the_answer(calibration: pd.DataFrame) -> pd.DataFrame:
 # The scores, weights and crash probabilities of all laws.
 laws_table = result_table("laws", digits=3, digest=without_details)
 
+# The joint laws of a scenario other than the cut-in, with their criteria, held-out scores and weights.
+joint_laws_table = result_table("joint_laws", digits=6)
+
 # Recorded and expected counts near the crash set.
 calibration_table = result_table("calibration", digits=3, digest=of_the_answer)
 
@@ -62,6 +65,13 @@ def answer_table(answer: pd.DataFrame, verdict: Verdict) -> pd.DataFrame:
     If a check of the records found a fault, a column ``records`` names it.
     """
     return verdict.added_to(answer)
+
+
+# Which encounters the crashes come from, by the size of a variable.
+crash_shares_table = result_table("crash_shares", digits=3)
+
+# The ratios of the vehicle under test to the references.
+compared_table = result_table("compared", digits=DIGITS)
 
 
 # The rates per kilometre and hour.
@@ -82,12 +92,14 @@ def rates_in_words(exposure: pd.DataFrame) -> str:
 
 
 @table("answer_budget", digits=3)
-def answer_budget_table(answer_budget: pd.DataFrame, lead_motion: pd.DataFrame) -> pd.DataFrame:
+def answer_budget_table(answer_budget: pd.DataFrame, lead_motion: pd.DataFrame | None = None) -> pd.DataFrame:
     """Return the budget of the uncertainty of the crash probability, by source, for publication.
 
     It is for a lead vehicle that keeps its speed. If lead motion was studied for the vehicle under test, a
     last row contains the contribution of the unknown lead motion (`answer.lead_motion.motion_budget`).
     """
+    if lead_motion is None:
+        return answer_budget
     together = answer_budget.set_index("source").loc["together", "factor"]
     motion = motion_budget(lead_motion, "under test", together)
     return pd.concat([answer_budget, motion], ignore_index=True) if len(motion) else answer_budget
@@ -110,23 +122,26 @@ answer_thresholds_table = result_table("answer_thresholds", digits=DIGITS, diges
 data_quality_table = result_table("data_quality", digits=DIGITS, digest=with_intervals)
 
 
+# Columns of the ratios to a reference vehicle: prefix in the table, and headings in the short table.
+RATIOS = {
+    "": ("ratio", "80 % of ratio", "safer"),
+    "human_": ("ratio to human", "80 % of it", "safer than human"),
+}
+
+
 def vehicles_digest(vehicles: pd.DataFrame) -> pd.DataFrame:
-    """Return a short table of compared vehicles: crash probabilities and ratios with 80 % intervals."""
-    return pd.DataFrame(
-        {
-            "vehicle": vehicles["vehicle"],
-            "recorded": vehicles["recorded"],
-            "expected": vehicles["expected"],
-            "median": vehicles["median"],
-            "80 %": interval_column(vehicles["low80"], vehicles["high80"]),
-            "ratio": vehicles["ratio"],
-            "80 % of ratio": interval_column(vehicles["ratio_low80"], vehicles["ratio_high80"]),
-            "safer": vehicles["safer"],
-            "ratio to human": vehicles["human_ratio"],
-            "80 % of it": interval_column(vehicles["human_ratio_low80"], vehicles["human_ratio_high80"]),
-            "safer than human": vehicles["human_safer"],
-        }
-    )
+    """Return a short table of compared vehicles: crash probabilities and ratios with 80 % intervals.
+
+    The ratios are left out if the scenario has no reference vehicles.
+    """
+    shown = vehicles[["vehicle", "recorded", "expected", "median"]]
+    shown = shown.assign(**{"80 %": interval_column(vehicles["low80"], vehicles["high80"])})
+    for prefix, (ratio, interval, safer) in RATIOS.items():
+        if f"{prefix}ratio" in vehicles:
+            ends = interval_column(vehicles[f"{prefix}ratio_low80"], vehicles[f"{prefix}ratio_high80"])
+            columns = {ratio: vehicles[f"{prefix}ratio"], interval: ends, safer: vehicles[f"{prefix}safer"]}
+            shown = shown.assign(**columns)
+    return shown
 
 
 # The comparison of vehicles.

@@ -8,13 +8,16 @@ import pandas as pd
 from accelerated_evaluation.laws.distributions import Distribution, Empirical, unit_to_power
 from accelerated_evaluation.laws.paper.models import UNITS, IndependentLaw
 from accelerated_evaluation.publishing.published import result_table, table
-from accelerated_evaluation.publishing.tables.display import reproducible_value
+from accelerated_evaluation.publishing.tables.display import readable, reproducible_value
 
 
-@table("encounters_account")
-def account_table(account: pd.DataFrame) -> pd.DataFrame:
-    """Return the account of the records, one row for each filter, for publication without changes."""
-    return account
+def _rounded(account: pd.DataFrame) -> pd.DataFrame:
+    """Return the account with short values of the variables, and all digits of the numbers of rows."""
+    return account.map(lambda value: readable(value, 3) if isinstance(value, float) else value)
+
+
+# The account of the records, one row for each filter; for other scenarios, for each variable.
+account_table = result_table("encounters_account", result="account", digest=_rounded)
 
 
 def _what_was_seen(report: pd.DataFrame) -> pd.DataFrame:

@@ -8,7 +8,7 @@ import pandas as pd
 from numpy.typing import ArrayLike
 from scipy.special import ndtri, stdtrit
 
-from accelerated_evaluation.answer.extrapolation import ALL, FAR, NEAR, RECORDED
+from accelerated_evaluation.answer.extrapolation import ALL, CAPPED, FAR, NEAR, RECORDED
 from accelerated_evaluation.answer.far_records import EVERY_LAW
 from accelerated_evaluation.answer.variants import WITHOUT_CRASHES
 from accelerated_evaluation.methods.importance_sampling import crude_simulations
@@ -149,9 +149,7 @@ def without_replay(extrapolation: pd.DataFrame) -> pd.DataFrame:
     return extrapolation.assign(**{"80 %": ends})[shown]
 
 
-def rests_in_words(
-    extrapolation: pd.DataFrame, data_quality: pd.DataFrame | None = None, *, by_speed: bool = True
-) -> str:
+def rests_in_words(extrapolation: pd.DataFrame, data_quality: pd.DataFrame | None = None) -> str:
     """Return a paragraph that says how much of the answer lies beyond the records; empty without crashes.
 
     The parts are those of cut-ins, by closing speed, or otherwise those by distance from the records. The
@@ -164,7 +162,7 @@ def rests_in_words(
     beyond = (
         f"{100 * near:.0f} % of the predicted crashes close faster than any record at a similar range, and "
         f"{100 * far:.0f} % faster than any record at all."
-        if by_speed
+        if CAPPED in rows.index
         else f"{100 * near:.0f} % of the predicted crashes are farther from the nearest record than 95 % of "
         f"the records are from each other, and {100 * far:.0f} % farther than any record is."
     )

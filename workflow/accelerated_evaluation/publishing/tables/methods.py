@@ -1,38 +1,10 @@
-"""Tables of answers from few runs: ratios to references, scenarios, and a comparison of the samplers."""
+"""Tables that compare the methods by their estimates, and the vehicle with published verdicts."""
 
 import pandas as pd
 
-from accelerated_evaluation.publishing.published import result_table, table
-from accelerated_evaluation.records.verdict import Verdict
-
-# The ratios of the vehicle under test to the references.
-compared_table = result_table("compared", digits=2)
-
+from accelerated_evaluation.publishing.published import table
 
 DIGITS = 3
-
-
-# The account of the records: a row for each variable.
-records_table = result_table("scenario_records", result="account", digits=DIGITS)
-
-# The laws with their criteria, held-out scores and weights.
-laws_table = result_table("scenario_laws", result="laws", digits=6)
-
-
-@table("scenario_answer", digits=DIGITS)
-def answer_table(answer: pd.DataFrame, verdict: Verdict) -> pd.DataFrame:
-    """Return the probability of each event with its intervals, and the verdict on the records.
-
-    If a check found a fault, a column ``records`` names it.
-    """
-    return verdict.added_to(answer)
-
-
-# Where the uncertainty of the crash probability comes from.
-budget_table = result_table("scenario_budget", result="answer_budget", digits=DIGITS)
-
-# Which encounters the crashes come from, by the size of a variable.
-crash_shares_table = result_table("scenario_crash_shares", result="crash_shares", digits=DIGITS)
 
 
 @table("scenario_methods", digits=DIGITS)
@@ -61,7 +33,7 @@ def methods_table(scenario_estimates: pd.DataFrame) -> pd.DataFrame:
     )
 
 
-@table("scenario_agreement")
+@table("agreement")
 def agreement_table(scenario_agreement: pd.DataFrame) -> pd.DataFrame:
     """Return the table of the published verdicts on crashes, with the share that the vehicle reproduces."""
     share = scenario_agreement["agree"] / scenario_agreement["verdicts"]
