@@ -82,7 +82,9 @@ def notebook_of(name):
 
 def read_by(notebook):
     """Results that a notebook reads."""
-    return [path for name in NOTEBOOKS[notebook].reads for path in files_of_result(name)]
+    return [
+        path for name in NOTEBOOKS[notebook].reads for path in files_of_result(name)
+    ]
 
 
 def in_report(path, category, name, caption):

@@ -119,7 +119,9 @@ rule book:
             for file in [*figures_of(name), *tables_of(name), rendered_of(name)]
         ]
         + [file for name in OWN_FIGURES for file in files_of_own(name)],
-        results=[result(name) for name in ("config.json", "contents.json", *ON_FIRST_PAGE)],
+        results=[
+            result(name) for name in ("config.json", "contents.json", *ON_FIRST_PAGE)
+        ],
         guides=local(GUIDES),
         pictures=local(PICTURES),
         captions=local(sorted(map(str, CAPTIONS.glob("*.rst")))),
