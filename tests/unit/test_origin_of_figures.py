@@ -44,6 +44,7 @@ def test_the_table_of_commands_in_reproduce_is_complete():
 
 
 def test_a_figure_names_its_function_its_results_and_its_rule(tmp_path):
+    (tmp_path / "contents.json").write_text('["estimates_course.csv", "exact.csv", "laws/answer.csv"]')
     parts = Parts(Study(tmp_path, "figures/spmd"), NOTEBOOKS, {}, [], CAPTIONS, ROOT)
     line = inspect.getsourcelines(fig12_crash_probability)[1]
     origin = parts.origin("fig12_crash_probability")
@@ -51,6 +52,7 @@ def test_a_figure_names_its_function_its_results_and_its_rule(tmp_path):
     assert "`estimates_course.csv`, `exact.csv`" in origin
     assert "`run_08_results`" in origin
     assert "`snakemake --cores 2 figures/spmd/fig12_crash_probability.png`" in origin
+    assert "results: `laws/answer.csv`;" in parts.origin("fig23_answer")  # others are not made
     shown = {name for path in NOTEBOOKS for name in read_contents(path).figures}
     assert shown <= FIGURES.keys()
 

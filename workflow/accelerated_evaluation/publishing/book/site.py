@@ -171,7 +171,8 @@ class Parts:
         code = f"`{name}` ({file.resolve().relative_to(PROJECT.resolve()).as_posix()}, line {line})"
         if page := page_of_code(PROJECT, file, line):
             code = f"[{code}]({page})"
-        read = [f"`{TABLES[part]}`" for part in inspect.signature(make).parameters if part in TABLES]
+        parts = [part for part in inspect.signature(make).parameters if part in TABLES]
+        read = [f"`{TABLES[part]}`" for part in parts if self.study.has(part)]
         rule = next((path.stem for path in self.notebooks if name in read_contents(path).figures), None)
         made = [f"Code: {code}"]
         made += [f"results: {', '.join(read)}"] if read else []

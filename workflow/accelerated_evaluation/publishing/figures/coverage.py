@@ -186,7 +186,7 @@ BY_DISTANCE = {
     FAR: "farther away than any record is",
 }
 DRAWN_CRASHES = 1000  # largest number of crashes that is drawn
-CELLS = (30, 100)  # smallest and largest number of cells along each axis in which the records are counted
+CELLS = (50, 100)  # smallest and largest number of cells along each axis in which the records are counted
 LIGHTEST = 0.05  # number of records that would be white, so that a cell with one record can be seen
 
 
