@@ -189,6 +189,23 @@ def test_bad_closing_speed_max(table, capsys, speed):
     assert f"invalid positive number value: '{speed}'" in capsys.readouterr().err
 
 
+@pytest.mark.parametrize(
+    ("arguments", "where"),
+    [
+        (["replay", "20", "15", "6", "o.csv", "--vehicle", ""], "the argument after --vehicle"),
+        (["replay", "20", "15", "6", "o.csv", "--vehicle="], "--vehicle"),
+        (["compare", "", "spmd"], "the argument after compare"),
+        (["simulate", "i.csv", "o.csv", "--scenario", " "], "the argument after --scenario"),
+    ],
+)
+def test_an_empty_argument_is_no_default(tmp_path, monkeypatch, capsys, arguments, where):
+    """An unset variable of the shell would otherwise choose the default, or the folder itself."""
+    monkeypatch.chdir(tmp_path)
+    assert cli.main(arguments) == 2
+    assert capsys.readouterr().err.startswith(f"error: {where}: seen an empty text")
+    assert not list(tmp_path.iterdir())
+
+
 def test_help_is_complete(capsys):
     for arguments, words in (
         (["--help"], ["simulate", "replay"]),

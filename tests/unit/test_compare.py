@@ -103,3 +103,28 @@ def test_the_interval_of_an_event_is_printed_next_to_its_probability(studies, ca
     events = ["crash" in row for row in rows]
     assert len(rows) == 4
     assert events[0] == events[1] != events[2] == events[3]
+
+
+@pytest.mark.parametrize(
+    ("file", "content"),
+    [
+        *(("results/b/config.json", text) for text in (b"", b"{", b"[]", b"5", b"null", b"{}", b"\xff\xfe")),
+        ("results/b/config.json", b'{"study": "b", "scenario": 5}'),
+        ("results/b/config.json", b'{"study": "b", "scenario": {"name": "sailing"}}'),
+        *(("figures/b/tables/answer.csv", text) for text in (b"", b"\xff\xfe\0", b'event\n"crash')),
+    ],
+)
+def test_a_damaged_result_is_one_message(studies, capsys, file, content):
+    (studies / file).write_bytes(content)
+    assert cli.main(["compare", "a", "b"]) == 2
+    error = capsys.readouterr().err
+    assert error.startswith("error: ")
+    assert error.count("\n") == 1
+    assert not (studies / "results/b/compared_with_a.csv").exists()
+
+
+@pytest.mark.parametrize("name", ["a/", "../a", "..", "/", "x/a"])
+def test_a_path_is_no_name_of_a_study(studies, capsys, name):
+    for names in ((name, "a"), ("a", name)):
+        assert cli.main(["compare", *names]) == 2
+        assert "expected the name of a study" in capsys.readouterr().err

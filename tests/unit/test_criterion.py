@@ -60,6 +60,11 @@ def test_texts():
         "1e-7 deaths per hour",
         "x cc_human",
         "0 per hour",
+        "1_0 per hour",
+        "٣ per hour",
+        "1.1 per cut-in",  # no probability is so large, so that everything meets it
+        "5 per encounter",
+        "1 x cc_human per hour",
     ],
 )
 def test_other_texts_are_refused(text):

@@ -35,6 +35,14 @@ def simulated(vehicle, encounter):
     return [getattr(outcomes, name)[0] for name in OUTCOMES]
 
 
+def test_a_figure_that_cannot_be_written_leaves_no_table(tmp_path, monkeypatch, capsys):
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "f.png").mkdir()
+    assert cli.main(["replay", "20", "15", "6", "o.csv", "--figure", "f.png"]) == 2
+    assert "f.png is a folder" in capsys.readouterr().err
+    assert [each.name for each in tmp_path.iterdir()] == ["f.png"]
+
+
 @pytest.mark.parametrize("name", FOLLOWED)
 def test_a_trace_ends_in_exactly_the_outcomes(name):
     crashes = 0

@@ -7,7 +7,7 @@ from importlib.metadata import version
 
 import argcomplete
 
-from accelerated_evaluation.base.errors import StudyError, unusable
+from accelerated_evaluation.base.errors import InputError, StudyError, unusable
 from accelerated_evaluation.commands import COMMANDS
 
 EXIT = """If the input is wrong, the command prints one message on standard error, ends with exit status 2,
@@ -29,8 +29,10 @@ def main(argv: Sequence[str] | None = None) -> int:
     """
     own = parser()
     argcomplete.autocomplete(own)  # if the shell asks for completions, this prints them and ends
-    arguments = own.parse_args(argv)
+    given = sys.argv[1:] if argv is None else argv
+    arguments = own.parse_args(given)
     try:
+        _require_values(given)
         arguments.run(arguments)
     except (StudyError, OSError) as error:
         print("error:", *str(unusable(error)).split(), file=sys.stderr)
@@ -40,6 +42,19 @@ def main(argv: Sequence[str] | None = None) -> int:
         print(f"stopped from the keyboard{kept}", file=sys.stderr)
         return 130
     return 0
+
+
+def _require_values(given: Sequence[str]) -> None:
+    """Raise InputError if an argument is empty, which most often is an unset variable of the shell."""
+    for before, text in zip(["the command", *given], given, strict=False):
+        option, _, value = text.partition("=") if text.startswith("--") and "=" in text else ("", "", text)
+        if not value.strip():
+            raise InputError(
+                option or f"the argument after {before}",
+                seen="an empty text",
+                expected="a value",
+                change="If the value is that of a variable of the shell, set the variable first.",
+            )
 
 
 def parser() -> argparse.ArgumentParser:

@@ -25,7 +25,8 @@ MET, NOT_MET, UNDECIDED = "met", "not met", "not decided"
 ENCOUNTER = "encounter"
 RATES = 25  # number of equally likely values that represent the posterior of the rate of encounters
 FORM = re.compile(
-    r"(?P<limit>[-+.\w]+?)\s+(?:(?P<harm>(?!per\b|x\b)\S+)\s+)?(?:per\s+(?P<per>.+)|x\s+(?P<reference>.+))"
+    r"(?P<limit>[-+.\deE]+)\s+(?:(?P<harm>(?!per\b|x\b)\S+)\s+)?(?:per\s+(?P<per>.+)|x\s+(?P<reference>\S+))",
+    re.ASCII,
 )
 
 
@@ -53,7 +54,8 @@ def criterion_of(text: str, where: str, noun: str, levels: Sequence[str] = ()) -
     except ValueError:
         limit = np.nan
     units = {ENCOUNTER, *UNITS.values(), ""}
-    if not (0 < limit < np.inf) or per not in units or (parts["harm"] and parts["harm"] not in levels):
+    known = 0 < limit < np.inf and (limit <= 1 or per != ENCOUNTER)  # no probability exceeds 1
+    if not known or per not in units or (parts["harm"] and parts["harm"] not in levels):
         injuries = (
             f", with a level of injury ({', '.join(levels)}) after the number if asked" if levels else ""
         )
@@ -61,7 +63,7 @@ def criterion_of(text: str, where: str, noun: str, levels: Sequence[str] = ()) -
             where,
             seen=repr(text),
             expected="a positive limit and what it refers to, for example '1e-7 per hour', "
-            f"'1e-9 per kilometre', '1e-6 per {noun}' or '0.5 x cc_human'{injuries}",
+            f"'1e-9 per kilometre', '1e-6 per {noun}' (at most 1) or '0.5 x cc_human'{injuries}",
             change="Write the criterion in one of these forms.",
         )
     return Criterion(str(text).strip(), limit, per, parts["reference"].strip(), parts["harm"])

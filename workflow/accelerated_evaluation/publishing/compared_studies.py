@@ -10,7 +10,7 @@ from pandas.api.types import is_numeric_dtype
 
 from accelerated_evaluation.base.arrays import Array
 from accelerated_evaluation.base.errors import InputError
-from accelerated_evaluation.publishing.study import Study
+from accelerated_evaluation.publishing.study import Study, read_result
 
 NAMES = ["study", "data"]  # columns of published tables that only name the study
 ENDS = (("low80", "high80"), ("low", "high"))  # columns with the ends of the interval of the numbers in a row
@@ -82,7 +82,7 @@ def _flat(section: Mapping[str, Any], prefix: str = "") -> Iterator[tuple[str, A
 
 
 def _published(study: Study) -> dict[str, pd.DataFrame]:
-    return {path.stem: pd.read_csv(path) for path in (study.figures / "tables").glob("*.csv")}
+    return {path.stem: read_result(path) for path in (study.figures / "tables").glob("*.csv")}
 
 
 def _cells(*tables: pd.DataFrame) -> list[pd.Series]:

@@ -152,6 +152,35 @@ FILES |= dict.fromkeys(("replicates", "estimates"), "estimates.csv")
 FILES |= {"models": FILES["single"], "piecewise": FILES["two_pieces"]}
 
 
+def read_result(path: Path) -> pd.DataFrame:
+    """Return a table of a finished study; InputError is raised if it is damaged."""
+    try:
+        return pd.read_csv(path)
+    except ValueError as error:  # pandas' and Unicode errors derive from it
+        raise _damaged(path, error) from error
+
+
+def _configuration(path: Path) -> dict[str, Any]:
+    """Return the configuration of a finished study; InputError is raised if it is damaged."""
+    try:
+        config = read_json(path)
+    except ValueError as error:
+        raise _damaged(path, error) from error
+    sections = [config, config.get("scenario", {})] if isinstance(config, dict) else [config]
+    if not all(isinstance(each, dict) for each in sections) or not isinstance(config.get("study"), str):
+        raise _damaged(path, "no configuration of a study")
+    return config
+
+
+def _damaged(path: Path, reason: object) -> InputError:
+    return InputError(
+        str(path),
+        seen=f"content that cannot be read ({reason})",
+        expected="a result as the study has written it",
+        change="Remove the file, and run the study again, which makes it once more.",
+    )
+
+
 class Study:
     """The finished results of a study; each is read when it is first used, and then cached.
 
@@ -174,12 +203,17 @@ class Study:
         fill_in_notebooks()
         self.results, self.figures = Path(results), Path(figures)
         self.used = Contents([], [], [])
-        if (configuration := self.results / "config.json").is_file():
-            load_modules(read_json(configuration), [self.results.parent])  # the folder with ``results``
+        if (path := self.results / "config.json").is_file():
+            load_modules(_configuration(path), [self.results.parent])  # the folder with ``results``
 
     @classmethod
     def named(cls, name: str) -> "Study":
         """Return the study with the given name that ran in the working folder."""
+        if name in ("..", "") or Path(name).name != name:
+            expected = "the name of a study, such as spmd, and no path"
+            raise InputError(
+                "the study", seen=repr(name), expected=expected, change="Name a folder in `results`."
+            )
         return cls(Path("results") / name, Path("figures") / name)
 
     def path(self, name: str, **parts: str) -> Path:
@@ -228,7 +262,7 @@ class Study:
         Numbers are rounded to the digits that do not depend on the processor, so that figures, tables and
         texts do not depend on it either.
         """
-        table = reproducible(pd.read_csv(self.path(name)))
+        table = reproducible(read_result(self.path(name)))
         if "study" in table:  # pandas would read a name such as NaN or 007 as a number
             table["study"] = self.results.name
         return table
@@ -240,8 +274,8 @@ class Study:
 
     @cached_property
     def config(self) -> dict[str, Any]:
-        """The resolved configuration."""
-        return read_json(self.path("config.json"))
+        """The resolved configuration; InputError is raised if the file is damaged."""
+        return _configuration(self.path("config.json"))
 
     @property
     def name(self) -> str:

@@ -62,13 +62,12 @@ def write_trace(
     if figure is not None and figure.suffix not in (".png", ".pdf", ".svg"):
         change = "Choose one of these formats."
         raise InputError(str(figure), seen=repr(figure.suffix), expected=".png, .pdf or .svg", change=change)
-    write_csv(table, trace)
-    if figure is not None:
-        each = [Panel(name, {name: name}) for name in trace if name not in (TIME, EMERGENCY)]
-        with own_settings(
-            {"svg.hashsalt": "accelerated-evaluation"}
-        ):  # so that equal figures give equal files
-            _draw(trace, figure, title, panels or each)
+    with atomic_path(table) as temporary:  # a figure that cannot be written leaves no table either
+        write_csv(temporary, trace)
+        if figure is not None:
+            each = [Panel(name, {name: name}) for name in trace if name not in (TIME, EMERGENCY)]
+            with own_settings({"svg.hashsalt": "accelerated-evaluation"}):  # equal figures give equal files
+                _draw(trace, figure, title, panels or each)
 
 
 def _draw(trace: pd.DataFrame, path: Path, title: str, panels: Sequence[Panel]) -> None:
