@@ -189,7 +189,7 @@ def test_a_threshold_that_too_few_records_exceed_is_told(config):
     ("option", "message"),
     [
         (["--reference", "nope"], "--reference: seen 'nope'; expected one of acc_aeb, acc_only, cc_human"),
-        (["--reference", ""], "--reference: seen ''; expected one of acc_aeb, acc_only, cc_human"),
+        (["--reference", ""], "the argument after --reference: seen an empty text"),
         (
             ["--reference", "command"],
             "--reference: seen command; expected a vehicle that is fast to simulate",
