@@ -68,7 +68,10 @@ class Fitted:
         return intervals(Posterior(draws.masses(setting.lines).sum(axis=1), draws.member))
 
     def by_few_runs(self, generator: np.random.Generator) -> Intervals:
-        """Simulate the car under the mean of draws, some 150 times, and reweight the runs for each draw."""
+        """Simulate the car under the mean of draws, and reweight the runs for each draw.
+
+        In the mean of a kind of worlds, this took 145 to 340 simulations.
+        """
         draws = self.study.draws(generator)
         problem = Problem(CUT_IN, AccAeb(), law=draws.proposal)
         found = evaluate(problem, draws, FewRuns(STOPPING), generator=generator)

@@ -109,6 +109,28 @@ def test_encounter_table_has_the_same_bytes_twice_and_reads_back_equal(csv_confi
     assert list(again.columns) == list(COLUMNS)
 
 
+@pytest.mark.parametrize(
+    ("change", "seen"),
+    [
+        (lambda t: t.head(0), "no rows"),
+        (lambda t: t.assign(segment=1), "segments without a name"),
+        (lambda t: t.assign(segment=t["segment"].where(t.index > 0)), "segments without a name"),
+        (
+            lambda t: t.assign(range=t["range"].where(t.index > 0)),
+            "missing, infinite, below 0 or not numbers",
+        ),
+        (lambda t: t.assign(closing_speed=-1.0), "missing, infinite, below 0 or not numbers"),
+        (lambda t: t.assign(lead_speed=pd.Timestamp("2020-01-01")), "below 0 or not numbers"),
+        (lambda t: t[[*t.columns[::-1]]], "columns "),
+    ],
+)
+def test_an_edited_encounter_table_is_refused(csv_config, tmp_path, change, seen):
+    encounters, _ = ingested(csv_config(GOOD_ROWS))
+    change(encounters).to_parquet(tmp_path / "encounters.parquet", index=False)
+    with pytest.raises(InputError, match=rf"encounters\.parquet: seen .*{seen}"):
+        read_encounters(tmp_path / "encounters.parquet")
+
+
 @pytest.mark.parametrize("content", [None, b"no parquet", "other columns"])
 def test_read_encounters_refuses_what_is_no_encounter_table(tmp_path, content):
     path = tmp_path / "encounters.parquet"
