@@ -108,7 +108,7 @@ def test_a_table_of_simulations_is_read(table, tmp_path):
         (lambda t: t.assign(event="maybe"), "'maybe'"),
         (lambda t: t.assign(z_closing_speed="far"), "far"),
         (lambda t: t.assign(z_range=t["z_range"].where(t.index != 3)), "row 5, column z_range: seen nan"),
-        (lambda t: t.assign(range=t["range"].where(t.index != 3, np.inf)), "row 5, column range: seen inf"),
+        (lambda t: t.assign(range=t["range"].where(t.index != 3, np.inf)), "row 5, column range: seen 'inf'"),
         (lambda t: t.assign(event=t["event"].where(t.index > 3)), "a cell "),
         (lambda t: t.head(0), "no event in 0 simulations"),
         (lambda t: t.assign(closing_speed=t["closing_speed"] * 1.01), "another law"),
