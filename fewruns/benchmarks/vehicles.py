@@ -88,8 +88,8 @@ def single_law(choice: str, records: FittedRecords, config: Mapping) -> Law:
     """Return the paper's law, or a fitted smooth law: for ``answer``, the one with the largest weight."""
     if choice == PAPER:
         return choose_draws(choice, records, config).proposal
-    study = law_study(records, LawSettings.of(config)).smooth_only()
-    return study.family.law(study.heaviest if choice == ANSWER else choice)
+    study = law_study(records, LawSettings.of(config))
+    return study.law() if choice == ANSWER else study.smooth.law(choice)
 
 
 def estimated(key: str, law: Law, maps: Mapping[str, CrashMap], seeds: int) -> pd.DataFrame:

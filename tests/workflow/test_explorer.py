@@ -46,7 +46,7 @@ def laws(finished):
     support = Support.within(config["filters"], config["models"]["closing_speed_max"], edges)
     records = ae.FittedRecords.of(ae.CUT_IN, read_encounters(folder / "encounters.parquet"), support)
     stream = partial(ae.child_generator, config["seed"], "laws")
-    study = ae.LawStudy.of(records, config["answer"]["draws"], stream).smooth_only()
+    study = ae.LawStudy.of(records, config["answer"]["draws"], stream)
     drawn = ExplorerDraws.of(study, study.draws(stream("draws")), np.random.default_rng(0))
     return drawn, records.data.lead_speed, support
 

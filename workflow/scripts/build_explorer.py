@@ -21,7 +21,7 @@ if __name__ == "__main__":
         exposure = read_json(files.exposure)
         records = stored_records(CUT_IN, files.encounters, params.support, exposure)
         laws = partial(stream, "laws")
-        study = LawStudy.of(records, config["answer"]["draws"], laws, files.family).smooth_only()
+        study = LawStudy.of_smooth(records, config["answer"]["draws"], laws, files.family)
         explored = Explored(
             name=config["study"],
             tested=config["vehicle"],

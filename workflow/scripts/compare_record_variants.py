@@ -20,7 +20,7 @@ if __name__ == "__main__":
         files, params = snakemake.input, snakemake.params
         records = stored_records(CUT_IN, files.encounters, params.support)
         stream, support = partial(child_generator, params.seed, "laws"), records.data.support
-        study = LawStudy.of(records, params.draws, stream, files.family).smooth_only()
+        study = LawStudy.of_smooth(records, params.draws, stream, files.family)
         lines = CrashLines.of(read_crash_map(files.map), records.data.lead_speed, support=support)
         cut_ins = (records.table[name].to_numpy() for name in ("lead_speed", "range", "closing_speed"))
         with loaded_for(params.vehicle, params.simulations | {"workers": snakemake.threads}) as vehicle:

@@ -18,7 +18,7 @@ if __name__ == "__main__":
         files, params = snakemake.input, snakemake.params
         records = stored_records(CUT_IN, files.encounters, params.support)
         laws = partial(child_generator, params.seed, "laws")
-        study = LawStudy.of(records, params.draws, laws, files.family).smooth_only()
+        study = LawStudy.of_smooth(records, params.draws, laws, files.family)
         prediction = HumanPrediction(
             study,
             Grid(**params.grid),

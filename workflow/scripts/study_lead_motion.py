@@ -28,7 +28,7 @@ if __name__ == "__main__":
         opening = DistinctRecords.of(kept, records.data.support)
         stream = partial(child_generator, params.seed, "laws")
         generator = partial(child_generator, params.seed, "lead motion")
-        study = LawStudy.of(records, params.draws, stream, files.family).smooth_only()
+        study = LawStudy.of_smooth(records, params.draws, stream, files.family)
         maps = dict(zip(params.vehicles, map(read_crash_map, files.maps), strict=True))
         with all_loaded(params.vehicles, params.simulations | {"workers": 1}) as vehicles:
             motions = motion_tables(vehicles, maps, study, opening, Recorded.read(files.profiles), generator)

@@ -4,7 +4,7 @@ The records come in clusters, such as those of one driver. A block that is held 
 clusters, because the records of a driver resemble each other.
 """
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any, ClassVar, Self
 
@@ -107,6 +107,23 @@ class ClusteredRecords:
         return generator.standard_exponential(self.clusters)[self.cluster]
 
 
+def without_each_block(
+    records: ClusteredRecords,
+    block: NDArray[np.int_],
+    candidates: Sequence[Candidate],
+    laws: Sequence[JointLaw],
+    generator: np.random.Generator,
+) -> Iterator[tuple[int, NDArray[np.bool_], JointLaw]]:
+    """Yield the index of a candidate, the flags of a block of records, and the fit without this block.
+
+    ``block`` has the number of each record's block, shape (n,), and ``laws`` are the fits to all records.
+    """
+    for number in range(block.max() + 1):
+        out, rest = block == number, records.only(block != number)
+        for k, (candidate, law) in enumerate(zip(candidates, laws, strict=True)):
+            yield k, out, candidate.fit(rest, generator, start=law)
+
+
 @dataclass(frozen=True)
 class JointFamily:
     """The fitted candidates, with their log scores on held-out records."""
@@ -141,14 +158,11 @@ class JointFamily:
         log_pool += np.log(len(pool) / len(laws))
         block, near = records.blocks(), score <= limit
         log_scores, near_scores = np.empty((2, len(laws), len(records.x)))
-        for number in range(block.max() + 1):
-            out, rest = block == number, records.only(block != number)
-            for k, (candidate, law) in enumerate(zip(chosen, laws, strict=True)):
-                held = candidate.fit(rest, generator, start=law)
-                log_scores[k, out] = held.log_density(records.x[out])
-                inside = np.exp(held.log_density(reached) - log_pool).sum()
-                outside = np.log1p(-min(inside, 1 - SMALLEST))
-                near_scores[k, out] = np.where(near[out], log_scores[k, out], outside)
+        for k, out, held in without_each_block(records, block, chosen, laws, generator):
+            log_scores[k, out] = held.log_density(records.x[out])
+            inside = np.exp(held.log_density(reached) - log_pool).sum()
+            outside = np.log1p(-min(inside, 1 - SMALLEST))
+            near_scores[k, out] = np.where(near[out], log_scores[k, out], outside)
         return cls(records, chosen, laws, log_scores, near_scores)
 
     @property

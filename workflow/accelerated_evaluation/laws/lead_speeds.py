@@ -2,7 +2,7 @@
 
 import math
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import Any, ClassVar, Self
 
 import numpy as np
@@ -13,6 +13,7 @@ from accelerated_evaluation.base.arrays import Array
 from accelerated_evaluation.base.files import value_digest
 from accelerated_evaluation.laws import LAWS
 from accelerated_evaluation.laws.distributions import Empirical
+from accelerated_evaluation.laws.draws import DrawnLaws
 from accelerated_evaluation.laws.protocol import Box, Law
 from accelerated_evaluation.laws.strata import VARIABLES
 
@@ -65,3 +66,9 @@ class WithLeadSpeeds(Law):
         own = content["law"]
         law = LAWS[own["kind"]].from_content(own, Box.from_content(own["variables"]), None)
         return cls(law, Empirical(records["lead_speed"]))
+
+
+def with_lead_speeds(draws: DrawnLaws, lead_speeds: Empirical) -> DrawnLaws:
+    """Return draws of laws of range and closing speed as draws of laws of cut-ins."""
+    laws = [WithLeadSpeeds(law, lead_speeds) for law in draws.laws]
+    return replace(draws, laws=laws, proposal=WithLeadSpeeds(draws.proposal, lead_speeds))

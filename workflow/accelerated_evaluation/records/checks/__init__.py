@@ -44,13 +44,13 @@ ORDER = "order"  # what checks need that compare rows with those before them
 FINE, WARNING, STOP = VERDICTS = ("fine", "warning", "stop")
 
 
-class Replayed(Protocol):
+class SimulatedOutcomes(Protocol):
     """The outcomes of n simulated encounters; cut-ins also have the smallest time to collision and range."""
 
     crash: NDArray[np.bool_]
 
 
-Simulate = Callable[..., Replayed]
+Simulate = Callable[..., SimulatedOutcomes]
 
 
 @dataclass(frozen=True)

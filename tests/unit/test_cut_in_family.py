@@ -1,0 +1,50 @@
+"""Joint laws of users as candidates for cut-ins: their scores, and their draws with recorded lead speeds."""
+
+import numpy as np
+import pytest
+from accelerated_evaluation import Box, DrawnLaws
+from accelerated_evaluation.answer.cut_in_family import conditional_scores
+from accelerated_evaluation.laws.distributions import Empirical
+from accelerated_evaluation.laws.joint.truncated import Normals
+from accelerated_evaluation.laws.joint.truncated_normals import TruncatedNormalMixture
+from accelerated_evaluation.laws.lead_speeds import with_lead_speeds
+from scipy import stats
+
+TOP, CORRELATION = 20.0, 0.6
+MEAN, DEVIATION = np.array([40.0, 5.0]), np.array([15.0, 4.0])
+
+
+@pytest.fixture(scope="module")
+def law():
+    """Return one bivariate normal distribution of range and closing speed, truncated to its limits."""
+    product = CORRELATION * DEVIATION.prod()
+    covariance = np.array([[DEVIATION[0] ** 2, product], [product, DEVIATION[1] ** 2]])
+    box = Box(("range", "closing_speed"), (0.0, 0.0), (75.0, TOP))
+    return TruncatedNormalMixture(np.ones(1), Normals(MEAN[None], covariance[None], box))
+
+
+def test_cut_ins_are_scored_by_the_closing_speed_given_the_range(law):
+    x = law.draw(300, np.random.default_rng(1))
+    boundary = 0.1 * x[:, 0]
+    mean = MEAN[1] + CORRELATION * DEVIATION[1] * (x[:, 0] - MEAN[0]) / DEVIATION[0]
+    deviation = DEVIATION[1] * np.sqrt(1 - CORRELATION**2)
+    given = stats.truncnorm((0 - mean) / deviation, (TOP - mean) / deviation, mean, deviation)
+    exact = np.where(x[:, 1] > boundary, given.logpdf(x[:, 1]), given.logcdf(boundary))
+    assert 50 < (x[:, 1] > boundary).sum() < 250  # both kinds of score are compared
+    np.testing.assert_allclose(conditional_scores(law, x, boundary), exact, rtol=1e-6, atol=1e-6)
+    assert not np.allclose(law.log_density(x), exact, atol=0.1)  # the joint density is another score
+
+
+def test_draws_of_users_laws_get_recorded_lead_speeds(law):
+    drawn = DrawnLaws.of([law, law], ("one", "another"), np.random.default_rng(2))
+    speeds = np.array([10.0, 20.0, 35.0])
+    cut_ins = with_lead_speeds(drawn, Empirical(speeds))
+    x = cut_ins.draw_from_mean(3_000, np.random.default_rng(3))
+    share = np.mean(x[:, :1] == speeds, axis=0)
+    assert share.sum() == pytest.approx(1)
+    assert share == pytest.approx(1 / 3, abs=5 * np.sqrt(2 / 9 / len(x)))
+    assert cut_ins.names == drawn.names
+    np.testing.assert_allclose(cut_ins.log_densities(x), drawn.log_densities(x[:, 1:]), rtol=1e-12)
+    np.testing.assert_allclose(
+        cut_ins.proposal.log_density(x), drawn.proposal.log_density(x[:, 1:]), rtol=1e-12
+    )
