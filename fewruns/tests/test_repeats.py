@@ -1,10 +1,14 @@
 """Whether a system repeats itself: what repeats show, and that no estimate converges without knowing it."""
 
+import math
+from functools import partial
+
 import numpy as np
 import pytest
 from fewruns import Sampler, SystemProblem
-from fewruns.constants import DRIFT, DRIFT_PAIRS, ENOUGH_REPEATS, FIRST_REPEATS
-from fewruns.repeats import RepeatBatch, Repeats, choose_repeats, end_differently
+from fewruns.constants import DRIFT, DRIFT_PAIRS, ENOUGH_REPEATS, FIRST_REPEATS, FREQUENT_SHARE
+from fewruns.repeats import RepeatBatch, Repeats, end_differently, where_lapses_matter
+from fewruns.repeats import choose_repeats as choose
 from sampler_checks import STOPPING, estimate, new_sampler, resumed, saved
 from scipy.special import ndtr
 from scipy.stats import binom
@@ -139,6 +143,7 @@ def test_repeats_are_of_events_first_then_of_what_came_near_and_of_each_run_in_t
     score = np.array([-2.0, -1.0, 1.0, 2.0, 3.0, np.finfo(float).max])
     z, happened = rng.normal(size=(6, 2)), score < 0
     known, unexpected = Repeats.none(), np.zeros(6, bool)
+    choose_repeats = partial(choose, frequent=np.zeros(6, bool))
     first = choose_repeats(z, happened, score, known, 3, unexpected)
     assert first.repeated.tolist() == [1, 2, 3]  # the first ones are of both kinds
     np.testing.assert_array_equal(first.z, z[first.repeated])
@@ -150,12 +155,40 @@ def test_repeats_are_of_events_first_then_of_what_came_near_and_of_each_run_in_t
     noisy = known.extended(first, flags, ~nothing, score[first.repeated])
     assert choose_repeats(z, happened, score, noisy, 2, unexpected).repeated.tolist() == [4, 0]
     assert choose_repeats(z, happened, score, noisy, 3, unexpected, rounds=1).repeated.tolist() == [2, 3, 1]
-    assert choose_repeats(z[:2], happened[:2], score[:2], steady, 4, unexpected[:2]).repeated.tolist() == [
-        0,
-        1,
-        0,
-        1,
-    ]
+    once = known.extended(RepeatBatch(z[1:2], np.array([1])), happened[1:2], nothing[:1], score[1:2])
+    two = choose(z[:2], happened[:2], score[:2], once, 4, unexpected[:2], np.zeros(2, bool))
+    assert two.repeated.tolist() == [0, 1, 0, 1]
+
+
+def repeats_of(count, z, frequent):
+    """Return how often each run at z, shape (n, 2), is repeated; the first an event, the last the easiest."""
+    score = np.arange(len(z)) - 0.5
+    happened, known, nothing = score < 0, Repeats.none(), np.zeros(5, bool)
+    while len(known) < count:
+        batch = choose(z, happened, score, known, 5, np.zeros(len(z), bool), frequent)
+        known = known.extended(batch, happened[batch.repeated], nothing, score[batch.repeated])
+    return np.bincount(known.repeated, minlength=len(z))
+
+
+def test_a_share_of_the_repeats_is_of_frequent_runs_where_fewest_are_near():
+    """Ninety runs next to the event, and ten frequent runs, of which the last one is alone."""
+    beside = np.random.default_rng(0).normal(size=(99, 2))
+    z, frequent = np.vstack([beside, [[6.0, 0.0]]]), np.arange(100) >= 90
+    times = repeats_of(100, z, frequent)
+    assert times.sum() == 100
+    assert times[frequent].sum() == math.ceil(100 * FREQUENT_SHARE)
+    assert times[-1] > 2 * times[frequent].mean()  # in turn, all of them would have the mean
+    without = repeats_of(100, z, np.zeros(100, bool))  # the wrong variant
+    assert without[frequent].sum() < 50 * FREQUENT_SHARE
+
+
+def test_lapses_matter_at_runs_that_are_frequent_enough():
+    checks, probability, radius = 350, 1e-6, np.linspace(0.1, 6, 60)
+    found = where_lapses_matter(np.column_stack([radius, np.zeros(60)]), probability, checks)
+    added = (1 - 0.05 ** (1 / checks)) * np.exp(-(radius**2) / 2)  # beyond this distance in two inputs
+    np.testing.assert_array_equal(found, added > probability)
+    assert 0 < found.sum() < 60
+    assert not where_lapses_matter(np.zeros((3, 2)), 0.0, checks).any()  # there is no estimate yet
 
 
 def test_rounding_is_no_difference():

@@ -230,6 +230,12 @@ def test_an_estimate_says_why_it_has_converged_and_what_is_excluded():
     assert "parts of the event with more than 0.5 times its probability" in found.excluded
     assert "smaller ones to which the scores lead" in found.excluded
     assert str(found).startswith(f"{found.probability:.3g} (80 % interval")
+    few = estimate(lambda z: (z[:, 0] > 4, 4 - z[:, 0]), 2, 1)
+    rate = 1 - 0.05 ** (1 / few.diagnostics["repeats"])
+    assert f"other outcomes in more than {100 * rate:.2g} % of repeated runs" in few.excluded
+    assert few.excluded.endswith(
+        f"add {rate:.2g} to the probability, {rate / few.probability:.2g} times the estimate"
+    )
     short = estimate(lambda z: (z[:, 0] > 4, 4 - z[:, 0]), 2, 1, stopping=Stopping(maximum_simulations=20))
     assert short.reason in ("the interval is wider than required", "no run has met the event")
     assert short.excluded == "no other part of the event"

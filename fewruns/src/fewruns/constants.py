@@ -313,6 +313,10 @@ FIRST_REPEATS = 5
 # when they are repeated. With 200, a third of the cars whose brakes fail in 0.5 to 2 % of the runs passed.
 ENOUGH_REPEATS = 350
 
+# Share of the repetitions that are of runs without the event, so frequent that lapses there could matter.
+# Repetitions next to the event do not show lapses in other conditions, such as at high speeds only.
+FREQUENT_SHARE = 0.3
+
 # If this number of draws of the law itself agrees with the estimate, the system is treated as one without
 # events in thin stripes. Without an event they exclude stripes of more than 1 %, with 95 % confidence.
 ENOUGH_DRAWS = 300

@@ -1,13 +1,24 @@
 """Repetitions of runs, which show whether the outcomes of a system are deterministic."""
 
+import math
 from dataclasses import dataclass
 from typing import Annotated
 
 import numpy as np
+from scipy.spatial.distance import cdist
 from scipy.special import bdtr
 
 from fewruns.arrays import Array, Flags, Indices
-from fewruns.constants import DRIFT, DRIFT_PAIRS, LARGEST_SCORE, OFTEN, SAME_SCORE
+from fewruns.constants import (
+    DRIFT,
+    DRIFT_PAIRS,
+    FREQUENT_SHARE,
+    LARGEST_SCORE,
+    OFTEN,
+    SAME_SCORE,
+    UNSEEN_ALPHA,
+)
+from fewruns.wide_laws import rarity
 
 
 @dataclass(frozen=True)
@@ -95,6 +106,7 @@ def choose_repeats(
     known: Repeats,
     count: int,
     expected: Flags,
+    frequent: Flags,
     *,
     rounds: int = 0,
 ) -> RepeatBatch:
@@ -104,9 +116,11 @@ def choose_repeats(
     lapses among all runs. Events that were ``expected`` before they happened are not repeated, because lapses
     would not show there. Then come the runs that were nearest to the event by their scores. Runs with an
     infinite score are repeated only if all runs without the event are of this kind. Half of the very first
-    repetitions are without the event. If the outcomes of most runs are random, all are that look for a drift,
-    evenly from near to far, because the scores of events may say little. With ``rounds``, runs are repeated
-    that have no more than so many repetitions.
+    repetitions are without the event. After them, at least the share `FREQUENT_SHARE` of all repetitions are
+    of runs without the event that are ``frequent`` (`where_lapses_matter`), each time where fewest others are
+    near. If the outcomes of most runs are random, all are that look for a drift, evenly from near to far,
+    because the scores of events may say little. With ``rounds``, runs are repeated that have no more than so
+    many repetitions.
     """
     times = np.bincount(known.repeated, minlength=len(z))
     safe = ~happened & (score < LARGEST_SCORE)
@@ -123,5 +137,21 @@ def choose_repeats(
     elif not len(known):
         events, others = ordered[happened[ordered]], ordered[~happened[ordered]]
         ordered = np.concatenate([events[: count // 2], others, events])
+    else:
+        others = ordered[frequent[ordered] & ~happened[ordered]]
+        missing = math.ceil(FREQUENT_SHARE * (len(known) + count)) - times[others].sum()
+        near = np.exp(-cdist(z[others], z[known.repeated], "sqeuclidean") / 2).sum(axis=1)
+        first = others[np.argsort(near)][: max(missing, 0)]
+        ordered = np.append(first, ordered[~np.isin(ordered, first)])
     chosen = np.resize(ordered, count)
     return RepeatBatch(z[chosen], chosen.astype(np.int64))
+
+
+def where_lapses_matter(z: Array, probability: float, checks: int) -> Flags:
+    """Return which points, shape (n, d), are so frequent that lapses there could matter.
+
+    If ``checks`` repetitions without a difference leave the rate r of lapses possible, lapses beyond a rarity
+    R add at most r exp(-R), which is less than the ``probability`` of the event if R is large.
+    """
+    largest = 1 - UNSEEN_ALPHA ** (1 / checks)
+    return (probability > 0) & (largest * np.exp(-rarity(z)) > probability)

@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
-from fewruns.arrays import Array
+from fewruns.arrays import Array, Flags
 from fewruns.certificate import Certificate, Unseen, look_beyond
 from fewruns.clearance import points_in_open_balls
 from fewruns.combining import BatchEstimate, Combined, anytime_interval, beginnings, combine, counted_batches
@@ -17,6 +17,7 @@ from fewruns.estimates import Estimate, Stopping, effective_number, largest_pare
 from fewruns.graded import say_more
 from fewruns.parts import draw_in_balls_together, open_balls
 from fewruns.progress import Progress
+from fewruns.repeats import where_lapses_matter
 from fewruns.two_phase import reach_of
 from fewruns.wide_laws import bound_without_event
 
@@ -181,6 +182,11 @@ def _mean(progress: Progress) -> float:
     """Return the estimate from the batches on which it is based; 0 if there are none."""
     batches = _that_count(progress)
     return combine(batches).probability if batches else 0.0
+
+
+def frequent_runs(progress: Progress, checks: int) -> Flags:
+    """Return which runs are so frequent that lapses there could matter; see `where_lapses_matter`."""
+    return where_lapses_matter(progress.z, _mean(progress), checks)
 
 
 def can_cover(progress: Progress) -> bool:

@@ -410,7 +410,11 @@ class Sampler:
         found = results.estimate(
             self.progress, self.batch_size, stopping, self.required, converged=self.has_converged(stopping)
         )
-        words = {"reason": self._reason(stopping), "excluded": self._excluded(), "warning": self._warning()}
+        words = {
+            "reason": self._reason(stopping),
+            "excluded": self._excluded(found.probability),
+            "warning": self._warning(),
+        }
         found = replace(found, **words)
         return results.with_lapses(found, self.progress, stopping)
 
@@ -445,7 +449,7 @@ class Sampler:
             "the surrogate predicts more than the estimate, which may have missed a part that was found late"
         )
 
-    def _excluded(self) -> str:
+    def _excluded(self, probability: float) -> str:
         """Return what other parts of the event the runs exclude, and what outcomes by chance."""
         progress, required, parts = self.progress, self.required, "no other part of the event"
         if required == BY_DEFAULT:
@@ -459,7 +463,12 @@ class Sampler:
         if self.deterministic is not None or progress.chance or not len(progress.repeats):
             return parts
         rate = 1 - UNSEEN_ALPHA ** (1 / len(progress.repeats))
-        return f"{parts}; other outcomes in more than {100 * rate:.2g} % of repeated runs near the event"
+        added = min(rate, progress.law_draws.interval(2 * UNSEEN_ALPHA)[1])
+        words = (
+            f"{parts}; other outcomes in more than {100 * rate:.2g} % of repeated runs. Lapses at this rate"
+        )
+        words += f" in all runs could add {added:.2g} to the probability"
+        return words + f", {added / probability:.2g} times the estimate" * (probability > 0)
 
     def _warning(self) -> str:
         """Return what the runs say against statements about the problem."""
@@ -501,7 +510,8 @@ class Sampler:
         known = progress.z, progress.happened, progress.score, progress.repeats
         is_late = progress.repeats.vary_often and len(progress.repeats) >= FIRST_REPEATS + DRIFT_PAIRS
         rounds = self._late_repeats(certify=certify) if is_late else 0
-        return choose_repeats(*known, count, expected, rounds=rounds)
+        frequent = results.frequent_runs(progress, max(self.enough_repeats, 1))
+        return choose_repeats(*known, count, expected, frequent, rounds=rounds)
 
     def _draws(self, *, certify: bool) -> PlainBatch | None:
         """Draw from the law itself, as the last check or because of lapses; None while this is not due."""
