@@ -63,6 +63,15 @@ def test_the_input_orders_the_courses_from_the_hardest_braking():
     assert ends[-1] - ends[0] > 2 * NOISE * 8
 
 
+def test_repeated_encounters_move_as_each_of_them_alone():
+    motion, generator = Recorded(*recorded()), np.random.default_rng(3)
+    distinct = generator.uniform((20, 5, -5), (30, 70, 10), (5, 3)).T
+    encounters, inputs = distinct[:, [0, 0, 3, 1, 1, 1, 4, 0, 2]], generator.random((9, 1))
+    alone = [motion.lead_speeds(encounters[:, [k]], inputs[[k]])[0] for k in range(9)]
+    np.testing.assert_allclose(motion.lead_speeds(encounters, inputs), alone, rtol=1e-12)
+    assert not np.allclose(alone[0], alone[1])  # equal encounters with other inputs
+
+
 def test_speeds_begin_with_the_lead_speed_and_are_not_negative():
     motion = Recorded(*recorded())
     encounters = np.random.default_rng(3).uniform((0, 1, -10), (40, 150, 20), (2000, 3)).T

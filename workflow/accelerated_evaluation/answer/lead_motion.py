@@ -179,20 +179,26 @@ class MovingProblem:
         chance = np.full(recorded.size, 1 / recorded.size)
         if is_preferred:
             chance = (chance + nearness / nearness.sum()) / 2
-        for part in np.array_split(np.arange(size), -(-size // AT_ONCE)):
-            row = generator.choice(recorded.size, part.size, p=chance)
+        sizes = [part.size for part in np.array_split(np.arange(size), -(-size // AT_ONCE))]
+        for count in sizes:
+            row = generator.choice(recorded.size, count, p=chance)
             if is_preferred:
-                inputs, weights = draw_wide(self.motion, part.size, generator)
+                inputs, weights = draw_wide(self.motion, count, generator)
             else:
-                inputs, weights = generator.random((part.size, self.motion.inputs)), np.ones(part.size)
-            inner = None
+                inputs, weights = generator.random((count, self.motion.inputs)), np.ones(count)
+            inner = np.empty((count, 0))
             if isinstance(self.vehicle, RandomVehicle):
-                inner = self.vehicle.draw_inner(part.size, generator)
-            columns = recorded.lead_speed, recorded.range_, recorded.closing_speed
-            cut_ins = np.array([column[row] for column in columns])
-            crashes = list(self._crashes(cut_ins, inputs, inner, [self.motion]))
-            parts.append(weights / (recorded.size * chance[row]) * crashes)
-        return np.hstack(parts)
+                inner = self.vehicle.draw_inner(count, generator)
+            parts.append((row, inputs, weights, inner))
+        row, inputs, weights, inner = map(np.concatenate, zip(*parts, strict=True))
+        recorded_cut_ins = np.array([recorded.lead_speed, recorded.range_, recorded.closing_speed])
+        crashes = np.empty((2, size))
+        # In the order of the records, because a law of motion is faster for encounters that are repeated.
+        for part in np.array_split(np.argsort(row, kind="stable"), len(sizes)):
+            own = inner[part] if inner.shape[1] else None
+            drawn = recorded_cut_ins[:, row[part]]
+            crashes[:, part] = list(self._crashes(drawn, inputs[part], own, [self.motion]))
+        return weights / (recorded.size * chance[row]) * crashes
 
     def _crashes(
         self, cut_ins: Array, inputs: Array, inner: Array | None, motions: Sequence[LeadMotion]

@@ -130,21 +130,29 @@ class Recorded:
         ``encounters`` contains lead speed [m/s], range [m] and closing speed [m/s] at the lane change, shape
         (3, n), and ``inputs`` contains uniform random numbers on [0, 1], shape (n, 1).
         """
+        is_new = np.ones(encounters.shape[1], dtype=bool)
+        is_new[1:] = (encounters[:, 1:] != encounters[:, :-1]).any(axis=0)
+        near, ends = self._neighbours_of(encounters[:, is_new])
+        which = np.cumsum(is_new) - 1  # repeats of the encounter before share its neighbours
+        chosen = (np.minimum(inputs, BELOW_ONE)[:, :1] * ends[which, -1:] >= ends[which]).sum(axis=1)
+        course = self.courses[near[which, chosen]]
+        return np.maximum(encounters[0][:, None] + (course - course[:, :1]), 0.0)
+
+    def _neighbours_of(self, encounters: Array) -> tuple[NDArray[np.intp], Array]:
+        """Return the neighbours of encounters by rising change of speed, and their cumulative weights.
+
+        Both have the shape (n, neighbours + 1).
+        """
         # The weight of the farthest neighbour is zero, so that the law is continuous in the encounter.
         places = _features(encounters) / self._scale
         distance, near = self._tree.query(places, self.neighbours + 1)
         farthest = np.maximum(distance[:, -1:], np.finfo(float).tiny)
-        order = np.argsort(self._rank[near], axis=1)
         offsets = (self._tree.data[near] - places[:, None]) / farthest[:, :, None]
         weights = (1 - (distance / farthest) ** 3) ** 3
         weights[~weights.any(axis=1)] = 1.0  # all neighbours are equally far, as repeated cut-ins may be
-        weights = _balanced(weights, offsets)
-        weights = np.take_along_axis(weights, order, axis=1)
-        ends = weights.cumsum(axis=1)
-        chosen = (np.minimum(inputs, BELOW_ONE)[:, :1] * ends[:, -1:] >= ends).sum(axis=1)
-        place = np.take_along_axis(order, chosen[:, None], axis=1)
-        course = self.courses[np.take_along_axis(near, place, axis=1)[:, 0]]
-        return np.maximum(encounters[0][:, None] + (course - course[:, :1]), 0.0)
+        order = np.argsort(self._rank[near], axis=1)
+        weights = np.take_along_axis(_balanced(weights, offsets), order, axis=1)
+        return np.take_along_axis(near, order, axis=1), weights.cumsum(axis=1)
 
 
 @cached_njit()
