@@ -5,7 +5,7 @@ from functools import cache
 import numpy as np
 import pandas as pd
 import pytest
-from accelerated_evaluation.records.checks import CHECKS, FINE, STOP, WARNING, Records
+from accelerated_evaluation.records.checks import CHECKS, FINE, STOP, WARNING, Records, shapes
 from accelerated_evaluation.records.checks.known import (
     FACTOR,
     Comparison,
@@ -172,6 +172,18 @@ def test_far_ranges_in_feet_are_not_to_be_hidden():
     assert "filters" not in found(feet, "far_ranges").advice
     codes = rows.assign(range=np.where(np.arange(len(rows)) % 50, rows["range"], 999.0))
     assert "Only if it is right" in found(codes, "far_ranges").advice
+
+
+def test_values_with_two_decimals_are_not_taken_for_multiples_of_half_a_foot(monkeypatch):
+    """Every 381st value in metres is such a multiple, and no value is a multiple plus a tenth of the step."""
+    tables = [drawn("rapid motorway", 12_000, seed).round(2) for seed in range(3)]
+    assert [found(rows, "round_numbers").verdict for rows in tables] == [FINE] * 3
+    in_kmh = tables[0].assign(lead_speed=lambda x: (3.6 * x["lead_speed"]).round(1) / 3.6)
+    assert found(in_kmh, "round_numbers").verdict == FINE
+    half_feet = tables[0].assign(range=lambda x: (2 * FEET * x["range"]).round() / 2 / FEET)
+    assert found(half_feet, "round_numbers").verdict == STOP
+    monkeypatch.setattr(shapes, "_grid", lambda *_: 0.0)  # as if they had all decimals
+    assert found(tables[0], "round_numbers").verdict == WARNING
 
 
 def test_round_numbers_name_the_unit_of_the_column():

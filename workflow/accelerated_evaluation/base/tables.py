@@ -117,7 +117,7 @@ def require_columns(path: str | os.PathLike, seen: Sequence[str], named: Mapping
                 f"{path}, column {name!r}",
                 seen=f"only the columns {listed(seen, name)}",
                 expected=f"the column that {key} states",
-                change="Correct the name there, or the header of the table.",
+                change="Correct the header of the table, or the name there, in the configuration.",
             )
 
 

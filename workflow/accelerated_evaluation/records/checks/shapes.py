@@ -1,9 +1,10 @@
 """Checks of the distributions: accumulations at round numbers, gaps, cut edges and outliers."""
 
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 
 import numpy as np
 import pandas as pd
+from numpy.typing import NDArray
 from scipy.stats import binom, poisson
 
 from accelerated_evaluation.base.arrays import Array
@@ -32,6 +33,7 @@ UNITS = {
 }
 STEPS = (10.0, 5.0, 1.0, 0.5)
 OFFSETS = sorted({j / 10 for j in range(1, 10)} | {j / 16 for j in range(1, 16)})  # in steps
+DIGITS = 5  # largest number of decimals, minus 1, of values that are on a grid
 NEIGHBOURS = 50  # number of distinct values next to a value that give the expected count or distance
 MANY_EQUAL = 0.05  # share of records with the same value, which no smooth law can describe
 MOST_EQUAL = 0.2  # share that is larger than those of road users who stand, so that it is a code or a fault
@@ -53,9 +55,10 @@ def round_numbers(records: Records) -> Finding:
     for name in records.units:
         values = records.measured(name)
         values = values[values != 0]  # because 0, the speed of a standing car, is a multiple of all steps
+        grid = _grid(values.to_numpy(), units[name].values())
         for unit, factor in units[name].items():
             for step in STEPS:
-                on, others = _on_lattices((values / (factor * step)).to_numpy())
+                on, others = _on_lattices((values / (factor * step)).to_numpy(), grid / (factor * step))
                 p = float(binom.sf(on.sum() - 1, on.sum() + others, 0.5)) * tests
                 where = f"{name.replace('_', ' ')} on multiples of {step:g} {unit}"
                 heaps.append((p, -on.mean() if on.size else 0.0, where, values.index[on], name, unit))
@@ -89,14 +92,26 @@ def _meaning(records: Records, name: str, unit: str) -> str:
     )
 
 
-def _on_lattices(steps: Array) -> tuple[np.ndarray, int]:
+def _grid(values: Array, factors: Iterable[float]) -> float:
+    """Return the largest decimal step, in any of some units, of which all values are multiples; else 0."""
+    steps = sorted((factor * 10.0**-digits for factor in factors for digits in range(DIGITS)), reverse=True)
+    return next((step for step in steps if _are_whole(values / step).all()), 0.0)
+
+
+def _are_whole(steps: Array) -> NDArray[np.bool_]:
+    return np.abs(steps - np.round(steps)) < 1e-5
+
+
+def _on_lattices(steps: Array, grid: float) -> tuple[NDArray[np.bool_], int]:
     """Return which values are whole numbers, and the largest number of values on a shifted lattice.
 
-    The values are in units of the step of the lattice. The lattices are shifted by `OFFSETS`.
+    The values are in units of the step of the lattice. The lattices are shifted by `OFFSETS`, and by the
+    multiples of the ``grid`` of the values that are next to these: of values with two decimals in metres,
+    every 381st is a multiple of half a foot, and none is one plus a tenth of the step.
     """
-    part = steps - np.floor(steps)
-    on = {offset: np.abs(part - offset) < 1e-5 for offset in OFFSETS}
-    return (part < 1e-5) | (part > 1 - 1e-5), max(int(found.sum()) for found in on.values())
+    near = {round(offset / grid) * grid for offset in OFFSETS} if grid else set()
+    offsets = {*OFFSETS, *(offset for offset in near if 0.01 < offset < 0.99)}
+    return _are_whole(steps), max(int(_are_whole(steps - offset).sum()) for offset in offsets)
 
 
 @CHECKS.add("cut_edges")
