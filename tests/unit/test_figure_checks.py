@@ -71,11 +71,12 @@ def test_the_answer_for_a_slow_vehicle_has_a_row_for_its_simulations_alone():
     assert data["low80"].tolist() == [2e-7, 2e-7, 4e-6]
 
 
-def test_an_answer_without_any_known_event_is_drawn():
-    unknown = ANSWER.assign(**dict.fromkeys(ANSWER.columns[1:], np.nan))
-    drawn, data = fig23_answer(unknown, CUT_IN, "made up", sampled_estimate=ESTIMATE)
+@pytest.mark.parametrize(("value", "rows"), [(np.nan, 0), (0.0, 2)])
+def test_an_answer_without_any_crash_is_drawn(value, rows):
+    unknown = ANSWER.assign(**dict.fromkeys(ANSWER.columns[1:], value))
+    drawn, data = fig23_answer(unknown, CUT_IN, "made up")
     assert defects(drawn) == []
-    assert data.empty
+    assert len(data) == rows
 
 
 USERS = {

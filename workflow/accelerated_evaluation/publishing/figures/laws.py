@@ -208,9 +208,11 @@ def fig23_answer(
             draw_nested(axes, y, data)
             name_rows(axes, y, data["group"], data["name"])
             axes.set_ylim(y.max() + 0.8, -1.6)
-            scale_logarithmically(axes, f"probability for {scenario.one}")
         if paper_interval is not None:
             axes.axvspan(*paper_interval, color=PAPER, alpha=0.4, linewidth=0, label="paper, 80 %")
+        axes.set_xlabel(label := f"probability for {scenario.one}")
+        if paper_interval is not None or (data["high80"] > 0).any():
+            scale_logarithmically(axes, label)
         drawn.legend(*axes.get_legend_handles_labels(), loc="outside upper center", ncols=3)
         note_source(drawn, source)
     return drawn, data.drop(columns=["reading"], errors="ignore")
