@@ -15,7 +15,7 @@ from accelerated_evaluation.publishing.figures.style import (
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
-from methods import SEARCHING, TOOLS
+from methods import DIRECTIONS, SEARCHING, TOOLS
 from problems import problems
 
 LABELS = {
@@ -26,6 +26,8 @@ LABELS = {
     "subset": "OpenTURNS subset sampling",
     "form": "OpenTURNS FORM + IS",
     "enkf": "EnKF (rareeventestimation)",
+    "directional": "directional sampling",
+    "line": "line sampling along FORM",
     "piecewise": "paper, piecewise",
     "single": "paper, single",
     "shifted": "paper, knots shifted",
@@ -33,7 +35,7 @@ LABELS = {
 }
 KINDS = {  # look of each kind of method, reported apart by shape and grey
     "this project": (("surrogate",), {"marker": "D", "color": "black", "markersize": 4.5}),
-    "public tools": (TOOLS, {"marker": "s", "color": "#08306b"}),
+    "public tools": ((*TOOLS, *DIRECTIONS), {"marker": "s", "color": "#08306b"}),
     "Cross-Entropy searches": (SEARCHING, {"marker": "o", "color": "#4292c6"}),
     "crude": (("crude",), {"marker": "^", "color": "#777777"}),
 }

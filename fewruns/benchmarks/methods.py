@@ -14,6 +14,7 @@ from fewruns.problems import Response, ScoreProblem
 from problems import Problem
 
 TOOLS = ("nais", "nais_25", "cross_entropy", "subset", "form", "enkf")  # public tools
+DIRECTIONS = ("directional", "line")  # along rays and lines, for smooth limit states
 HOUSE = tuple(METHODS)
 SEARCHING = ("piecewise", "single", "shifted")  # by Cross-Entropy; the paper's heuristic is like piecewise
 LIMITS = {"surrogate": 1000, "crude": 2_000_000}  # simulator calls; other methods: that of `Target`
@@ -160,4 +161,5 @@ def methods_of(problem: Problem) -> list[str]:
         return ["surrogate"]
     searching = SEARCHING if problem.cut_in else ()
     crude = ("crude",) if problem.name in CRUDE_RUN else ()
-    return ["surrogate", *TOOLS, *searching, *crude]
+    directions = () if problem.smooth or problem.cut_in else DIRECTIONS
+    return ["surrogate", *TOOLS, *directions, *searching, *crude]

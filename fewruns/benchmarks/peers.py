@@ -1,4 +1,7 @@
-"""Public tools: OpenTURNS (adaptive importance sampling, subset sampling, FORM), rareeventestimation (EnKF).
+"""Public tools: OpenTURNS (NAIS, subset and directional sampling, FORM), rareeventestimation (EnKF).
+
+OpenTURNS 1.27 has no line sampling (Koutsourelakis, Pradlwarter and Schuëller 2004). It is written here,
+along the direction that FORM of OpenTURNS finds.
 
 Settings are those with which each tool did best in trials on the main problem. NAIS and subset sampling get
 the score of the event, the smallest time to collision; FORM, Cross-Entropy and EnKF did better with the
@@ -13,10 +16,14 @@ import openturns as ot
 from accelerated_evaluation.base.arrays import Array
 from methods import Counter, Estimate, Target, adapter, normal_95
 from problems import Problem
+from scipy.optimize import brentq
+from scipy.special import ndtr
 
 # FORM: it starts from this normal score of the last variable, TTC^-1, and 0 of the others; a minimum of the
 # distance this near to the limit state is taken, because a simulation in steps of time makes the score jump.
 START, NEAR = 3.0, 0.05
+# Line sampling: fewest lines, steps in which a root is bracketed, and distance up to which it is searched.
+FEWEST_LINES, WIDTH, FARTHEST = 10, 0.5, 10.0
 
 
 def rare_event(
@@ -111,6 +118,55 @@ def form(problem: Problem, counter: Counter, generator: np.random.Generator, tar
     algorithm.setBlockSize(100)
     algorithm.setMaximumOuterSampling((target.maximum_simulations - counter.calls) // 100)
     return finished(algorithm, target)
+
+
+@adapter
+def directional(
+    problem: Problem, counter: Counter, generator: np.random.Generator, target: Target
+) -> Estimate:
+    """Directional sampling: roots along random directions, a direction at a time, until the target."""
+    event = rare_event(problem, counter, generator, smooth=True)
+    algorithm = ot.DirectionalSampling(event, ot.RiskyAndFast(), ot.RandomDirection())
+    algorithm.setMaximumCoefficientOfVariation(target.cov)
+    algorithm.setBlockSize(1)
+    algorithm.setMaximumOuterSampling(target.maximum_simulations)
+    return finished(algorithm, target)
+
+
+@adapter
+def line(problem: Problem, counter: Counter, generator: np.random.Generator, target: Target) -> Estimate:
+    """Line sampling: roots along lines parallel to the direction of the design point, until the target."""
+    level, dimension = counter.level(problem, smooth=True), problem.event.dimension
+    event = threshold_event(level, dimension, generator)
+    point = np.array(design_point(event).getStandardSpaceDesignPoint())
+    nearest = np.linalg.norm(point)
+    along = point / nearest
+    found: list[float] = []
+    while len(found) < FEWEST_LINES or np.std(found, ddof=1) > target.cov * np.mean(found) * math.sqrt(
+        len(found)
+    ):
+        across = generator.standard_normal(dimension)
+        across -= (across @ along) * along
+
+        def at(distance: float, across: Array = across) -> float:
+            return float(level((across + distance * along)[None])[0])
+
+        found.append(beyond_root(at, nearest))
+    return with_interval(np.mean(found), np.std(found, ddof=1) / math.sqrt(len(found)), target)
+
+
+def beyond_root(level: Callable[[float], float], near: float) -> float:
+    """Return the normal probability beyond the root of a level along a line; it is searched from ``near``."""
+    low, high = near, near + WIDTH
+    while level(low) <= 0:
+        if low <= -FARTHEST:
+            return 1.0  # the whole line is in the event
+        low, high = low - WIDTH, low
+    while level(high) > 0:
+        if high >= FARTHEST:
+            return 0.0  # the line never meets the event
+        low, high = high, high + WIDTH
+    return float(ndtr(-brentq(level, low, high, xtol=NEAR)))
 
 
 @adapter

@@ -35,6 +35,8 @@ COLUMNS = [
     "reference_se",
 ]
 
+EXACT = 1e-3  # relative error below which a method is exact but for the accuracy of roots
+
 
 def summary(runs: pd.DataFrame, reference: float) -> dict[str, float]:
     """Sum up the runs of one method on one problem.
@@ -53,7 +55,7 @@ def summary(runs: pd.DataFrame, reference: float) -> dict[str, float]:
         number. ``failed`` is the share of all seeds that gave none or zero, or one off by more than a factor
         of 2, and ``claimed`` which share of these said that they had converged; ``coverage80`` and
         ``coverage95`` the shares of all whose own interval holds the reference. ``effective_calls`` is what a
-        method of this error needs for the target: calls (error / target)^2.
+        method of this error needs for the target: calls (error / target)^2, or its calls if it is exact.
     """
     ratio = runs["probability"] / reference
     known = ratio.dropna()
@@ -80,7 +82,7 @@ def summary(runs: pd.DataFrame, reference: float) -> dict[str, float]:
         "coverage80_se": math.sqrt(covered * (1 - covered) / seeds),
         "calls_mean_se": runs["calls"].std() / math.sqrt(seeds),
         "error": error,
-        "effective_calls": calls * (error / Target().cov) ** 2,
+        "effective_calls": calls * (error / Target().cov) ** 2 if error > EXACT else calls,
     }
 
 
