@@ -102,7 +102,8 @@ def test_the_estimate_is_of_the_law_that_was_chosen(config, chosen, choice):
     assert tables["answer"].iloc[0]["probability"] == pytest.approx(exact, abs=4 * error)
     contained, in_words = CONTAINED[choice]
     assert set(tables["answer"]["contains"]) == {contained, ""}  # no estimate of events that are no crash
-    assert sum(line.startswith(f"  intervals with {in_words}: 50%") for line in found.lines()) == 1
+    words = f"  intervals with {in_words}: 50%"
+    assert any(line.startswith(words) for line in found.lines(verbose=True))
     assert ("far tail" in set(tables["budget"]["source"])) == (choice != "paper")
     others = [name for name in ("paper", "hazard", "exponential 0.9") if name != choice]
     wrong = [crash_probability(chosen(other)) for other in others]
@@ -218,7 +219,7 @@ def test_an_answer_that_has_not_converged_says_so_first(folder, monkeypatch, cap
     assert cli.main(["estimate", "--config", "motorway.yaml", "--config", "chance.yaml"]) == 0
     lines = capsys.readouterr().out.splitlines()
     assert len(lines) <= 12
-    answer = next(k for k, line in enumerate(lines) if line.startswith("crash: probability in a cut-in"))
+    answer = next(k for k, line in enumerate(lines) if line.startswith("crash  "))
     row = pd.read_csv("results/motorway/estimate/estimate.csv").iloc[0]
     assert row["converged"] == deterministic
     warned = lines[answer - 1].startswith("NOT CONVERGED")

@@ -1,9 +1,11 @@
 """The command ``accelerated-evaluation``; its subcommands: modules of `accelerated_evaluation.commands`."""
 
 import argparse
+import re
 import sys
 from collections.abc import Sequence
 from importlib.metadata import version
+from typing import Any
 
 import argcomplete
 
@@ -57,6 +59,21 @@ def _require_values(given: Sequence[str]) -> None:
             )
 
 
+class ShortHelp(argparse.Action):
+    """The option ``-h`` of a subcommand: its options, without the long description of ``--help``."""
+
+    def __init__(self, option_strings: Sequence[str], dest: str, **rest: Any) -> None:  # noqa: ANN401
+        super().__init__(option_strings, argparse.SUPPRESS, nargs=0, default=argparse.SUPPRESS, **rest)
+
+    def __call__(self, own: argparse.ArgumentParser, *_: object) -> None:
+        """Print the short help and end."""
+        first = re.split(r"\.\s", own.description)[0].rstrip(".")
+        own.description = f"{first}.\n`--help` says more."
+        own.epilog = None
+        own.print_help()
+        own.exit()
+
+
 def parser() -> argparse.ArgumentParser:
     """Return the parser of the command with all subcommands."""
     own = argparse.ArgumentParser(
@@ -72,7 +89,10 @@ def parser() -> argparse.ArgumentParser:
             description=command.description,
             epilog=EXIT,
             formatter_class=argparse.RawDescriptionHelpFormatter,
+            add_help=False,
         )
+        subparser.add_argument("-h", action=ShortHelp, help="show the options and exit")
+        subparser.add_argument("--help", action="help", help="show the description and the options, and exit")
         command.add_arguments(subparser)
         subparser.set_defaults(run=command.run)
     return own

@@ -4,7 +4,7 @@ import json
 import math
 import os
 import sys
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
 from functools import cached_property
@@ -25,12 +25,19 @@ from accelerated_evaluation.answer.criterion import Criterion, criteria_of
 from accelerated_evaluation.answer.deciding import criteria_in_words, criteria_tables
 from accelerated_evaluation.answer.estimate_tables import estimate_tables
 from accelerated_evaluation.answer.evidence import Evidence, checked_answers
-from accelerated_evaluation.answer.extrapolation import in_words
+from accelerated_evaluation.answer.extrapolation import beyond_in_words, in_words
 from accelerated_evaluation.answer.fitted_records import FittedRecords, read_records
 from accelerated_evaluation.answer.posterior import LEVEL
 from accelerated_evaluation.answer.settings import RecordSettings, Settings
 from accelerated_evaluation.answer.study_tables import injured_by_level, risks_table
-from accelerated_evaluation.answer.words import answer_in_words, budget_in_words, ratio_in_words
+from accelerated_evaluation.answer.words import (
+    aligned,
+    answer_in_words,
+    budget_in_words,
+    probability_row,
+    ratio_in_words,
+    ratio_row,
+)
 from accelerated_evaluation.base.errors import InputError
 from accelerated_evaluation.base.files import write_csv
 from accelerated_evaluation.crash_map.mapping import map_crashes
@@ -138,22 +145,46 @@ class Estimated:
 
     def lines(self, compared: pd.DataFrame | None = None, *, verbose: bool = False) -> list[str]:
         """Return the answer in words: first what was asked; with ``verbose`` all that is known of it."""
-        ratios = [] if compared is None else map(ratio_in_words, compared.to_dict("records"))
+        ratios = [] if compared is None else compared.to_dict("records")
         return [
             *self.verdict.stop_lines(),
             *(f"warning: {doubt}" for doubt in self.evidence.doubts),
+            *(self._not_converged(each.notes["estimate"]) for each in self.answers if not each.converged),
+            *self._summary(ratios),
             *self._unseen(),
             *(
                 line
                 for number, each in enumerate(self.answers)
                 for line in self._lines_of(number, each, verbose=verbose)
             ),
-            *ratios,
+            *(map(ratio_in_words, ratios) if verbose else ()),
             *(criteria_in_words(self.tables) if self.criteria else ()),
             self.evidence.in_words,
             *(self._simulated() if verbose else []),
             *self.verdict.warning_lines(),
         ]
+
+    def _summary(self, ratios: Sequence[Mapping[str, Any]]) -> list[str]:
+        """Return the answer in aligned lines: probability, ratios, share beyond the records, simulations.
+
+        All replicates are shown; ratios and replays are those of the first.
+        """
+        rows = []
+        for number, answer in enumerate(self.answers):
+            scenario, estimate = answer.problem.scenario, answer.notes["estimate"]
+            row = answer.table(self.records.per_km).iloc[0].to_dict()
+            rows.append(probability_row(row, answer.sources, scenario.noun))
+            if number == 0:
+                rows += map(ratio_row, ratios)
+            if answer.crashes is not None:
+                table = self.tables["extrapolation"]
+                beyond = beyond_in_words(table[table["replicate"] == number], scenario)
+                rows.append(("beyond", beyond, ""))
+            counts = f"{estimate.simulations:,} simulations, {estimate.events:,} of them with the event"
+            if number == 0:
+                counts += f"; {self.evidence.replays.replayed:,} replays of records"
+            rows.append(("converged" if answer.converged else "not converged", counts, ""))
+        return aligned(rows)
 
     def _unseen(self) -> list[str]:
         """Return how much the replays can have missed, in at most one line."""
@@ -179,25 +210,19 @@ class Estimated:
         scenario, estimate = answer.problem.scenario, answer.notes["estimate"]
         if len(self.answers) > 1:
             yield f"replicate {number}:"
-        if not answer.converged:
-            yield self._not_converged(estimate)
-        yield from self._probabilities(answer, verbose=verbose)
-        if answer.crashes is not None:
-            beyond = self.tables["extrapolation"]
-            yield in_words(beyond[beyond["replicate"] == number], scenario)
-        yield from budget_in_words(answer.budget())
-        yield f"law of {scenario.noun}s: {answer.draws.proposal.description}"
-        assumptions = assumption_in_words(estimate.diagnostics)
-        assumed = (
-            ", if there are no rare lapses," if assumptions and not estimate.diagnostics["counted"] else ""
-        )
-        verdict = f"converged{assumed}" if answer.converged else "not converged"
-        counts = f"{estimate.simulations:,} simulations, {estimate.events:,} of them with the event"
-        replayed = self.evidence.replays.replayed
-        yield f"{verdict} after {counts}, in addition to {replayed:,} replays of records"
-        yield from checks_in_words(estimate)
         if answer.notes["not_ended"]:
             yield f"warning: {answer.notes['not_ended']:,} runs did not end, and count as without the event"
+        assumptions = assumption_in_words(estimate.diagnostics)
+        if verbose:
+            yield from self._probabilities(answer)
+            if answer.crashes is not None:
+                beyond = self.tables["extrapolation"]
+                yield in_words(beyond[beyond["replicate"] == number], scenario)
+            yield from budget_in_words(answer.budget())
+            yield f"law of {scenario.noun}s: {answer.draws.proposal.description}"
+            if answer.converged and assumptions and not estimate.diagnostics["counted"]:
+                yield "it has converged if there are no rare lapses"
+        yield from checks_in_words(estimate)
         if verbose or answer.posterior is None:
             known = "not known yet" if math.isnan(estimate.probability) else f"{estimate.probability:.3g}"
             yield (
@@ -212,13 +237,13 @@ class Estimated:
         else:
             yield from assumptions
 
-    def _probabilities(self, answer: Answer, *, verbose: bool) -> Iterator[str]:
-        """Return the main event in words, and with ``verbose`` the other events."""
+    def _probabilities(self, answer: Answer) -> Iterator[str]:
+        """Return all events in words, the main event first."""
         table = answer.table(self.records.per_km)
         is_known = table["median"].notna() | (table.index == 0)
-        for row in table[is_known].to_dict("records")[: None if verbose else 1]:
+        for row in table[is_known].to_dict("records"):
             yield from answer_in_words(row, answer.sources, answer.problem.scenario.noun)
-        if verbose and not is_known.all():
+        if not is_known.all():
             yield f"not known from these runs: {', '.join(table.loc[~is_known, 'event'])}"
 
     def _not_converged(self, estimate: Estimate) -> str:
@@ -264,12 +289,18 @@ def estimate(settings: Settings, request: Request) -> Estimated:
     for other in request.compare:
         require_estimate(other)
     verdicts: list[Verdict] = []
-    with loaded_for(settings.vehicle, settings.simulations, scenario) as vehicle, _progress() as show:
+    with (
+        loaded_for(settings.vehicle, settings.simulations, scenario) as vehicle,
+        _progress() as (begin, show),
+    ):
+        begin("reading and checking the records")
         records = read_records(
             settings.records, lambda checked: verdicts.append(_verdict(checked, request, settings.records))
         )
+        begin("fitting the laws of the records")
         draws = choose_draws(request.law, records, settings.laws)
         problem = Problem(scenario, vehicle, event, law=draws.proposal)
+        begin("replaying records, and choosing the first simulations")
         known = None if request.predecessor is None else read_predecessor(request.predecessor, problem)
         way = FewRuns(
             settings.stopping,
@@ -340,10 +371,17 @@ def reference_answer(
 
 
 @contextmanager
-def _progress() -> Iterator[Shown]:
-    """Yield a function that shows the progress of simulations, and says if the estimate begins again."""
+def _progress() -> Iterator[tuple[Callable[[str], None], Shown]]:
+    """Yield two functions: one shows what begins, the other the progress of the simulations.
+
+    The second one also says if the estimate begins again. On a terminal both write to one line; elsewhere
+    nothing else is printed.
+    """
     was_known = False
-    with tqdm(desc="simulations", unit="", disable=None) as bar:
+    with tqdm(unit="", disable=None, bar_format="{desc}", leave=False) as bar:
+
+        def begin(step: str) -> None:
+            bar.set_description_str(f"{step} ...")
 
         def show(estimate: Any, posterior: Any) -> None:  # noqa: ANN401
             nonlocal was_known
@@ -351,6 +389,7 @@ def _progress() -> Iterator[Shown]:
             if was_known and not is_known:
                 tqdm.write(f"after {estimate.simulations:,} simulations: {estimate.reason}", file=sys.stderr)
             was_known = is_known
+            bar.bar_format, bar.desc = None, "simulations"
             bar.n = estimate.simulations
             text = f"{estimate.events} events, sampling alone {estimate.low:.2g} to {estimate.high:.2g}"
             if posterior is not None:
@@ -358,4 +397,4 @@ def _progress() -> Iterator[Shown]:
                 text = f"{low:.2g} to {high:.2g} with {', '.join(posterior.sources)}, {text}"
             bar.set_postfix_str(text)
 
-        yield show
+        yield begin, show

@@ -197,15 +197,20 @@ def exact_interval(count: int, size: int, level: float = 0.95) -> tuple[float, f
     return low, float(beta.isf(outside, count + 1, size - count)) if count < size else 1.0
 
 
-def in_words(table: pd.DataFrame, scenario: Scenario) -> str:
-    """Return a line of text that says how much of an answer lies beyond the records."""
+def beyond_in_words(table: pd.DataFrame, scenario: Scenario) -> str:
+    """Return how many of the predicted events lie beyond the records, as text."""
     rows = table.set_index("part")
     beyond, far = rows["share"][NEAR] + rows["share"][FAR], rows["share"][FAR]
     near, farthest = "are farther from every record than records usually are", "farther than any of them"
     if scenario.has_sources:
         near, farthest = "close faster than any record at a similar range", "faster than any record at all"
+    return f"{100 * beyond:.0f} % of the predicted events {near}, {100 * far:.0f} % {farthest}"
+
+
+def in_words(table: pd.DataFrame, scenario: Scenario) -> str:
+    """Return a line of text that says how much of an answer lies beyond the records."""
+    rows = table.set_index("part")["probability"]
     return (
-        f"beyond the records: {beyond:.0%} of the predicted events {near}, {far:.0%} {farthest}; without "
-        f"them the mean would be {rows.loc[RECORDED, 'probability']:.2g} instead of "
-        f"{rows.loc[ALL, 'probability']:.2g}"
+        f"beyond the records: {beyond_in_words(table, scenario)}; without them the mean would be "
+        f"{rows[RECORDED]:.2g} instead of {rows[ALL]:.2g}"
     )

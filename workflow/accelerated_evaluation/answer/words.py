@@ -8,6 +8,36 @@ import pandas as pd
 
 from accelerated_evaluation.answer.posterior import CHOICE, DATA, LEVELS
 
+Row = tuple[str, str, str]  # what is told, its value, and a remark on it
+
+
+def aligned(rows: Sequence[Row]) -> list[str]:
+    """Return rows as lines of text in three columns; a value without a remark may be longer than others."""
+    first = max(len(name) for name, _, _ in rows)
+    second = max((len(value) for _, value, remark in rows if remark), default=0)
+    return [f"{name:<{first}}  {value:<{second}}  {remark}".rstrip() for name, value, remark in rows]
+
+
+def probability_row(row: Mapping[str, Any], sources: Sequence[str], noun: str) -> Row:
+    """Return the median and the 80 % interval in a row of the table ``answer``, as one of so many encounters.
+
+    If the interval contains the uncertainty of the sampling alone, the remark says so.
+    """
+    if np.isnan(row["median"]):
+        return row["event"], "not known from these runs", ""
+    alone = "" if {DATA, CHOICE} & set(sources) else ", sampling alone"
+    ends = " to ".join(_one_in(row[end]) for end in ("high80", "low80"))
+    middle = f"{_one_in(row['median'])} {noun}s" if row["median"] > 0 else _one_in(0.0)
+    return row["event"], middle, f"(80 %{alone}: {ends})"
+
+
+def ratio_row(row: Mapping[str, Any]) -> Row:
+    """Return the median and the 80 % interval in a row of the table ``compared``."""
+    name = f"vs {row['other']}"
+    if np.isnan(row["ratio"]):
+        return name, "not known from these runs", ""
+    return name, f"{row['ratio']:.2g} x", f"({row['ratio_low80']:.2g} to {row['ratio_high80']:.2g})"
+
 
 def answer_in_words(row: Mapping[str, Any], sources: Sequence[str], noun: str = "encounter") -> list[str]:
     """Return a row of the table ``answer`` as lines of text.
@@ -19,9 +49,9 @@ def answer_in_words(row: Mapping[str, Any], sources: Sequence[str], noun: str = 
         return [f"{row['event']}: not known from these runs"]
     intervals = (f"{100 * level:.0f}%: {_ends(row, level)}" for level in LEVELS)
     per_km = "" if np.isnan(row["per_km"]) else f"; mean per kilometre {row['per_km']:.2g}"
-    article = "an" if noun[0] in "aeiou" else "a"
+    article, median = "an" if noun[0] in "aeiou" else "a", row["median"]
     return [
-        f"{row['event']}: probability in {article} {noun} {row['median']:.3g} (median, {_one_in(row)}), "
+        f"{row['event']}: probability in {article} {noun} {median:.3g} (median, {_one_in(median)}), "
         f"{row['probability']:.3g} (mean){per_km}",
         f"  {intervals_in_words(sources)}: {'; '.join(intervals)}",
     ]
@@ -39,10 +69,12 @@ def _joined(names: Sequence[str]) -> str:
     return " and ".join(part for part in (", ".join(names[:-1]), names[-1]) if part)
 
 
-def _one_in(row: Mapping[str, Any]) -> str:
-    """Return the median as one of so many encounters, with two significant digits."""
-    number = 1 / row["median"] if row["median"] > 0 else np.inf
-    return f"one in {float(f'{number:.2g}'):,.0f}" if np.isfinite(number) else "never"
+def _one_in(probability: float) -> str:
+    """Return a probability as one of so many encounters, with two significant digits, and 0 as "never"."""
+    number = 1 / probability if probability > 0 else np.inf
+    if number < 10:
+        return f"1 in {number:.2g}"
+    return f"1 in {float(f'{number:.2g}'):,.0f}" if np.isfinite(number) else "never"
 
 
 def ratio_in_words(row: Mapping[str, Any]) -> str:

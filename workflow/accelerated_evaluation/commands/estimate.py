@@ -3,7 +3,10 @@
 import argparse
 import json
 import os
+import sys
+from collections.abc import Iterable, Iterator
 from pathlib import Path
+from typing import TextIO
 
 from accelerated_evaluation.commands import COMMANDS, add_accept, positive_integer
 
@@ -63,6 +66,21 @@ earlier version, whose runs save simulations; another scenario, with its default
   accelerated-evaluation estimate --scenario left_turn --verbose"""
 
 
+# Beginnings of lines that are shown in a colour on a terminal: the code of bold yellow.
+DOUBTS = dict.fromkeys(("warning", "STOP", "NOT CONVERGED", "not converged"), "1;33")
+
+
+def coloured(lines: Iterable[str], stream: TextIO) -> Iterator[str]:
+    """Yield lines of text, the first one bold and doubts in a colour if the stream is a terminal.
+
+    Users who set the variable NO_COLOR get no colours.
+    """
+    has_colours = stream.isatty() and not os.environ.get("NO_COLOR")
+    for number, line in enumerate(lines):
+        codes = [code for start, code in DOUBTS.items() if line.startswith(start)] or ["1"] * (number == 0)
+        yield f"\x1b[{codes[0]}m{line}\x1b[0m" if has_colours and codes else line
+
+
 def _share(text: str) -> float:
     if not 0 <= (share := float(text)) <= 1:
         raise ValueError
@@ -94,7 +112,7 @@ class EstimateAlone:
             "--law",
             metavar="LAW",
             default=ANSWER,
-            help="law of the encounters, see above (default: %(default)s)",
+            help="law of the encounters, see --help (default: %(default)s)",
         )
         command.add_argument(
             "--replicates",
@@ -199,4 +217,5 @@ class EstimateAlone:
         if arguments.json:
             print(json.dumps(found.content(compared), indent=1))
         else:
-            print(*found.lines(compared, verbose=arguments.verbose), f"tables: {folder}", sep="\n")
+            lines = [*found.lines(compared, verbose=arguments.verbose), f"tables: {folder}"]
+            print(*coloured(lines, sys.stdout), sep="\n")
