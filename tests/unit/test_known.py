@@ -1,5 +1,6 @@
 """The comparison with known records: which faults it finds, and which sound tables it leaves in peace."""
 
+import warnings
 from functools import cache
 
 import numpy as np
@@ -8,6 +9,7 @@ import pytest
 from accelerated_evaluation.records.checks import CHECKS, FINE, STOP, WARNING, Records, shapes
 from accelerated_evaluation.records.checks.known import (
     FACTOR,
+    SIMILAR,
     Comparison,
     Picture,
     known_cut_ins,
@@ -163,6 +165,13 @@ def test_sound_cut_ins_come_no_nearer_to_the_known_ones_if_their_ranges_are_divi
             assert "range in ft" not in report.seen
             feet = found(SPOILED["range in feet"][0](drawn(kind, 2_000, seed)))
             assert ("probably range in ft" in feet.seen) == (kind != "a jam")
+
+
+@pytest.mark.parametrize("speed", [1e-320, 1e-300])
+def test_tiny_speeds_are_compared_without_a_warning(speed):
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        assert found(recorded(300).assign(closing_speed=speed)).number > SIMILAR
 
 
 def test_far_ranges_in_feet_are_not_to_be_hidden():

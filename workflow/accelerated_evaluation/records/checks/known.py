@@ -161,7 +161,7 @@ def _faults(x: Array, units: Mapping[str, str]) -> Iterator[Fault]:
         yield fault(text, remedy, SUM, **{one: column[one] - column[other]})
         text = f"{one} - {other} in place of {one}"
         yield fault(text, f"add {other} to {one}", SUM, **{one: column[one] + column[other]})
-    with np.errstate(divide="ignore", invalid="ignore"):
+    with np.errstate(divide="ignore", invalid="ignore", over="ignore"):
         for length, speed in ((names[i], names[j]) for i, j in _times(units)):
             product = column[length] * column[speed]
             time, inverse = f"a time, {length} / {speed},", f"an inverse time, {speed} / {length},"
