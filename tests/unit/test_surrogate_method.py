@@ -93,7 +93,7 @@ def test_sentences_name_what_the_runs_cannot_exclude():
     assert "stated to be deterministic" in chance_in_words(known)
     assert assumption_in_words(known) == []
     known |= {"repeats": 200, "law_draws": 300, "law_events": 4}
-    assert "more than 1.5% of the runs near the event" in chance_in_words(known)
+    assert "more than 1.5% of the repeated runs" in chance_in_words(known)
     assert "counted by plain simulation" in chance_in_words(known | {"counted": 1})
     assert "drift: " in chance_in_words(known | {"drift": 1})
     known |= {"differed": 3, "unseen_lapses": 0.03}

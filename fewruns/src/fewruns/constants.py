@@ -309,7 +309,7 @@ LARGEST_SCORE = float(np.finfo(float).max)
 FIRST_REPEATS = 5
 
 # If this number of repetitions has shown no difference, the system is treated as deterministic. They exclude,
-# with 95 % confidence, that more than 1 - 0.05^(1/350) = 0.9 % of the runs near the event end differently
+# with 95 % confidence, that more than 1 - 0.05^(1/350) = 0.9 % of the repeated runs end differently
 # when they are repeated. With 200, a third of the cars whose brakes fail in 0.5 to 2 % of the runs passed.
 ENOUGH_REPEATS = 350
 

@@ -218,7 +218,7 @@ def assumption_in_words(diagnostics: Mapping[str, float]) -> list[str]:
         return []
     return [
         f"{repeats} repeats without a difference exclude ({CONFIDENCE}) that more than "
-        f"{1 - UNSEEN_ALPHA ** (1 / repeats):.1%} of the runs near the event end differently by chance. A "
+        f"{1 - UNSEEN_ALPHA ** (1 / repeats):.1%} of the repeated runs end differently by chance. A "
         "vehicle with rarer lapses can pass this check, and its probability may then be much larger"
     ]
 
