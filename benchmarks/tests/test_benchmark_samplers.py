@@ -260,3 +260,19 @@ def test_public_tools_repeat_themselves_and_count_every_level():
     assert first == again != other
     assert first.calls % 300 == 0
     assert first.ci_low < first.probability < first.ci_high
+
+
+def test_directions_and_lines_are_exact_for_their_shapes_and_only_there():
+    pytest.importorskip("openturns", reason="needs the extra peers")
+    import peers
+
+    def ratio(method, name):
+        outcome = method(problems()[name], np.random.default_rng(3), Target())
+        return outcome.probability / problems()[name].exact
+
+    assert ratio(peers.directional, "circle") == pytest.approx(1, rel=1e-4)  # the accuracy of roots
+    assert ratio(peers.line, "plane_6") == pytest.approx(1, rel=1e-4)
+    assert ratio(peers.line, "two_regions") < 0.9  # the other region is missed
+    assert peers.beyond_root(lambda x: 2.0 - x, 3.0) == pytest.approx(ndtr(-2), rel=1e-4)
+    assert peers.beyond_root(lambda x: 1.0, 3.0) == 0
+    assert peers.beyond_root(lambda x: -1.0, 3.0) == 1
