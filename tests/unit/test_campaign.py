@@ -219,6 +219,8 @@ WRONG = {
     "run,crash,min_ttc\n1,0,soon\n": "row 2, column min_ttc: seen 'soon'; expected a number",
     "run,crash,impact_speed\n1,0,3\n": "row 2, column impact_speed: seen 3; expected 0 without a crash",
     "run,crash,lead_speed\n1,0,99\n": "row 2, column lead_speed: seen 99",
+    "run,crash,host_speed\n1,0,99\n": "row 2, column host_speed: seen 99",
+    "run,crash,host_speed\n1,0,fast\n": "row 2, column host_speed: seen 'fast'",
     "run,hit\n1,0\n": "expected a column crash",
     "run,crash,crash\n1,0,0\n": "column 'crash' twice",
     "": "content that cannot be read",

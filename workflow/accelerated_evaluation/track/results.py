@@ -91,7 +91,8 @@ def _run_of(given: Mapping[str, str], campaign: Campaign, where: str) -> Run:
             expected="the number of a requested run",
             change="Remove the row.",
         )
-    for name, asked in zip(campaign.scenario.names, run.encounter, strict=True):
+    scenario = campaign.scenario
+    for name, asked in scenario.with_derived(dict(zip(scenario.names, run.encounter, strict=True))).items():
         driven = _number(given, name, f"{where}, column {name}")
         if driven is not None and not abs(driven - asked) <= TOLERANCE + 1e-6 * abs(asked):
             raise InputError(
