@@ -9,12 +9,15 @@ import subprocess
 from pathlib import Path
 
 import numpy as np
+import pandas as pd
 import pytest
 from accelerated_evaluation.publishing.explorer.vehicles import as_texts
+from accelerated_evaluation.scenarios.left_turn import LEFT_TURN
 from accelerated_evaluation.vehicles import load_vehicle
 from conftest import ROOT
 
 OUTCOMES = ("crash", "min_range", "impact_speed")
+OF_TURNS = ("crash", "min_distance", "impact_speed")
 SOURCE = (ROOT / "workflow/explorer/simulator.js").read_text()
 READ = "Object.fromEntries(Object.entries(texts).map(([name, text]) => [name, Number(text)]))"
 # Numbers are exchanged as texts, because JSON has no infinity. No digit is lost by this.
@@ -22,8 +25,8 @@ RUN = f"""([kernel, texts, encounters]) => {{
   const found = simulate(kernel, {READ}, ...encounters.map((row) => Float64Array.from(row)));
   return Object.values(found).map((values) => Array.from(values, String));
 }}"""
-TRACE = f"""([kernel, texts, [leadSpeed, range, closingSpeed]]) =>
-  trace(kernel, {READ}, {{ leadSpeed, range, closingSpeed }})
+TRACE = f"""([kernel, texts, encounter]) =>
+  trace(kernel, {READ}, encounter)
     .map((state) => Object.values(state).map(String))"""
 VEHICLES = [
     ("car", "acc_aeb", {}),
@@ -109,3 +112,41 @@ def test_a_trace_is_that_of_the_library(javascript, kernel, name, encounter):
     for column, values in columns.items():
         np.testing.assert_allclose(np.array(values, float), expected[column], rtol=0, atol=1e-12)
     assert [value == "true" for value in emergency] == (expected["emergency"] == 1).tolist()
+
+
+@pytest.mark.parametrize(
+    "parameters", [{}, {"aeb_ttc": 1.7, "aeb_release_ttc": 1.9, "headway": 1.4}, {"aeb": False}]
+)
+def test_left_turns_are_those_of_python_within_rounding(javascript, parameters):
+    """Browsers round cosines differently, which matters for a car that creeps behind a slow target."""
+    generator = np.random.default_rng(6)
+    encounters = generator.random((3, 8_000)) * [[35.0], [12.0], [60.0]] + [[0.0], [0.6], [0.0]]
+    vehicle = load_vehicle("acc_aeb", "left_turn", **parameters)
+    expected = vehicle.simulate(*encounters)
+    found = javascript(RUN, ["turn", as_texts(vehicle.compiled()), encounters.tolist()])
+    for outcome, values in zip(OF_TURNS, found, strict=True):
+        differ = ~np.isclose(np.array(values, float), getattr(expected, outcome), rtol=1e-9, atol=1e-6)
+        assert differ.mean() < 1e-3, outcome
+    assert 0.02 < expected.crash.mean() < 0.9
+    other = load_vehicle("acc_aeb", "left_turn", **{"headway": 2.0, **parameters, "kp": 20.0})
+    assert javascript(RUN, ["turn", as_texts(other.compiled()), encounters.tolist()])[1] != found[1]
+
+
+def test_published_verdicts_of_left_turns(javascript):
+    table = pd.read_csv(ROOT / LEFT_TURN.verdicts)
+    encounters = table[list(LEFT_TURN.names)].to_numpy().T.tolist()
+    car = load_vehicle("acc_aeb", "left_turn").compiled()
+    crash = np.array(javascript(RUN, ["turn", as_texts(car), encounters])[0], float)
+    firm = (table["fragile"] == 0).to_numpy()
+    np.testing.assert_array_equal(crash[firm], table["crash"].to_numpy()[firm])
+
+
+def test_a_trace_of_a_left_turn_is_that_of_the_library(javascript):
+    vehicle, encounter = load_vehicle("acc_aeb", "left_turn"), (14.0, 3.0, 9.0)
+    states = javascript(TRACE, ["turn", as_texts(vehicle.compiled()), list(encounter)])
+    columns = list(zip(*states, strict=True))
+    expected = vehicle.trace(*encounter)
+    assert len(states) == len(expected)
+    for values, name in zip(columns[:5], expected.columns, strict=False):
+        np.testing.assert_allclose(np.array(values, float), expected[name], rtol=0, atol=1e-9)
+    assert [value == "true" for value in columns[5]] == (expected["emergency"] == 1).tolist()
