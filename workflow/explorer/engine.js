@@ -1,10 +1,11 @@
-// The answer of the explorer: sums over the lines of the laws, for the mean law and for every draw.
+// The answer of the explorer: sums over the lines of the laws, for the base law and for every draw.
 "use strict";
 
 const TYPES = { f4: Float32Array, u2: Uint16Array, u1: Uint8Array };
 // How a first result and the settled one are computed: on every how many lines, in strata of which width of the
-// cumulative hazard, and for how wide a run of the event nothing beyond it is simulated.
+// cumulative hazard, and for how wide a run of an event that is an upper set nothing beyond it is simulated.
 const QUICK = { every: 6, step: 0.5, enough: 3 }, SETTLED = { every: 1, step: 0.25, enough: 6 };
+const LEAST = 1024; // lines of a first result, if the page has so many
 const BLOCK = 128; // lines that are simulated between two pauses
 
 // The four weights of cubic interpolation at place x between n nodes, and the first of the four nodes.
@@ -47,27 +48,25 @@ class Engine {
   // Laws
 
   prepareLines() {
-    const { depth, speed_step: step } = this.meta.lines, count = this.data.lead_speed.length;
-    const levels = this.data.closing_speed, speeds = new Float32Array(levels.length);
+    const { depth, origin, step } = this.meta.lines, count = this.data.line_first.length;
+    const levels = this.data.along, values = new Float32Array(levels.length);
     for (let level = 0; level <= depth; level++) {
       for (let line = 0; line < count; line++) {
         const place = level * count + line;
-        speeds[place] = levels[place] * step + (level ? speeds[place - count] : 0);
+        values[place] = levels[place] * step + (level ? values[place - count] : origin);
       }
     }
-    this.speeds = speeds;
+    this.values = values;
     this.lines = count;
-    const [vn, rn] = this.meta.laws.fine, [low, high] = this.meta.lead_speeds, top = Math.sqrt(this.meta.range_max);
-    const first = 1 / (2 * rn - 1);
+    const { fine: [vn, rn], by_line: byLine } = this.meta.laws;
     this.corner = [];
-    for (let line = 0; line < count; line++) {
-      const [v, vw] = cubic((this.data.lead_speed[line] - low) / (high - low) * (vn - 1), vn);
-      const [r, rw] = cubic((Math.sqrt(this.data.range_[line]) / top - first) / (1 - first) * (rn - 1), rn);
-      this.corner.push([v, vw, r, rw]);
+    for (let line = 0; line < count && !byLine; line++) {
+      this.corner.push([...cubic(this.data.line_first_node[line], vn), ...cubic(this.data.line_second_node[line], rn)]);
     }
   }
 
-  // Ratios at the fine nodes from the stored logarithms at the coarse ones, shape (nodes, draws).
+  // Ratios at the fine nodes from the stored logarithms at the coarse ones, shape (draws, nodes). If they are stored by
+  // line, the nodes are the lines.
   prepareRatios() {
     const { laws } = this.meta, [v0, r0, l0] = laws.coarse, [v1, r1, l1] = laws.fine;
     const draws = laws.order.length, size = v0 * r0 * l0, stored = this.data.ratios;
@@ -82,33 +81,40 @@ class Engine {
           own[node + level] = sum * laws.ratio_step + laws.ratio_low;
         }
       }
-      const alongRoot = spread(own, this.data.refine_root, v0, r1, r0, l0);
-      const alongBoth = spread(alongRoot, this.data.refine_speed, 1, v1, v0, r1 * l0);
+      const alongRoot = laws.by_line ? own : spread(own, this.data.refine_second, v0, r1, r0, l0);
+      const alongBoth = laws.by_line ? own : spread(alongRoot, this.data.refine_first, 1, v1, v0, r1 * l0);
       const fine = spread(alongBoth, this.data.refine_level, v1 * r1, l1, l0, 1);
       const start = laws.order[k] * fine.length;
       for (let node = 0; node < fine.length; node++) this.ratios[start + node] = Math.exp(fine[node]);
     }
   }
 
-  // Closing speeds on lines at cumulative hazards under the mean law.
-  closingSpeeds(lines, hazards) {
-    const { depth } = this.meta.lines, speeds = new Float64Array(lines.length);
+  // Values of the variable along lines at cumulative hazards under the base law.
+  along(lines, hazards) {
+    const { depth, limits: [low, high] } = this.meta.lines, values = new Float64Array(lines.length);
     for (let k = 0; k < lines.length; k++) {
       const [first, weight] = cubic(Math.sqrt(hazards[k] * depth), depth + 1);
-      let speed = 0;
-      for (let j = 0; j < 4; j++) speed += weight[j] * this.speeds[(first + j) * this.lines + lines[k]];
-      speeds[k] = Math.max(speed, 0);
+      let value = 0;
+      for (let j = 0; j < 4; j++) value += weight[j] * this.values[(first + j) * this.lines + lines[k]];
+      values[k] = Math.min(Math.max(value, low), high);
     }
-    return speeds;
+    return values;
+  }
+
+  // The columns of encounters in the order of the scenario's variables, from those of the axes.
+  columns(first, second, along) {
+    const columns = [first, second];
+    columns.splice(this.meta.scanned, 0, along);
+    return columns;
   }
 
   happens(vehicle, numbers, threshold, lines, hazards) {
-    const lead = new Float64Array(lines.length), range = new Float64Array(lines.length);
+    const first = new Float64Array(lines.length), second = new Float64Array(lines.length);
     for (let k = 0; k < lines.length; k++) {
-      lead[k] = this.data.lead_speed[lines[k]];
-      range[k] = this.data.range_[lines[k]];
+      first[k] = this.data.line_first[lines[k]];
+      second[k] = this.data.line_second[lines[k]];
     }
-    const found = simulate(vehicle.kernel, numbers, lead, range, this.closingSpeeds(lines, hazards));
+    const found = simulate(vehicle.kernel, numbers, ...this.columns(first, second, this.along(lines, hazards)));
     return threshold === null ? found.crash : found.impactSpeed.map((speed) => (speed > threshold ? 1 : 0));
   }
 
@@ -127,7 +133,7 @@ class Engine {
           const own = (line - first) / every, row = line / every * strata;
           flags[row + k] = happened[place];
           run[own] = happened[place] ? run[own] + 1 : 0;
-          if (run[own] * step < enough) return true;
+          if (!this.meta.lines.upper_set || run[own] * step < enough) return true;
           flags.fill(1, row + k, row + strata);
           return false;
         });
@@ -139,7 +145,8 @@ class Engine {
 
   // A first result at once, and the settled one.
   quick(...asked) {
-    return finished(this.exploring(...asked, QUICK));
+    const every = Math.max(Math.min(Math.floor(this.lines / LEAST), QUICK.every), 1);
+    return finished(this.exploring(...asked, { ...QUICK, every }));
   }
 
   explore(...asked) {
@@ -159,7 +166,7 @@ class Engine {
       for (let k = 0, before = 0; k < strata; k++) {
         const flag = flags[row + k];
         if (flag === before) continue;
-        const mass = (flag - before) * every * this.data.probability[line] * Math.exp(-k * step);
+        const mass = (flag - before) * every * this.data.line_probability[line] * Math.exp(-k * step);
         const [first, weight] = places[k];
         for (let j = 0; j < 4; j++) own[first + j] += mass * weight[j];
         total += mass;
@@ -167,7 +174,8 @@ class Engine {
         before = flag;
       }
       mean += total;
-      if (total) addTo(nodes, own, this.corner[line], rn, ln);
+      if (total && this.meta.laws.by_line) nodes.set(own, line * ln);
+      else if (total) addTo(nodes, own, this.corner[line], rn, ln);
     }
     const asked = [vehicle, numbers, threshold];
     return { draws: this.underDraws(nodes), mean, likeliest: likeliest && this.refined(likeliest, step, ...asked) };
@@ -175,11 +183,11 @@ class Engine {
 
   // The design point of reliability analysis: the encounter nearest to the median in normal scores.
   likelier(known, line, hazard) {
-    const distance = this.data.distance[line] + this.data.distance_at[Math.round(4 * hazard)];
+    const distance = this.data.line_distance[line] + this.data.distance_at[Math.round(4 * hazard)];
     return known && known.distance <= distance ? known : { line, hazard, distance };
   }
 
-  // The smallest closing speed of the likeliest encounter at which the event happens, by halving.
+  // Where on its line the likeliest encounter with the event begins, by halving.
   refined({ line, hazard }, step, vehicle, numbers, threshold) {
     let high = hazard + step, low = Math.max(hazard - step, 0);
     const does = (point) => this.happens(vehicle, numbers, threshold, [line], [point])[0];
@@ -189,8 +197,7 @@ class Engine {
       if (does(middle)) high = middle;
       else low = middle;
     }
-    const closingSpeed = this.closingSpeeds([line], [high])[0];
-    return { leadSpeed: this.data.lead_speed[line], range: this.data.range_[line], closingSpeed };
+    return [this.data.line_first[line], this.data.line_second[line], this.along([line], [high])[0]];
   }
 
   underDraws(nodes) {
@@ -205,13 +212,13 @@ class Engine {
     return draws;
   }
 
-  // Weights of the draws for a choice of the law: "all", "threshold 0.95" or the name of a member.
+  // Weights of the draws for a choice of the law: "all" or a family.
   weightsOf(choice) {
     const { laws } = this.meta, member = this.data.member, weights = new Float64Array(this.draws);
     if (choice === "all") return weights.fill(1, 0, laws.answered);
     // The weights of the models of one family, or equal ones if the answer gives none of them a weight.
-    const own = laws.members.map((name, k) => (name.replace(/ [\d.]+$/, "") === choice ? laws.weights[k] : 0));
-    const wanted = own.some((weight) => weight > 0) ? own : laws.members.map((name) => Number(name.startsWith(choice)));
+    const own = laws.members.map(({ family }, k) => (family === choice ? laws.weights[k] : 0));
+    const wanted = own.some((weight) => weight > 0) ? own : laws.members.map(({ family }) => Number(family === choice));
     const counts = new Float64Array(laws.members.length);
     member.forEach((place) => { counts[place] += 1; });
     return weights.map((_, k) => wanted[member[k]] / counts[member[k]]);

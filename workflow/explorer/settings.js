@@ -1,23 +1,22 @@
 // What a reader of the explorer sets, and the link that holds it.
 "use strict";
 
-// Models in words, by the beginning of their names; a tail of each kind begins at several quantiles.
-const FAMILIES = {
-  exponential: "Exponential tails", generalised: "Generalised Pareto tails", "two kinds": "Tails of two kinds of drivers",
-  hazard: "A smooth hazard without a tail",
-};
-const family = (name) => name.replace(/ [\d.]+$/, "");
+const FIELDS = ["at-0", "at-1", "at-2"]; // of the replayed encounter, in the order of the axes
 
 class Settings {
   fillControls() {
     const options = (entries) => entries.map(([value, text]) => `<option value="${escaped(value)}">${escaped(text)}</option>`).join("");
-    const { laws, events, lead_speeds: [low, high] } = this.meta;
+    const { laws, events, axes, noun, exposure } = this.meta, [{ low, high }] = axes;
     element("vehicle").innerHTML = options(this.vehicles.map((vehicle) => [vehicle.name, vehicle.title]));
     element("event").innerHTML = options([["crash", "Crash"], ...events.map(({ name }) => [name, name.replace(/^i/, "I")])]);
     element("law").innerHTML = options([["all", "All models, by their weights"]])
-      + options([...new Set(laws.members.map(family))].map((name) => [name, FAMILIES[name] || name]));
+      + options([...new Set(laws.members.map(({ family }) => family))].map((name) => [name, name]));
     Object.assign(element("lead"), { min: low, max: high });
-    element("study").textContent = `It rests on ${this.meta.exposure.cut_ins.toLocaleString("en-US")} recorded cut-ins.`;
+    element("study").textContent = `It rests on ${exposure.cut_ins.toLocaleString("en-US")} recorded ${noun}s.`;
+    axes.forEach(({ name, unit, limits: [least, most] }, k) => {
+      element(`name-${k}`).textContent = `${capital(name)} [${unit}]`;
+      Object.assign(element(FIELDS[k]), { min: least, max: most });
+    });
   }
 
   start(vehicle) {
@@ -36,10 +35,9 @@ class Settings {
     });
     for (const name of ["law", "event"]) if (known(name, link.get(name))) this.state[name] = link.get(name);
     const numbers = (link.get("at") || "").split(",").map(Number);
-    if (numbers.length === 3 && numbers.every((value) => Number.isFinite(value) && value >= 0) && numbers[1] > 0) {
-      this.state.own = { leadSpeed: numbers[0], range: numbers[1], closingSpeed: numbers[2] };
-    }
-    const lead = Number(link.get("lead")), [low, high] = this.meta.lead_speeds;
+    const { axes } = this.meta, isIn = (value, k) => Number.isFinite(value) && value >= axes[k].limits[0] && value <= axes[k].limits[1];
+    if (numbers.length === 3 && numbers.every(isIn) && numbers[1] > 0) this.state.own = numbers;
+    const lead = Number(link.get("lead")), [{ low, high }] = axes;
     if (link.get("lead") && lead >= low && lead <= high) this.state.lead = lead;
     this.showControls();
   }
@@ -51,7 +49,7 @@ class Settings {
     });
     for (const [name, usual] of [["law", "all"], ["event", "crash"]]) if (state[name] !== usual) link.set(name, state[name]);
     if (state.lead !== null) link.set("lead", state.lead);
-    if (state.own) link.set("at", [state.own.leadSpeed, state.own.range, state.own.closingSpeed].join(","));
+    if (state.own) link.set("at", state.own.join(","));
     this.written = `#${link}`;
     history.replaceState(null, "", this.written);
   }
@@ -82,8 +80,8 @@ class Settings {
       <span><label for="slider-${k}">${escaped(slider.label)}</label><output for="slider-${k}" id="value-${k}"></output></span>
       <input type="range" id="slider-${k}" min="0" max="${slider.stops.length - 1}" step="1"><small id="help-${k}"></small></div>`).join("") : "";
     const reason = vehicle.striped
-      ? "A few millimetres of range decide whether this driver crashes, which this page cannot resolve. The numbers are those of the study, and cut-ins can be replayed."
-      : `${this.isTested ? "The page has no compiled code of this vehicle." : "In each cut-in, this driver is another person, which takes too long to simulate here."}`
+      ? "A few millimetres of range decide whether this driver crashes, which this page cannot resolve. The numbers are those of the study, and replays are possible."
+      : `${this.isTested ? "The page has no compiled code of this vehicle." : "In each encounter, this driver is another person, which takes too long to simulate here."}`
         + ` The numbers are those of the study; sliders and replays are missing. ${this.mapInWords()}`;
     element("missing").hidden = this.isExplored;
     element("missing").textContent = reason;
@@ -93,8 +91,8 @@ class Settings {
 
   // What the map shows of a vehicle whose code the page does not have.
   mapInWords() {
-    const { map_range: map, run_range: runs } = this.engine.data;
-    if (!this.isTested) return "The map shows recorded cut-ins only.";
+    const { map_second: map, run_crash: runs } = this.engine.data;
+    if (!this.isTested) return `The map shows recorded ${this.meta.noun}s only.`;
     if (map) return "The map is that of the study.";
     return runs ? `Instead of crash areas, the map shows the ${runs.length} simulations of the study.` : "The map is missing, too.";
   }
@@ -132,12 +130,11 @@ class Settings {
     element("lead").addEventListener("input", later(({ target }) => { this.state.lead = Number(target.value); }));
     element("reset").addEventListener("click", later(() => { this.state = this.start(this.vehicles[0]); this.showControls(); }));
     element("likeliest").addEventListener("click", later(() => Object.assign(this.state, { own: null, lead: null })));
-    for (const id of ["at-lead", "at-range", "at-closing"]) element(id).addEventListener("change", later(() => this.readEncounter()));
+    for (const id of FIELDS) element(id).addEventListener("change", later(() => this.readEncounter()));
     element("copy").addEventListener("click", () => this.copyLink());
     element("time").addEventListener("input", ({ target }) => { this.time = Number(target.value); this.showMoment(); });
     element("map").addEventListener("click", later((event) => {
-      const [range, closing] = this.map.encounter(event.offsetX, event.offsetY);
-      this.replayAt(range, closing);
+      this.replayAt(...this.map.encounter(event.offsetX, event.offsetY));
     }));
     element("map").addEventListener("keydown", (event) => this.moveCross(event, later));
     window.addEventListener("hashchange", later(() => { if (location.hash !== this.written) this.readLink(); }));
@@ -146,17 +143,16 @@ class Settings {
   }
 
   readEncounter() {
-    const fields = ["at-lead", "at-range", "at-closing"].map(element);
+    const fields = FIELDS.map(element);
     if (!fields.every((field) => field.value !== "" && field.checkValidity())) return;
-    const [leadSpeed, range, closingSpeed] = fields.map((field) => Number(field.value));
-    this.state.own = { leadSpeed, range, closingSpeed };
-    const [low, high] = this.meta.lead_speeds;
-    this.state.lead = Math.min(Math.max(leadSpeed, low), high);
+    this.state.own = fields.map((field) => Number(field.value));
+    const [{ low, high }] = this.meta.axes;
+    this.state.lead = Math.min(Math.max(this.state.own[0], low), high);
   }
 
-  replayAt(range, closing) {
+  replayAt(x, y) {
     const rounded = (value) => Number(value.toFixed(2));
-    this.state.own = { leadSpeed: this.lead, range: Math.max(rounded(range), 0.01), closingSpeed: rounded(closing) };
+    this.state.own = [this.lead, Math.max(rounded(x), 0.01), rounded(y)];
     this.state.lead = this.lead;
   }
 
@@ -164,11 +160,11 @@ class Settings {
     const steps = { ArrowLeft: [-1, 0], ArrowRight: [1, 0], ArrowUp: [0, 0.5], ArrowDown: [0, -0.5] }[event.key];
     if (!steps) return;
     event.preventDefault();
-    const from = this.state.own || this.encounter || { range: this.meta.range_max / 2, closingSpeed: 10 };
+    const [, horizontal, vertical] = this.meta.axes, from = this.state.own || this.encounter || [0, horizontal.high / 2, vertical.high / 4];
     const within = (value, low, high) => Math.min(Math.max(value, low), high);
     const factor = event.shiftKey ? 5 : 1;
     later(() => this.replayAt(
-      within(from.range + factor * steps[0], 0.1, this.meta.range_max), within(from.closingSpeed + factor * steps[1], 0, this.map.closingMax),
+      within(from[1] + factor * steps[0], 0.1, horizontal.high), within(from[2] + factor * steps[1], 0, vertical.high),
     ))(event);
   }
 

@@ -6,6 +6,8 @@ const element = (id) => document.getElementById(id);
 const colour = (name) => getComputedStyle(document.documentElement).getPropertyValue(`--${name}`).trim();
 const escaped = (text) => text.replace(/[&<>"]/g, (sign) => `&#${sign.charCodeAt(0)};`);
 
+const capital = (text) => text[0].toUpperCase() + text.slice(1);
+
 // An exponent in raised digits.
 const raised = (power) => String(power).replace("-", "⁻").replace(/\d/g, (digit) => SUPERSCRIPTS[digit]);
 
@@ -71,10 +73,10 @@ function fillTable(table, head, rows) {
     <tbody>${rows.map((row) => `<tr>${row.map((text) => cell("td", text)).join("")}</tr>`).join("")}</tbody>`;
 }
 
-// The map of one lead speed: crashes by impact speed, recorded cut-ins, the replayed and the likeliest encounter.
+// The map at one value of the slider: crashes by impact speed, records, the replayed and the likeliest encounter.
 class MapView {
-  constructor(canvas, rangeMax, closingMax) {
-    Object.assign(this, { canvas, rangeMax, closingMax, margin: { left: 44, right: 10, top: 8, bottom: 38 } });
+  constructor(canvas, [, horizontal, vertical]) {
+    Object.assign(this, { canvas, horizontal, vertical, margin: { left: 44, right: 10, top: 8, bottom: 38 } });
   }
 
   get box() {
@@ -82,31 +84,31 @@ class MapView {
     return { x: left, y: top, w: this.canvas.clientWidth - left - right, h: this.canvas.clientHeight - top - bottom };
   }
 
-  place(range, closing) {
+  place(across, up) {
     const { x, y, w, h } = this.box;
-    return [x + (range / this.rangeMax) * w, y + h - (closing / this.closingMax) * h];
+    return [x + (across / this.horizontal.high) * w, y + h - (up / this.vertical.high) * h];
   }
 
   encounter(px, py) {
     const { x, y, w, h } = this.box;
-    const range = Math.min(Math.max((px - x) / w, 0.001), 1) * this.rangeMax;
-    return [range, Math.min(Math.max((y + h - py) / h, 0), 1) * this.closingMax];
+    const across = Math.min(Math.max((px - x) / w, 0.001), 1) * this.horizontal.high;
+    return [across, Math.min(Math.max((y + h - py) / h, 0), 1) * this.vertical.high];
   }
 
-  // Ranges and closing speeds of the middles of the cells.
+  // Values of the middles of the cells on both axes.
   cells() {
     const { w, h } = this.box, columns = Math.max(Math.round(w / 6), 20), rows = Math.max(Math.round(h / 5), 20);
-    const range = new Float64Array(columns * rows), closing = new Float64Array(columns * rows);
+    const across = new Float64Array(columns * rows), up = new Float64Array(columns * rows);
     for (let row = 0; row < rows; row++) {
       for (let column = 0; column < columns; column++) {
-        range[row * columns + column] = ((column + 0.5) / columns) * this.rangeMax;
-        closing[row * columns + column] = ((row + 0.5) / rows) * this.closingMax;
+        across[row * columns + column] = ((column + 0.5) / columns) * this.horizontal.high;
+        up[row * columns + column] = ((row + 0.5) / rows) * this.vertical.high;
       }
     }
-    return { columns, rows, range, closing };
+    return { columns, rows, across, up };
   }
 
-  // Draw {cells, found} of a simulated vehicle, or the lines of a map, [range, start, end]; then records, runs and marks.
+  // Draw {cells, found} of a simulated vehicle, or the lines of a map, [across, start, end]; then records, runs and marks.
   draw({ cells, found, lines, records, runs, marks }) {
     const ratio = window.devicePixelRatio || 1, { canvas } = this, pen = canvas.getContext("2d");
     canvas.width = canvas.clientWidth * ratio;
@@ -116,14 +118,15 @@ class MapView {
     if (lines) this.drawLines(pen, lines);
     this.drawAxes(pen);
     pen.globalAlpha = 0.55;
-    records.forEach(([range, closing]) => this.drawDot(pen, range, closing, "record", 1.8));
+    records.forEach(([across, up]) => this.drawDot(pen, across, up, "record", 1.8));
     pen.globalAlpha = 1;
-    (runs || []).forEach(([range, closing, crash]) => this.drawDot(pen, range, Math.min(closing, this.closingMax), crash ? "fast" : "study", 4));
+    (runs || []).forEach(([across, up, crash]) => this.drawDot(pen, across, Math.min(up, this.vertical.high), crash ? "fast" : "study", 4));
     marks.forEach((mark) => this.drawMark(pen, mark));
   }
 
-  drawDot(pen, range, closing, shade, radius) {
-    const [px, py] = this.place(range, closing);
+  drawDot(pen, across, up, shade, radius) {
+    if (across > this.horizontal.high || up > this.vertical.high) return;
+    const [px, py] = this.place(across, up);
     pen.fillStyle = colour(shade);
     pen.beginPath();
     pen.arc(px, py, radius, 0, 7);
@@ -147,8 +150,8 @@ class MapView {
   drawLines(pen, lines) {
     pen.strokeStyle = colour("middle");
     pen.lineWidth = 2;
-    lines.forEach(([range, start, end]) => {
-      const [px, low] = this.place(range, start), high = this.place(range, Math.min(end, this.closingMax))[1];
+    lines.forEach(([across, start, end]) => {
+      const [px, low] = this.place(across, start), high = this.place(across, Math.min(end, this.vertical.high))[1];
       pen.beginPath();
       pen.moveTo(px, low);
       pen.lineTo(px, high);
@@ -168,28 +171,30 @@ class MapView {
       return Array.from({ length: Math.floor(top / step) + 1 }, (_, k) => k * step);
     };
     pen.textAlign = "center";
-    ticks(this.rangeMax, w / 60).forEach((range) => {
-      const px = this.place(range, 0)[0];
-      pen.fillText(range, px, y + h + 15);
+    const title = ({ name, unit }) => `${capital(name)} [${unit}]`;
+    ticks(this.horizontal.high, w / 60).forEach((across) => {
+      const px = this.place(across, 0)[0];
+      pen.fillText(across, px, y + h + 15);
       pen.fillRect(px, y + h, 1, 4);
     });
-    pen.fillText("Range at the cut-in [m]", x + w / 2, y + h + 32);
+    pen.fillText(title(this.horizontal), x + w / 2, y + h + 32);
     pen.textAlign = "right";
-    ticks(this.closingMax, h / 40).forEach((closing) => {
-      const py = this.place(0, closing)[1];
-      pen.fillText(closing, x - 7, py + 4);
+    ticks(this.vertical.high, h / 40).forEach((up) => {
+      const py = this.place(0, up)[1];
+      pen.fillText(up, x - 7, py + 4);
       pen.fillRect(x - 4, py, 4, 1);
     });
     pen.save();
     pen.translate(12, y + h / 2);
     pen.rotate(-Math.PI / 2);
     pen.textAlign = "center";
-    pen.fillText("Closing speed [m/s]", 0, 0);
+    pen.fillText(title(this.vertical), 0, 0);
     pen.restore();
   }
 
-  drawMark(pen, { range, closing, kind }) {
-    const [px, py] = this.place(range, closing);
+  drawMark(pen, { across, up, kind }) {
+    if (across > this.horizontal.high || up > this.vertical.high) return;
+    const [px, py] = this.place(across, up);
     const strokes = kind === "cross" ? [[-9, 0, 9, 0], [0, -9, 0, 9]] : [[-6, -6, 6, 6], [-6, 6, 6, -6]];
     [[colour("page"), 6], [colour(kind === "cross" ? "own" : "text"), 2.5]].forEach(([shade, thick]) => {
       pen.strokeStyle = shade;
@@ -228,8 +233,9 @@ function drawChart(title, times, lines, now, width) {
   return `<svg height="${height}" viewBox="0 0 ${width} ${height}" role="img" aria-label="${escaped(`${title}: ${words.join(", ")}`)}">${parts.join("")}</svg>`;
 }
 
-// The two cars on the road at one state, seen from above.
-function drawScene(state, furthest, width) {
+// The two cars on the road at one state of a cut-in, seen from above.
+function drawFollowing(state, states, width) {
+  const furthest = Math.max(...states.map(({ range }) => range));
   const height = 60, car = Math.max(width * 0.06, 26), metre = (width - 2 * car - 12) / Math.max(furthest, 1);
   const host = 4, lead = host + car + Math.max(state.range, -2) * metre;
   const box = (left, shade) => `<rect x="${left}" y="20" width="${car}" height="20" rx="5" fill="var(--${shade})"/>`;
@@ -239,3 +245,48 @@ function drawScene(state, furthest, width) {
     <text class="quiet" x="${host + car / 2}" y="8" text-anchor="middle">vehicle</text>
     <text class="quiet" x="${Math.max(lead + car / 2, host + car + 40)}" y="58" text-anchor="middle">other car</text></svg>`;
 }
+
+// The paths of both cars at one state of a left turn, seen from above: the host drives to the right.
+function drawTurning(state, states, width) {
+  const longest = Math.max(...states.map(({ ahead }) => ahead), 10), widest = Math.max(...states.map(({ aside }) => Math.abs(aside)), 4);
+  const height = 110, metre = Math.min((width - 60) / (longest + 8), 14), host = Math.max(24, width - 30 - (longest + 4) * metre), road = 70;
+  const up = Math.min(metre, 46 / widest), x = host + state.ahead * metre, y = road - state.aside * up;
+  const box = (left, top, shade) => `<rect x="${left - 13}" y="${top - 7}" width="26" height="14" rx="4" fill="var(--${shade})"/>`;
+  const brake = state.acceleration < -0.5 ? `<rect x="${host - 17}" y="${road - 6}" width="4" height="12" rx="2" fill="var(--fast)"/>` : "";
+  return `<svg height="${height}" viewBox="0 0 ${width} ${height}" role="img" aria-label="The turning car ${readable(Math.abs(state.ahead))} m ${state.ahead < 0 ? "behind" : "ahead"} and ${readable(Math.abs(state.aside))} m aside">
+    <rect y="${road - 12}" width="${width}" height="24" fill="var(--road)"/>${box(x, Math.min(Math.max(y, 8), height - 8), "study")}${box(host, road, "own")}${brake}
+    <text class="quiet" x="${host}" y="${road + 26}" text-anchor="middle">vehicle</text>
+    <text class="quiet" x="${Math.min(Math.max(x, 40), width - 40)}" y="${Math.min(Math.max(y, 8), height - 8) - 11}" text-anchor="middle">turning car</text></svg>`;
+}
+
+// What a replay shows of each kind of simulation: a scene, charts over time, the columns of the table, and words.
+const fixed = (digits, name) => (state) => (Number.isFinite(state[name]) ? state[name].toFixed(digits) : "–");
+const yes = ({ emergency }) => (emergency ? "yes" : "no");
+const ACCELERATION = { title: "Acceleration [m/s²]", lines: [["acceleration", "own", "acceleration"]] };
+const FOLLOWING = {
+  scene: drawFollowing,
+  charts: [
+    { title: "Range [m]", lines: [["range", "own", "range"]] },
+    { title: "Speed [m/s], other car dashed", lines: [["vehicle", "own", "speed"], ["other car", "study", "lead", true]] },
+    ACCELERATION,
+  ],
+  columns: [["time [s]", fixed(1, "time")], ["range [m]", fixed(2, "range")], ["vehicle [m/s]", fixed(2, "speed")],
+    ["other car [m/s]", fixed(2, "lead")], ["acceleration [m/s²]", fixed(2, "acceleration")], ["TTC [s]", fixed(2, "ttc")], ["emergency", yes]],
+  now: (state) => `Range ${state.range.toFixed(1)} m; vehicle ${state.speed.toFixed(1)} m/s, other car ${state.lead.toFixed(1)} m/s`,
+  closest: "the smallest range is", ends: (states) => states[states.length - 1].time,
+  map: "White areas at large closing speeds have a reason: a car that limits its own speed begins no cut-in faster than this limit.",
+};
+const TURNING = {
+  scene: drawTurning,
+  charts: [
+    { title: "Turning car [m], aside dashed", lines: [["ahead", "own", "ahead"], ["aside", "study", "aside", true]] },
+    { title: "Speed of the vehicle [m/s]", lines: [["vehicle", "own", "speed"]] },
+    ACCELERATION,
+  ],
+  columns: [["time [s]", fixed(1, "time")], ["ahead [m]", fixed(2, "ahead")], ["aside [m]", fixed(2, "aside")],
+    ["vehicle [m/s]", fixed(2, "speed")], ["acceleration [m/s²]", fixed(2, "acceleration")], ["emergency", yes]],
+  now: (state) => `The turning car is ${Math.abs(state.ahead).toFixed(1)} m ${state.ahead < 0 ? "behind" : "ahead"} and ${Math.abs(state.aside).toFixed(1)} m ${state.aside < 0 ? "beyond the path" : "aside"}; vehicle ${state.speed.toFixed(1)} m/s`,
+  closest: "the smallest distance of the centres is", ends: (states, contact) => (states.find((s) => Math.hypot(s.ahead, s.aside) < contact) || states[states.length - 1]).time,
+  map: "",
+};
+const SHOWN = { car: FOLLOWING, driver: FOLLOWING, turn: TURNING };

@@ -78,11 +78,12 @@ for _figure in OWN_FIGURES:
 if "explorer" in STAGES:
 
     rule explorer:
-        """Make the explorer, a page on which a reader can change the vehicle, the law of cut-ins and the event."""
+        """Make the explorer, a page on which a reader can change the vehicle, the law of encounters and the event."""
         input:
             encounters=rules.ingest_encounters.output.encounters,
             exposure=rules.ingest_encounters.output.exposure,
-            family=rules.fit_family.output.family,
+            family=rules.fit_family.output.family if "smooth laws" in STAGES else [],
+            draws=[] if "smooth laws" in STAGES else rules.study_answer.output.draws,
             map=[
                 f"{FOLDERS[name]}/crash_map/full.npz"
                 for name in MAPPED_VEHICLES[:1]
@@ -100,13 +101,29 @@ if "explorer" in STAGES:
             benchmark_of("explorer.tsv")
         priority: 60
         params:
-            config=part(config, "seed", "study", "vehicle", "answer"),
+            config=part(config, "seed", "study", "scenario", "vehicle", "answer"),
             support=SUPPORT,
             library=code_up_to("publishing"),
         message:
             "Making the explorer"
         script:
             "../scripts/build_explorer.py"
+
+else:
+
+    def no_explorer(_):
+        """Stop with the reason why the scenario has no explorer."""
+        raise WorkflowError(
+            f"the scenario {SCENARIO} has no explorer, because it is not known that along one of its variables every"
+            " event happens in a few intervals; change the vehicle in the configuration and compare the answers instead."
+        )
+
+    rule explorer:
+        """Say why there is no explorer."""
+        input:
+            no_explorer,
+        output:
+            page=result("explorer.html"),
 
 
 rule book:

@@ -4,30 +4,37 @@ from functools import partial
 from pathlib import Path
 
 import pandas as pd
-from accelerated_evaluation.answer.explored import ExplorerDraws
+from accelerated_evaluation.answer.explored_cut_ins import CutInSections
+from accelerated_evaluation.answer.explored_slices import SlicedSections
 from accelerated_evaluation.answer.fitted_records import stored_records
 from accelerated_evaluation.answer.law_study import LawStudy
 from accelerated_evaluation.base.files import atomic_path, read_json
 from accelerated_evaluation.base.randomness import child_generator
 from accelerated_evaluation.crash_map.maps import read_crash_map
+from accelerated_evaluation.laws.files import read_law
 from accelerated_evaluation.publishing.explorer.page import Explored, write_page
-from accelerated_evaluation.scenarios.cut_in import CUT_IN
+from accelerated_evaluation.scenarios import SCENARIOS
 from accelerated_evaluation.study.jobs import job
 
 if __name__ == "__main__":
     with job(snakemake.log[0]):
         files, params, config = snakemake.input, snakemake.params, snakemake.params.config
-        stream = partial(child_generator, config["seed"])
-        exposure = read_json(files.exposure)
-        records = stored_records(CUT_IN, files.encounters, params.support, exposure)
-        laws = partial(stream, "laws")
-        study = LawStudy.of_smooth(records, config["answer"]["draws"], laws, files.family)
+        stream, exposure = partial(child_generator, config["seed"]), read_json(files.exposure)
+        scenario = SCENARIOS[config["scenario"]["name"]]
+        records = stored_records(scenario, files.encounters, params.support, exposure)
+        if params.support is None:
+            law = SlicedSections(read_law(files.draws), scenario)
+        else:
+            laws = partial(stream, "laws")
+            study = LawStudy.of_smooth(records, config["answer"]["draws"], laws, files.family)
+            law = CutInSections(study, study.draws(laws("draws")), stream("explorer", "draws"))
         explored = Explored(
             name=config["study"],
+            scenario=scenario,
             tested=config["vehicle"],
             impact_speeds=config["answer"]["events"].get("impact_speed", []),
-            study=study,
-            drawn=ExplorerDraws.of(study, study.draws(laws("draws")), stream("explorer", "draws")),
+            law=law,
+            x=records.x,
             exposure=exposure,
             answer=pd.read_csv(files.answer),
             vehicles=pd.read_csv(files.vehicles),

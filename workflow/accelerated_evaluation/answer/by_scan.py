@@ -23,7 +23,7 @@ from accelerated_evaluation.base.errors import InputError
 from accelerated_evaluation.laws.draws import Draws, OneLaw
 from accelerated_evaluation.laws.protocol import Box, SlicedLaw
 from accelerated_evaluation.methods.problem import Problem
-from accelerated_evaluation.scenarios.protocol import Event
+from accelerated_evaluation.scenarios.protocol import Event, Scenario
 from accelerated_evaluation.vehicles.protocol import repeats_itself
 
 HALVINGS = 12  # number of bisections of a step of the scan
@@ -31,6 +31,7 @@ AT_ONCE = 500_000  # number of encounters that are simulated at once
 PIECES = 5  # number of parts of an interval with crashes, each with an impact speed
 BATCHES = 16  # number of independent batches of lines
 TINY = 1e-12  # smallest distance of a quasi-random number from 0 and 1
+CHANGE = "Use Simulations, or FewRuns for a slow vehicle."  # what to do where nothing can be scanned
 SMALLEST = 1e-3  # lower bound of the estimate of a draw, as a share of the mean
 
 
@@ -153,10 +154,11 @@ def _inside(u: Array) -> Array:
     return np.clip(u, TINY, 1 - TINY)
 
 
-def _capable(problem: Problem, draws: Draws) -> tuple[int, Sequence[SlicedLaw]]:
-    """Return the index of the variable to scan, and the law of each draw; InputError says what is missing."""
-    change = "Use Simulations, or FewRuns for a slow vehicle."
-    scenario, laws = problem.scenario, draws.laws
+def scanned_variable(scenario: Scenario, draws: Draws, change: str = CHANGE) -> int:
+    """Return the index of the variable to scan; InputError if the scenario or the law of a draw has none.
+
+    ``change`` says what to do instead.
+    """
     if scenario.scanned is None:
         raise InputError(
             f"scenario {scenario.name}",
@@ -165,7 +167,7 @@ def _capable(problem: Problem, draws: Draws) -> tuple[int, Sequence[SlicedLaw]]:
             change=change,
         )
     lacking = sorted(
-        {type(law).__name__ for law in (*laws, draws.proposal) if not isinstance(law, SlicedLaw)}
+        {type(law).__name__ for law in (*draws.laws, draws.proposal) if not isinstance(law, SlicedLaw)}
     )
     if lacking:
         raise InputError(
@@ -174,14 +176,20 @@ def _capable(problem: Problem, draws: Draws) -> tuple[int, Sequence[SlicedLaw]]:
             expected="laws that give the probability of an interval of one variable for given others",
             change=change,
         )
+    return scenario.names.index(scenario.scanned)
+
+
+def _capable(problem: Problem, draws: Draws) -> tuple[int, Sequence[SlicedLaw]]:
+    """Return the index of the variable to scan, and the law of each draw; InputError says what is missing."""
+    k = scanned_variable(problem.scenario, draws)
     if repeats_itself(problem.vehicle) is False:
         raise InputError(
-            f"scan of {scenario.scanned}",
+            f"scan of {problem.scenario.scanned}",
             seen="a vehicle whose outcomes are random",
             expected="a vehicle with deterministic outcomes",
-            change=change,
+            change=CHANGE,
         )
-    return scenario.names.index(scenario.scanned), laws
+    return k, draws.laws
 
 
 def _along(x: Array, k: int, line: NDArray[np.intp], values: Array) -> Array:

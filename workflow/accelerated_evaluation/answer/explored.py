@@ -1,182 +1,207 @@
 """Lines from which the explorer of the book computes the answer for any vehicle in a fraction of a second.
 
-A crash map consists of tens of thousands of lines, which are made for one vehicle. The explorer needs fewer
-lines, and these must be suitable for every vehicle that a reader can choose. A line is a pair of lead speed
-and range. The lines are drawn with a probability proportional to the crash probability of some pilot vehicles
-at this pair. Along a line, the coordinate of a closing speed c is its cumulative hazard under the mean law of
-the answer, Lambda(c) = -log P(C > c | v_L, R). A vehicle is simulated at equidistant values of Lambda. The
-probability of the event under the mean law is then a sum over lines and points.
+A scenario with three variables has lines along one of them: lead speed and range of a cut-in, for example,
+are a line along which the closing speed varies. The explorer needs few lines, and these must be suitable for
+every vehicle that a reader can choose. They are drawn with a probability proportional to the crash
+probability of some pilot vehicles on them. Along a line, the coordinate of a value is its cumulative hazard
+under a base law, Lambda = -log P(beyond the value), so that values which are unlikely in the tail of the
+events are resolved as well as others. A vehicle is simulated at equidistant values of Lambda. The probability
+of the event under the base law is then a sum over lines and points.
 
-The probability under a single draw of the law is computed from the same points; see `explored_ratios`.
+The probability under a single draw of the law is computed from the same points; see `log_ratios`. What the
+law gives along lines is `Sections`, which `explored_cut_ins` and `explored_slices` provide.
 """
 
-from collections.abc import Sequence
-from dataclasses import dataclass
+from abc import ABC, abstractmethod
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+from typing import Self
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy.interpolate import make_interp_spline
-from scipy.special import ndtri
-from tqdm import tqdm
 
-from accelerated_evaluation.answer.law_study import LawStudy
 from accelerated_evaluation.base.arrays import Array
-from accelerated_evaluation.laws.smooth.conditional import Places, SpeedLaw
-from accelerated_evaluation.laws.smooth.mean import MeanLaw
-from accelerated_evaluation.laws.smooth.smooth_hazard import SmoothHazard
-from accelerated_evaluation.laws.smooth.splines import Support
-from accelerated_evaluation.vehicles.protocol import Vehicle
 
-LINES = 12_288
-CELLS = 60  # number of intervals of the lead speed, and of the square root of the range, for drawing lines
-DEPTH = 28  # largest cumulative hazard; closing speeds beyond it have the conditional probability 7e-13
-# Cumulative hazards at which closing speeds are stored. They are denser near 0, where the closing speed is a
-# strongly curved function of the hazard.
-NODES = np.arange(DEPTH + 1) ** 2 / DEPTH
-EVEN = 0.1  # share of the lines that are drawn from the law of lead speed and range alone
-PILOT_DRAWS = 20  # number of draws of the law with whose mean the lines are drawn
-FEWEST = 20  # smallest number of draws of each member, so that a reader can select a single member
-PART = 256  # number of lines whose tables fit into the cache of a processor
-# Closing speeds [m/s] at which laws are tabulated, with wider steps in the tail, where the laws are smooth.
-SPEEDS = np.concatenate([np.arange(0, 24, 0.5), np.arange(24, 60, 1.0), np.arange(60, 241, 4.0)])
+CELLS = 60  # number of intervals of the coordinate of each of the two other variables, for drawing lines
+EVEN = 0.1  # share of the lines that are drawn from the law of the two other variables alone
 TINY = np.finfo(float).tiny
+COARSE = (14, 12)  # numbers of stored nodes of the two other variables
+FINE = (19, 16)  # numbers of nodes between which the ratios are interpolated
+LEVELS = (0, 1, 2, 3, 4, 5, 6, 7, 8, 9, 10, 11, 12, 14, 17, 20, 24, 28)  # stored cumulative hazards
+# Limits of the stored logarithms. Smaller ratios are almost 0, and no draw with a relevant weight has larger
+# ones.
+LIMITS = (-12.0, 8.0)
+
+Simulate = Callable[..., NDArray[np.bool_]]
+"""Function that takes the three variables of n encounters, and returns whether a pilot vehicle crashes."""
 
 
 @dataclass(frozen=True)
-class ExplorerDraws:
-    """Draws of the law of cut-ins: the draws of the answer, and further draws of rarely drawn members."""
+class Plane:
+    """The two variables that are constant on a line, each as a function of a coordinate from 0 to 1."""
 
-    # Distributions of range and closing speed of each draw; those of the answer come first.
-    laws: Sequence[tuple[SmoothHazard, SpeedLaw]]
-    member: NDArray[np.int_]  # index of the member of the family for each draw, (draws,)
-    answered: int  # number of draws of the answer
+    low: tuple[float, float]  # limits of the two variables, in their units
+    high: tuple[float, float]
 
-    @classmethod
-    def of(cls, study: LawStudy, draws: MeanLaw, more: np.random.Generator) -> "ExplorerDraws":
-        """Add draws to those of the answer, such that every smooth law has at least `FEWEST` draws."""
-        smooth, own = study.smooth, draws.draws
-        laws = [(own.ranges[shared], law) for shared, law in zip(own.shared, own.laws, strict=True)]
-        member = [smooth.names.index(name) for name in own.names]
-        for place, count in enumerate(np.bincount(member, minlength=len(smooth.names))):
-            for _ in range(FEWEST - count):
-                ranges, law = (
-                    smooth.family.ranges.drawn(more),
-                    smooth.family.drawn(smooth.members[place], more),
-                )
-                laws.append((ranges, law))
-                member.append(place)
-        return cls(laws, np.array(member), own.size)
+    def at(self, first: Array, second: Array) -> tuple[Array, Array]:
+        """Return both variables at two coordinates; the second one is denser near its lower limit."""
+        width = np.subtract(self.high, self.low)
+        return self.low[0] + width[0] * first, self.low[1] + width[1] * second**2
+
+    def coordinates(self, first: Array, second: Array) -> tuple[Array, Array]:
+        """Return the coordinates of values of both variables."""
+        width = np.subtract(self.high, self.low)
+        return (first - self.low[0]) / width[0], np.sqrt((second - self.low[1]) / width[1])
 
 
 @dataclass(frozen=True)
-class Cell:
-    """Rectangular cells of lead speed and square root of the range."""
+class Cells:
+    """Rectangular cells of the coordinates of a plane, and one point in each of them."""
 
-    lead_speed: Array  # lower and upper end [m/s], (n, 2)
-    root: Array  # square roots of R / R_max at the farther and the nearer end, (n, 2)
-    share: Array  # share of the recorded lead speeds between the ends, (n,)
-    support: Support
+    plane: Plane
+    first: Array  # both ends of the first coordinate, (n, 2)
+    second: Array  # both ends of the second coordinate, the larger one first, (n, 2)
+    across: Array | float = 0.5  # position of the point between the ends of the first coordinate, (n,)
+    along: Array | float = 0.5  # and of the second one
 
     @classmethod
-    def all(cls, lead_speeds: Array, support: Support) -> "Cell":
-        """Return all cells with recorded lead speeds, ordered so that consecutive cells are neighbours."""
+    def all(cls, plane: Plane) -> Self:
+        """Return all cells of a plane, ordered so that consecutive cells are neighbours."""
         row, column = np.divmod(np.arange(CELLS**2), CELLS)
         column = np.where(row % 2, CELLS - 1 - column, column)
-        edges = np.linspace(*support.lead_speeds, CELLS + 1)
-        recorded = np.sort(lead_speeds)
-        below = np.searchsorted(recorded, edges[:-1])
-        share = np.diff(np.append(below, recorded.size)) / recorded.size
-        ends = np.column_stack([edges[row], edges[row + 1]])
-        root = 1 - np.column_stack([column, column + 1]) / CELLS
-        cells = cls(ends, root, share[row], support)
-        return cells.only(share[row] > 0)
+        first, second = np.column_stack([row, row + 1]), CELLS - np.column_stack([column, column + 1])
+        return cls(plane, first / CELLS, second / CELLS)
 
-    def only(self, chosen: Array) -> "Cell":
-        """Return the cells that are selected by an array of indices or by a mask, as a new `Cell`."""
-        return Cell(self.lead_speed[chosen], self.root[chosen], self.share[chosen], self.support)
+    def only(self, chosen: NDArray[np.intp]) -> Self:
+        """Return the cells with some indices, each with its centre."""
+        return replace(self, first=self.first[chosen], second=self.second[chosen], across=0.5, along=0.5)
 
-    def at(self, across: Array | float, along: Array | float) -> tuple[Array, Array]:
-        """Return the lead speed [m/s] and range [m] of a point in each cell, shape (n,) each.
+    @property
+    def point(self) -> tuple[Array, Array]:
+        """The values of both variables at the point of each cell, shape (n,) each."""
+        first, second = (
+            ends[:, 0] + share * np.diff(ends)[:, 0]
+            for ends, share in ((self.first, self.across), (self.second, self.along))
+        )
+        return self.plane.at(first, second)
 
-        Its position is given as a share of the side of the cell, from 0 to 1: across for the lead speed, and
-        along for the square root of the range, where 0 is the farther end.
+    @property
+    def area(self) -> Array:
+        """The product of the widths of both variables in each cell, shape (n,), for small cells."""
+        middle = self.second[:, 0] + self.along * np.diff(self.second)[:, 0]
+        widths = np.abs(np.diff(self.first)[:, 0] * np.diff(self.second)[:, 0]) * 2 * middle
+        return widths * np.prod(np.subtract(self.plane.high, self.plane.low))
+
+
+class Sections(ABC):
+    """Draws of a law along lines, with a base law to which they are compared."""
+
+    plane: Plane
+    # Values of the variable along lines at which laws are tabulated, in the order of the cumulative hazard:
+    # the first one has the hazard 0. They decrease if the events are in the lower tail.
+    grid: Array
+    depth: int  # largest cumulative hazard; values beyond it have the conditional probability exp(-depth)
+    scanned: int  # index of the variable along lines among the variables of the scenario
+    is_upper_set: bool  # whether an event that happens at a value happens at all values beyond it
+    lines: int  # number of lines of a page
+    # Whether ratios are stored for every line, because they vary too much for interpolation between lines.
+    by_line: bool = False
+    shown: float | None = None  # largest value on the map; None for the largest one of the records
+    member: NDArray[np.int_]  # index of the candidate of each draw, (K,)
+    names: Sequence[str]  # of the candidates
+    weights: Array  # mean weight of each candidate
+    answered: int  # number of draws of the answer, which come first
+
+    @abstractmethod
+    def survival(self, cells: Cells, *, few: bool = False) -> Array:
+        """Return P(encounter in a cell, beyond each value of the grid) under the base law, (cells, values).
+
+        The law is evaluated at the points of the cells, and with ``few`` perhaps less exactly.
         """
-        speed = self.lead_speed[:, 0] + across * np.diff(self.lead_speed)[:, 0]
-        return speed, self.support.range_max * (self.root[:, 0] + along * np.diff(self.root)[:, 0]) ** 2
 
-    def probability(self, places: Places, ranges: SmoothHazard) -> Array:
-        """Return the probability of each cell, shape (n,).
+    @abstractmethod
+    def log_ratios(self, cells: Cells, levels: Array) -> Array:
+        """Return the log of the ratio of each draw to the base law, shape (K, cells, levels).
 
-        The distribution of the range is evaluated at one place in each cell.
+        It is the ratio of the probabilities of a cell and of values beyond its ``levels``, (cells, levels).
         """
-        cumulative, touches = places.range_hazards(ranges), self.root[:, 1] > 0
-        far = cumulative.at(-2 * np.log(self.root[:, 0]))
-        near = cumulative.at(-2 * np.log(np.where(touches, self.root[:, 1], 1.0)))
-        inside = np.where(touches, -np.expm1(np.minimum(far - near, 0.0)), 1.0)
-        return self.share * np.exp(-far) * inside
+
+    @abstractmethod
+    def distance(self, cells: Cells) -> Array:
+        """Return how far the points of the cells are from the middle of the law, as squared normal scores."""
+
+    levels: tuple[int, ...] = LEVELS  # cumulative hazards at which ratios are stored, up to the depth
+
+    @property
+    def nodes(self) -> Array:
+        """Cumulative hazards at which the values of lines are stored.
+
+        They are denser near 0, where the value is a strongly curved function of the hazard.
+        """
+        return np.arange(self.depth + 1) ** 2 / self.depth
+
+    def along(self, survival: Array, hazards: Array) -> Array:
+        """Return the values, (n, k), at k cumulative hazards, by linear interpolation; see `survival`.
+
+        In a cell that has no probability, which no line represents, the value is the first one.
+        """
+        hazard = -np.log(np.maximum(survival / np.maximum(survival[:, :1], TINY), TINY))
+        return np.array([np.interp(hazards, own, self.grid) for own in hazard])
+
+    def encounters(self, first: Array, second: Array, along: Array) -> list[Array]:
+        """Return the columns of encounters in the order of the scenario's variables."""
+        columns = [first, second]
+        columns.insert(self.scanned, along)
+        return columns
 
 
 @dataclass(frozen=True)
 class ExploredLines:
-    """Lines on which any vehicle is simulated, with the mean law along them; arrays of shape (lines,)."""
+    """Lines on which any vehicle is simulated, with the base law along them; arrays of shape (lines,)."""
 
-    lead_speed: Array  # m/s
-    range_: Array  # m
-    probability: Array  # probability under the mean law that each line represents
-    distance: Array  # sum of the squared normal scores of v_L, and of R given v_L
-    closing_speed: Array  # m/s at the cumulative hazards `NODES`, (lines, DEPTH + 1)
+    cells: Cells  # whose points are the lines
+    probability: Array  # probability under the base law that each line represents
+    distance: Array  # sum of the squared normal scores of the two variables
+    along: Array  # values of the third variable at the cumulative hazards `Sections.nodes`
+
+    @property
+    def positions(self) -> tuple[Array, Array]:
+        """Where the two variables of each line are between the finer nodes, counted from 0."""
+        first, second = self.cells.plane.coordinates(*self.cells.point)
+        lowest = _roots(FINE[1])[0]
+        return first * (FINE[0] - 1), (second - lowest) / (1 - lowest) * (FINE[1] - 1)
 
 
 def explored_lines(
-    drawn: ExplorerDraws,
-    lead_speeds: Array,
-    support: Support,
-    pilots: Sequence[Vehicle],
-    generator: np.random.Generator,
+    law: Sections, pilots: Sequence[Simulate], generator: np.random.Generator
 ) -> ExploredLines:
-    """Draw the lines of the explorer, and tabulate the mean law of the answer along them.
+    """Draw the lines of the explorer, and tabulate the base law of the answer along them.
 
     More lines are drawn where the pilots crash, by a systematic sample with a random start.
     """
-    cells = Cell.all(lead_speeds, support)
-    chance = _chances(cells, drawn.laws[: drawn.answered : max(1, drawn.answered // PILOT_DRAWS)], pilots)
-    steps = np.floor(np.cumsum(LINES * chance) + generator.random()).astype(int)
+    cells = Cells.all(law.plane)
+    chance = _chances(law, cells, pilots)
+    steps = np.floor(np.cumsum(law.lines * chance) + generator.random()).astype(int)
     chosen = np.repeat(np.arange(chance.size), np.diff(steps, prepend=0))
     number = np.arange(chosen.size)[:, None]
     # Additive recurrence with the plastic number (Roberts 2018): the points fill the cells evenly.
     across, along = ((0.5 + number / 1.324717957244746 ** np.array([1, 2])) % 1).T
-    own, drawn_times = cells.only(chosen), LINES * chance[chosen]
-    lead_speed, range_ = own.at(across, along)
-    survival = mean_law(own, Places.of(lead_speed, range_, support), drawn.laws[: drawn.answered])
-    probability = survival[:, 0] / drawn_times
-    distance = _distance(lead_speed, range_, np.sort(lead_speeds), drawn, support)
-    return ExploredLines(lead_speed, range_, probability, distance, closing_speeds(survival, NODES))
+    own = replace(cells.only(chosen), across=across, along=along)
+    survival = law.survival(own)
+    probability = survival[:, 0] / (law.lines * chance[chosen])
+    return ExploredLines(own, probability, law.distance(own), law.along(survival, law.nodes))
 
 
-def _distance(
-    lead_speed: Array, range_: Array, recorded: Array, drawn: ExplorerDraws, support: Support
-) -> Array:
-    """Return the sum of the squared normal scores of v_L and of R given v_L, for pairs of both."""
-    rank = (np.searchsorted(recorded, lead_speed) + 0.5) / (recorded.size + 1)
-    places, logarithm = Places.of(lead_speed, range_, support), np.log(support.range_max / range_)
-    tail = np.zeros(range_.size)
-    for ranges, _ in drawn.laws[: drawn.answered]:
-        tail += np.exp(-places.range_hazards(ranges).at(logarithm)) / drawn.answered
-    return ndtri(rank) ** 2 + ndtri(tail) ** 2
-
-
-def _chances(cells: Cell, laws: Sequence[tuple[SmoothHazard, SpeedLaw]], pilots: Sequence[Vehicle]) -> Array:
+def _chances(law: Sections, cells: Cells, pilots: Sequence[Simulate]) -> Array:
     """Return the share of the lines in each cell, from the crashes of the pilots at its centre."""
-    lead_speed, range_ = cells.at(0.5, 0.5)
-    survival = mean_law(cells, Places.of(lead_speed, range_, cells.support), laws)
-    edges = np.arange(DEPTH + 1)
-    speeds = closing_speeds(survival, edges)
-    middles = (speeds[:, 1:] + speeds[:, :-1]) / 2
+    survival, edges = law.survival(cells, few=True), np.arange(law.depth + 1)
+    values = law.along(survival, edges)
+    middles = (values[:, 1:] + values[:, :-1]) / 2
+    encounters = law.encounters(*(np.repeat(value, law.depth) for value in cells.point), middles.ravel())
     crashing = [np.zeros(survival.shape[0])]
     for pilot in pilots:
-        encounters = np.repeat(lead_speed, DEPTH), np.repeat(range_, DEPTH), middles.ravel()
-        crash = pilot.simulate(*encounters).crash.reshape(middles.shape)
-        mass = survival[:, 0] * (crash @ -np.diff(np.exp(-edges)))
+        mass = survival[:, 0] * (pilot(*encounters).reshape(middles.shape) @ -np.diff(np.exp(-edges)))
         crashing.append(mass / max(mass.sum(), TINY))
     even = survival[:, 0] / survival[:, 0].sum()
     needed = np.sum(crashing, axis=0)
@@ -185,81 +210,40 @@ def _chances(cells: Cell, laws: Sequence[tuple[SmoothHazard, SpeedLaw]], pilots:
     return EVEN * even + (1 - EVEN) * needed / needed.sum()
 
 
-def mean_law(cells: Cell, places: Places, laws: Sequence[tuple[SmoothHazard, SpeedLaw]]) -> Array:
-    """Return P(cut-in in a cell, closing speed above each of `SPEEDS`), averaged over laws, (cells, speeds).
+def log_ratios(law: Sections, lines: ExploredLines) -> Array:
+    """Return the logarithms of the ratio of each draw to the base law of the answer, where they are stored.
 
-    The laws are evaluated at one place in each cell.
+    The axes are draws, the coordinates of the two variables, and the cumulative hazard. Ratios by line have
+    an axis of length 1 and one of lines in place of the coordinates.
     """
-    count = cells.share.size
-    parts = [slice(first, first + PART) for first in range(0, count, PART)]
-    total = np.zeros((SPEEDS.size, count))
-    for ranges, law in tqdm(laws, desc="mean law", unit=" draws", disable=len(laws) < PILOT_DRAWS * 2):
-        given, probability = law.given(places), cells.probability(places, ranges)
-        for part in parts:
-            total[:, part] += probability[part] * np.exp(-given.cumulative_at(SPEEDS, part))
-    return np.ascontiguousarray(total.T) / len(laws)
+    if law.by_line:
+        levels = law.along(law.survival(lines.cells), np.array(law.levels))
+        return np.clip(law.log_ratios(lines.cells, levels), *LIMITS)[:, None]
+    first, second = np.linspace(0, 1, COARSE[0]), _roots(COARSE[1])
+    node, root = (values.ravel() for values in np.meshgrid(first, second, indexing="ij"))
+    # Where a law has no density, the probability of a cell around each node represents it, up to a constant.
+    sides = np.column_stack([np.minimum(root + second[0], 1.0), root - second[0]])
+    share = (root - sides[:, 0]) / (sides[:, 1] - sides[:, 0])
+    cells = Cells(law.plane, np.column_stack([node, node]), sides, 0.0, share)
+    levels = law.along(law.survival(cells), np.array(law.levels))
+    return np.clip(law.log_ratios(cells, levels), *LIMITS).reshape(-1, *COARSE, len(law.levels))
 
 
-def closing_speeds(survival: Array, hazards: Array) -> Array:
-    """Return the closing speeds [m/s], (n, k), at k cumulative hazards, by linear interpolation.
-
-    The survival probabilities at `SPEEDS` have the shape (n, speeds); see `mean_law`. The speeds are 0 in a
-    cell that has no probability, which no line represents.
-    """
-    hazard = -np.log(np.maximum(survival / np.maximum(survival[:, :1], TINY), TINY))
-    return np.array([np.interp(hazards, own, SPEEDS) for own in hazard])
-
-
-COARSE = (14, 12)  # numbers of stored nodes of the lead speed and of the square root of the range
-FINE = (19, 16)  # numbers of nodes between which the ratios are interpolated
-LEVELS = (0, 1, 2, 3, 4, 5, 6, 7, 8, 9, 10, 11, 12, 14, 17, 20, 24, DEPTH)  # stored cumulative hazards
-# Limits of the stored logarithms. Smaller ratios are almost 0, and no draw with a relevant weight has larger
-# ones.
-LIMITS = (-12.0, 8.0)
-
-
-def log_ratios(drawn: ExplorerDraws, support: Support) -> Array:
-    """Return the logarithms of the ratio of each draw to the mean law of the answer, at the stored nodes.
-
-    The axes are draws, v_L, square root of R, and cumulative hazard.
-    """
-    speeds, roots = (
-        np.linspace(*support.lead_speeds, COARSE[0]),
-        _roots(COARSE[1]) * np.sqrt(support.range_max),
-    )
-    lead_speed, root = (nodes.ravel() for nodes in np.meshgrid(speeds, roots, indexing="ij"))
-    places = Places.of(lead_speed, root**2, support)
-    # The density of the range is represented, up to a constant, by the probability of a cell at each node.
-    width = roots[0]
-    sides = np.column_stack([np.minimum(root + width, roots[-1]), root - width]) / roots[-1]
-    cells = Cell(np.column_stack([lead_speed, lead_speed]), sides, np.ones(root.size), support)
-    survival = mean_law(cells, places, drawn.laws[: drawn.answered])
-    levels = closing_speeds(survival, np.array(LEVELS))
-    row = np.repeat(np.arange(root.size), len(LEVELS))
-    logs = np.empty((len(drawn.laws), root.size, len(LEVELS)))
-    for own, (ranges, law) in zip(logs, drawn.laws, strict=True):
-        hazard = law.given(places).cumulative(levels.ravel(), row).reshape(own.shape)
-        # The ratio is 1 if there are no cut-ins under any draw, for example between ranges rounded to 10 m.
-        own[:] = np.log(np.maximum(cells.probability(places, ranges), TINY))[:, None] - hazard
-    mean = np.log(np.mean(np.exp(logs[: drawn.answered]), axis=0))
-    return np.clip(logs - mean, *LIMITS).reshape(-1, *COARSE, len(LEVELS))
-
-
-def refinements() -> tuple[Array, Array, Array]:
+def refinements(law: Sections) -> tuple[Array, Array, Array]:
     """Return the matrices of spline interpolation from the stored to the finer nodes.
 
-    There is one matrix for each coordinate: v_L, the square root of R, and Lambda. Each has the shape (finer
+    There is one matrix for each coordinate: those of the two variables, and Lambda. Each has the shape (finer
     nodes, stored nodes).
     """
     sides = (
         (np.linspace(0, 1, COARSE[0]), np.linspace(0, 1, FINE[0])),
         (_roots(COARSE[1]), _roots(FINE[1])),
-        (np.array(LEVELS, dtype=float), np.arange(DEPTH + 1)),
+        (np.array(law.levels, dtype=float), np.arange(law.depth + 1)),
     )
     first, second, third = (make_interp_spline(a, np.eye(a.size), k=3)(b) for a, b in sides)
     return first, second, third
 
 
 def _roots(count: int) -> Array:
-    """Return equidistant nodes of the square root of R / R_max, from half a step above 0 to 1."""
+    """Return equidistant nodes of the second coordinate, from half a step above 0 to 1."""
     return (2 * np.arange(count) + 1) / (2 * count - 1)

@@ -14,13 +14,15 @@ import numpy as np
 
 from accelerated_evaluation.base.errors import StudyError
 from accelerated_evaluation.publishing.tables.display import NAMES
+from accelerated_evaluation.scenarios.crossing import kernel as crossing
 from accelerated_evaluation.scenarios.parameters import parameter_names
-from accelerated_evaluation.vehicles.builtin.acc_aeb import V60_TTC, AccAeb
+from accelerated_evaluation.scenarios.protocol import Scenario
 from accelerated_evaluation.vehicles.builtin.driver_numbers import Driver
 from accelerated_evaluation.vehicles.builtin.kernel import Car
-from accelerated_evaluation.vehicles.protocol import VEHICLES, Vehicle
+from accelerated_evaluation.vehicles.protocol import Vehicle
 
-PUBLISHED_TTC = f"{V60_TTC[0]:g}–{V60_TTC[1]:g}"  # [s], least and largest value; it depends on the speed
+# Name of the simulation in `simulator.js` that reads each kind of numbers.
+KERNELS = {Car: "car", Driver: "driver", crossing.Car: "turn"}
 
 
 @dataclass(frozen=True)
@@ -43,14 +45,14 @@ class Slider:
             changed["aeb_release_ttc"] = max(base["aeb_release_ttc"], value)
         return dict(base) | changed
 
-    def values(self, start: float | None) -> list[float | None]:
+    def values(self, start: float | None, published: tuple[float, float]) -> list[float | None]:
         """Return the values of the slider in increasing order, with the vehicle's own value ``start`` added.
 
-        None stands for the published TTC of the AEB, which depends on the speed. Its place in the order is
-        that of the largest TTC.
+        None stands for the ``published`` TTC of the AEB, which depends on the speed. Its place in the order
+        is that of the largest TTC.
         """
         others = [value for value in self.stops if start is None or not math.isclose(value, start)]
-        return sorted([*others, start], key=lambda value: V60_TTC[1] if value is None else value)
+        return sorted([*others, start], key=lambda value: published[1] if value is None else value)
 
 
 def _steps(first: float, last: float, step: float) -> tuple[float, ...]:
@@ -82,15 +84,19 @@ SLIDERS: dict[str, tuple[Slider, ...]] = {
 TITLES = {name: NAMES[name][0].upper() + NAMES[name][1:] for name in SLIDERS}
 
 
-def described_vehicles(tested: Mapping[str, Any]) -> list[dict[str, Any]]:
-    """Describe every vehicle that the page can simulate, for its JSON data.
+def described_vehicles(scenario: Scenario, tested: Mapping[str, Any]) -> list[dict[str, Any]]:
+    """Describe every vehicle of a scenario that the page can simulate, for its JSON data.
 
     The sliders of the vehicle under test, section ``vehicle`` of the configuration, start at its parameters,
-    and those of the others at their defaults. ``kernel`` is car or driver. ``striped`` means that crashes lie
-    in such narrow stripes that a few lines are not enough. ``numbers`` are those that the simulation reads,
-    by name, and each stop of a slider has the ``changes`` to them.
+    and those of the others at their defaults. ``kernel`` is car, driver or turn. ``striped`` means that
+    crashes lie in such narrow stripes that a few lines are not enough. ``numbers`` are those that the
+    simulation reads, by name, and each stop of a slider has the ``changes`` to them.
     """
-    return [_described(name, tested["parameters"] if name == tested["name"] else {}) for name in SLIDERS]
+    return [
+        _described(name, scenario.vehicles[name], tested["parameters"] if name == tested["name"] else {})
+        for name in SLIDERS
+        if name in scenario.vehicles
+    ]
 
 
 def other_vehicles(names: Iterable[str], tested: str) -> list[dict[str, Any]]:
@@ -103,8 +109,7 @@ def other_vehicles(names: Iterable[str], tested: str) -> list[dict[str, Any]]:
     ]
 
 
-def _described(name: str, parameters: Mapping[str, Any]) -> dict[str, Any]:
-    vehicle_class: Callable[..., Any] = VEHICLES[name]
+def _described(name: str, vehicle_class: Callable[..., Any], parameters: Mapping[str, Any]) -> dict[str, Any]:
     vehicle = vehicle_class(**parameters)
     base = {field: getattr(vehicle, field) for field in parameter_names(vehicle_class)}
     sliders = [_stops(vehicle_class, base, slider) for slider in SLIDERS[name]]
@@ -112,7 +117,7 @@ def _described(name: str, parameters: Mapping[str, Any]) -> dict[str, Any]:
     return {
         "name": name,
         "title": TITLES[name],
-        "kernel": "car" if isinstance(vehicle, AccAeb) else "driver",
+        "kernel": KERNELS[type(vehicle.compiled())],
         "striped": getattr(vehicle, "striped", False),
         "numbers": as_texts(vehicle.compiled()),
         "sliders": sliders,
@@ -121,14 +126,14 @@ def _described(name: str, parameters: Mapping[str, Any]) -> dict[str, Any]:
 
 def _stops(vehicle_class: Callable[..., Any], base: Mapping[str, Any], slider: Slider) -> dict[str, Any]:
     """Return a slider for the page, with the changes of the numbers at each of its stops."""
-    start = base[slider.parameter]
-    values = slider.values(start)
+    start, published = base[slider.parameter], getattr(vehicle_class, "published_ttc", (0.0, 0.0))
+    values = slider.values(start, published)
     original = as_texts(vehicle_class(**base).compiled())
     stops = []
     for value in values:
         numbers = as_texts(vehicle_class(**slider.parameters(base, value)).compiled())
         changes = {name: text for name, text in numbers.items() if text != original[name]}
-        label = PUBLISHED_TTC if value is None else f"{value:.3g}"
+        label = f"{published[0]:g}–{published[1]:g}" if value is None else f"{value:.3g}"
         stops.append(
             {"value": "published" if value is None else f"{value:g}", "label": label, "changes": changes}
         )
@@ -151,7 +156,7 @@ def _require_own_numbers(name: str, sliders: Sequence[Mapping[str, Any]]) -> Non
         seen |= own
 
 
-def as_texts(numbers: Car | Driver) -> dict[str, str]:
+def as_texts(numbers: Car | Driver | crossing.Car) -> dict[str, str]:
     """Return a simulation's numbers by name, as texts from which JavaScript reads exactly the same floats."""
     return {
         name: "Infinity" if number == math.inf else repr(float(number))
@@ -159,16 +164,16 @@ def as_texts(numbers: Car | Driver) -> dict[str, str]:
     }
 
 
-def pilots() -> list[Vehicle]:
-    """Return the vehicles of the page with default parameters, and with each slider at its two ends.
+def pilots(scenario: Scenario) -> list[Vehicle]:
+    """Return the vehicles of a scenario on the page, with default parameters and each slider at its ends.
 
     The page needs lines where these vehicles crash. Vehicles whose crashes form narrow stripes are left out.
     """
     vehicles = []
     for name, sliders in SLIDERS.items():
-        vehicle_class = VEHICLES[name]
-        if getattr(vehicle_class, "striped", False):
+        if name not in scenario.vehicles or getattr(scenario.vehicles[name], "striped", False):
             continue
+        vehicle_class = scenario.vehicles[name]
         vehicle = vehicle_class()
         base = {field: getattr(vehicle, field) for field in parameter_names(vehicle_class)}
         ends = [

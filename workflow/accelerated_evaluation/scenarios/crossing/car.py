@@ -24,6 +24,7 @@ KMH = 0.2777777777778  # [m/s], rounded as in the authors' model
 # Time to collision at which the AEB brakes: a linear function of the speed below 40 km/h, and then constant.
 THRESHOLD_SPEED, THRESHOLD_BASE, THRESHOLD_SLOPE = 4.16667, 0.49, 0.03456  # [m/s], [s], [s^2/m]
 TOP_SPEED, TOP_THRESHOLD = 40 * KMH, 0.955  # [m/s], [s]
+STANDING_THRESHOLD = round(THRESHOLD_BASE - THRESHOLD_SLOPE * THRESHOLD_SPEED, 3)  # [s], at the speed 0
 TRACE = ("time_s", "ahead_m", "aside_m", "host_speed_m_per_s", "host_acceleration_m_per_s2", "emergency")
 
 
@@ -41,6 +42,7 @@ class CrossingCar(AccAebParameters):
 
     scenario: ClassVar[Scenario]
     contact: ClassVar[float]  # [m], distance of the centres at contact
+    published_ttc: ClassVar[tuple[float, float]] = STANDING_THRESHOLD, TOP_THRESHOLD
     side_contact: ClassVar[float] = 0.0  # [m], distance at contact in a sector to the side; 0 without one
     aeb_deceleration: float = 5.8
     aeb_jerk: float = 12.0

@@ -51,6 +51,7 @@ LEFT_TURN = SCENARIOS.add("left_turn")(
         panels=PANELS,
         records=Path("data/left_turn/records.parquet"),
         scanned="distance_to_conflict_m",
+        stages=frozenset(("explorer",)),
         divided_by=("turning_speed_mps", (0.2, 1.0, 5.0)),
         verdicts=Path("data/left_turn/verdicts.csv.gz"),
         restrictions={

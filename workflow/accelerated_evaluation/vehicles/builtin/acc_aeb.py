@@ -30,6 +30,7 @@ class AccAeb(AccAebParameters, CompiledVehicle):
 
     kernel: ClassVar = staticmethod(simulate_slice)
     tracer: ClassVar = staticmethod(trace_car)
+    published_ttc: ClassVar[tuple[float, float]] = V60_TTC  # least and largest threshold
 
     top_start_speed: float = 35.0  # cap on the speed at the start of an encounter [m/s]
     # Steps of the motion and of the controller [s]. The published verdicts have 0.1 s for both; smaller steps
