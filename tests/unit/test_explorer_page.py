@@ -5,11 +5,13 @@ import pytest
 from accelerated_evaluation.base.errors import StudyError
 from accelerated_evaluation.publishing.explorer import vehicles
 from accelerated_evaluation.publishing.explorer.page import Payload, exposure_of
+from accelerated_evaluation.scenarios import SCENARIOS
+from accelerated_evaluation.scenarios.cut_in import CUT_IN
 
 
 def test_the_page_puts_every_slider_at_the_vehicle_of_the_study():
     tested = {"name": "acc_aeb", "parameters": {"aeb_ttc": 1.23, "aeb_release_ttc": 1.4, "headway": 1.55}}
-    own = vehicles.described_vehicles(tested)[0]
+    own = vehicles.described_vehicles(CUT_IN, tested)[0]
     starts = {slider["name"]: slider["stops"][slider["start"]] for slider in own["sliders"]}
     assert starts["aeb_ttc"]["value"] == "1.23"
     assert starts["headway"]["value"] == "1.55"
@@ -17,13 +19,18 @@ def test_the_page_puts_every_slider_at_the_vehicle_of_the_study():
 
 
 def test_sliders_together_give_the_numbers_of_the_vehicle():
-    for described in vehicles.described_vehicles({"name": "other", "parameters": {}}):
-        vehicle_class = vehicles.VEHICLES[described["name"]]
+    for scenario, described in [
+        (each, described)
+        for each in (CUT_IN, SCENARIOS["left_turn"])
+        for described in vehicles.described_vehicles(each, {"name": "other", "parameters": {}})
+    ]:
+        vehicle_class = scenario.vehicles[described["name"]]
         base = {name: getattr(vehicle_class(), name) for name in vehicles.parameter_names(vehicle_class)}
         numbers, parameters = dict(described["numbers"]), base
         for slider, stops in zip(vehicles.SLIDERS[described["name"]], described["sliders"], strict=True):
             numbers |= stops["stops"][-1]["changes"]
-            parameters = slider.parameters(parameters, slider.values(base[slider.parameter])[-1])
+            published = getattr(vehicle_class, "published_ttc", (0.0, 0.0))
+            parameters = slider.parameters(parameters, slider.values(base[slider.parameter], published)[-1])
         found = {name: float(text) for name, text in numbers.items()}
         assert found == vehicle_class(**parameters).compiled()._asdict()
 
@@ -32,7 +39,7 @@ def test_two_sliders_of_one_number_are_an_error(monkeypatch):
     twice = (vehicles.HEADWAY, vehicles.HEADWAY)
     monkeypatch.setitem(vehicles.SLIDERS, "acc_only", twice)
     with pytest.raises(StudyError, match="same number"):
-        vehicles.described_vehicles({"name": "acc_aeb", "parameters": {}})
+        vehicles.described_vehicles(CUT_IN, {"name": "acc_aeb", "parameters": {}})
 
 
 def test_without_kilometres_there_are_no_rates():

@@ -7,7 +7,7 @@ from functools import partial
 import accelerated_evaluation as ae
 import numpy as np
 import pytest
-from accelerated_evaluation.answer.explored import ExplorerDraws
+from accelerated_evaluation.answer.explored_cut_ins import CutInSections
 from accelerated_evaluation.crash_map.lines import CrashLines
 from accelerated_evaluation.laws.smooth.splines import Support
 from accelerated_evaluation.records.segments import read_encounters
@@ -47,7 +47,7 @@ def laws(finished):
     records = ae.FittedRecords.of(ae.CUT_IN, read_encounters(folder / "encounters.parquet"), support)
     stream = partial(ae.child_generator, config["seed"], "laws")
     study = ae.LawStudy.of(records, config["answer"]["draws"], stream)
-    drawn = ExplorerDraws.of(study, study.draws(stream("draws")), np.random.default_rng(0))
+    drawn = CutInSections(study, study.draws(stream("draws")), np.random.default_rng(0))
     return drawn, records.data.lead_speed, support
 
 
@@ -171,7 +171,7 @@ def test_a_click_on_the_map_replays_that_cut_in(watch, made):  # noqa: F811
     page.wait_for_function("() => document.getElementById('outcome').textContent.startsWith('This cut-in')")
     assert "ends in a contact" in page.inner_text("#outcome")
     assert page.evaluate("() => page.states[page.states.length - 1].range") <= 0
-    assert float(page.input_value("#at-range")) == pytest.approx(75 * 0.17, rel=0.2)
+    assert float(page.input_value("#at-1")) == pytest.approx(75 * 0.17, rel=0.2)
 
 
 def test_a_strange_link_gives_the_page_of_the_study(watch, made):  # noqa: F811
@@ -184,8 +184,8 @@ def test_a_strange_link_gives_the_page_of_the_study(watch, made):  # noqa: F811
 
 
 SLOW = """() => {
-  const runs = { lead_speed: [5, 5], range: [10, 20], closing_speed: [9, 1], crash: [1, 0] };
-  for (const [name, values] of Object.entries(runs)) explorer.data[`run_${name}`] = Float32Array.from(values);
+  explorer.data.runs = Float32Array.from([5, 5, 10, 20, 9, 1]);
+  explorer.data.run_crash = Uint8Array.from([1, 0]);
   page.showControls();
   page.update();
 }"""

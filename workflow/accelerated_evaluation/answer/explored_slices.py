@@ -11,7 +11,7 @@ from accelerated_evaluation.laws.protocol import SlicedLaw
 from accelerated_evaluation.scenarios.protocol import Scenario
 
 # Distances from the end in which the events are, in units of the width of the variable.
-STEPS = np.concatenate([np.linspace(1, 0.02, 50), np.geomspace(0.02, 1e-7, 40)[1:]])
+STEPS = np.concatenate([np.linspace(1, 0.01, 150), np.geomspace(0.01, 1e-7, 50)[1:]])
 
 MOST_LINES, STORED = 3072, 300_000  # lines, and lines times draws, which determine the size of the page
 CHANGE = "Change the vehicle in the configuration, and compare the answers of the studies."
