@@ -44,6 +44,11 @@ def test_a_figure_of_a_users_module_is_drawn(finished):
     assert drawn["event"].tolist() == answer["event"].tolist()
     np.testing.assert_allclose(drawn["probability"], answer["probability"], rtol=1e-5)
     assert (finished.folder / "figures/smoke/toy_figure.png").read_bytes().startswith(b"\x89PNG")
+    page = (finished.folder / "results/smoke/book/added_figures.html").read_text()
+    assert "Draw the probability of each event of the answer." in page
+    assert "toy_figure.png" in page
+    assert "draw_toy_figure" in page
+    assert "added_figures.html" in (finished.folder / "results/smoke/book/index.html").read_text()
 
 
 def test_a_new_source_is_read_and_a_new_law_fitted_and_simulated(finished, tmp_path):

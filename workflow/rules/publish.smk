@@ -154,6 +154,7 @@ rule book:
     params:
         study=folders_of_study,
         tables={name: made.tables for name, made in NOTEBOOKS.items()},
+        added=list(OWN_FIGURES),
         records=RECORDS,
         library=code_up_to("publishing"),
     message:

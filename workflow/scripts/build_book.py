@@ -19,6 +19,7 @@ if __name__ == "__main__":
             captions=Path(snakemake.input.captions[0]).parent,
             pages=Path(snakemake.input.pages[0]).parent,
             explorer=next(map(Path, snakemake.input.explorer), None),
+            added=snakemake.params.added,
         )
         build_book(parts, Path(snakemake.output.site), known_to_pages(study, snakemake.params.records))
         published = map(Path, snakemake.input.published)

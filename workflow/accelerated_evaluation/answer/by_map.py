@@ -57,7 +57,7 @@ class Map:
     >>> grid = ae.Grid(**limits, **cells, closing_speed_max=60, closing_speed_points=40)
     >>> way = ae.Map(ae.map_crashes("acc_aeb", grid, [], 1), records)
     >>> law = ae.fit_paper_law("two_pieces", records, config)
-    >>> exact = ae.evaluate(ae.Problem("cut_in", "acc_aeb"), law, way, generator=1)
+    >>> exact = ae.evaluate(ae.Problem(ae.CUT_IN, "acc_aeb"), law, way, generator=1)
     >>> 0 < exact.posterior.probability < 1e-4
     True
     """

@@ -202,7 +202,7 @@ def beyond_in_words(table: pd.DataFrame, scenario: Scenario) -> str:
     rows = table.set_index("part")
     beyond, far = rows["share"][NEAR] + rows["share"][FAR], rows["share"][FAR]
     near, farthest = "are farther from every record than records usually are", "farther than any of them"
-    if scenario.has_sources:
+    if scenario.upper_set_in == "closing_speed":
         near, farthest = "close faster than any record at a similar range", "faster than any record at all"
     return f"{100 * beyond:.0f} % of the predicted events {near}, {100 * far:.0f} % {farthest}"
 

@@ -46,7 +46,7 @@ class RecordSettings:
                 config["models"]["closing_speed_max"],
                 config["segments"]["lead_speed_edges"],
             )
-            if scenario.has_sources
+            if "smooth laws" in scenario.stages
             else None,
             config["data"]["accepted_warnings"],
             config["seed"],
@@ -80,10 +80,10 @@ class LawSettings:
     @classmethod
     def of(cls, config: Mapping[str, Any]) -> Self:
         """Return the settings of a complete configuration."""
-        is_of_cut_ins = SCENARIOS[config["scenario"]["name"]].has_sources
+        stages = SCENARIOS[config["scenario"]["name"]].stages
         return cls(
             config["seed"],
-            config["answer" if is_of_cut_ins else "scenario"]["draws"],
+            config["answer" if "smooth laws" in stages else "scenario"]["draws"],
             config["answer"]["grid"]["closing_speed_max"],
             Path("results", config["study"], "laws", "family.npz"),
             config["models"]["inverse_range"]["variant"],
@@ -132,10 +132,10 @@ class Settings:
             records,
             LawSettings.of(config),
             config["vehicle"],
-            config["compared_vehicles"] if scenario.has_sources else {},
+            config["compared_vehicles"] if scenario.references else {},
             config["simulations"],
             Surrogate.stopping({name: config[name] for name in Surrogate.plan}),
             config["surrogate"]["batch_size"],
             config["scenario"]["simulations"],
-            Grid(**limits, **answer["grid"]) if scenario.has_sources else None,
+            Grid(**limits, **answer["grid"]) if "maps" in scenario.stages else None,
         )

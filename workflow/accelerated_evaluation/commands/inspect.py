@@ -73,7 +73,7 @@ class Inspect:
         vehicle = config["vehicle"]
         if arguments.vehicle is not None:
             vehicle = {"name": arguments.vehicle, "parameters": {}, "files": []}
-        if scenario.has_sources:
+        if "segments" in scenario.stages:
             config = resolved(config)
             cap = config["models"]["closing_speed_max"]
             print(limits_in_words(config["filters"], config["segments"]["lead_speed_edges"], cap))

@@ -382,7 +382,7 @@ class Study:
     def encounters(self) -> pd.DataFrame:
         """The checked encounter table, a row for each lane change."""
         path = self.path("encounters.parquet")
-        return read_encounters(path) if self.scenario.has_sources else pd.read_parquet(path)
+        return (read_encounters if "segments" in self.scenario.stages else pd.read_parquet)(path)
 
     @cached_property
     def account(self) -> pd.DataFrame:

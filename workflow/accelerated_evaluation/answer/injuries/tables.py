@@ -103,7 +103,7 @@ def gentle(level: str) -> str:
     return f"{level}, gentle"
 
 
-CUT_IN = "cut-in"
+PER_ENCOUNTER = "cut-in"
 DISTANCES = 1e6  # rates are given per million kilometres or million hours
 COLUMNS = ["vehicle", "level", "per", "mean", *SUMMARY[1:], "per_crash", "in_own_car", "gentle"]
 
@@ -181,7 +181,7 @@ def injuries_table(
             row["in_own_car"] = found.own.mean() / mean if mean > 0 else np.nan
             row["gentle"] = found.gentle / mean if mean > 0 else np.nan
             summary = summarise(found.pooled)
-            rows.append(row | summary | {"per": CUT_IN, "mean": summary["probability"]})
+            rows.append(row | summary | {"per": PER_ENCOUNTER, "mean": summary["probability"]})
             for per, rate in rates.items():
                 summary = rate.summary(found.pooled.probabilities)
                 rows.append(row | {name: DISTANCES * value for name, value in summary.items()} | {"per": per})

@@ -118,6 +118,12 @@ CHAPTER_LINK = re.compile(r"(?<!!)\[(?P<text>[^\]]+)\]\((?P<chapter>\w+\.ipynb)(
 PIXELS = 2  # pixels of a PNG file per pixel of its width on the page, so that enlarged figures are sharp
 
 
+ADDED = """# Figures of your own
+
+These figures are drawn by functions that your modules register (configuration key `modules`,
+[guide](extensions.md)). The caption of each figure is the docstring of its function."""
+
+
 @dataclass(frozen=True)
 class Parts:
     """The parts from which a book is made."""
@@ -130,6 +136,7 @@ class Parts:
     pages: Path  # folder with the templates of the first and the last page, the style and a script
     # The page ``explorer.html``, which is copied into the site; None if the study has none.
     explorer: Path | None = None
+    added: Sequence[str] = ()  # names of the figures that modules of the user register
 
     def without_missing(self, text: str) -> str:
         """Return Markdown in which links to chapters that the book does not have are plain text."""
@@ -141,8 +148,14 @@ class Parts:
         return CHAPTER_LINK.sub(link, text)
 
     def caption(self, name: str) -> list[str]:
-        """Return the paragraphs of the caption of a figure or table, as Markdown."""
-        paragraphs = self.study.caption(self.captions, name)
+        """Return the paragraphs of the caption of a figure or table, as Markdown.
+
+        The caption of a figure of the user is the docstring of its function.
+        """
+        if name in self.added:
+            paragraphs = (inspect.getdoc(FIGURES[name]) or name).split("\n\n")
+        else:
+            paragraphs = self.study.caption(self.captions, name)
         return [paragraph.replace("*", r"\*") for paragraph in paragraphs]
 
     def figure(self, name: str, label: str | None = None) -> str:
@@ -153,13 +166,14 @@ class Parts:
         """
         first, *rest = self.caption(name)
         sentence = " ".join(re.split(r"(?<=\.) ", " ".join(first.split()), maxsplit=1)[0].split())
-        number = int(re.search(r"\d+", name)[0])
+        numbers = [] if name in self.added else re.findall(r"\d+", name)
+        title = f"Figure {int(numbers[0])}" if numbers else name
         width = int.from_bytes((self.study.figures / f"{name}.png").read_bytes()[16:20], "big") // PIXELS
         # A click on the picture opens it alone, where a browser can enlarge it.
         return (
             f"````{{figure}} figures/{name}.png\n:name: {label or name}\n:alt: {_plain(sentence)}\n"
             f":width: {width}px\n"
-            f":target: _images/{name}.png\n\n**Figure {number}.** {' '.join(first.split())}\n\n"
+            f":target: _images/{name}.png\n\n**{title}.** {' '.join(first.split())}\n\n"
             f"{' '.join(' '.join(rest).split())}\n\n{_links('figures', name, FIGURE_FILES)}\n\n"
             f"{self.origin(name)}\n````\n"
         )
@@ -168,15 +182,18 @@ class Parts:
         """Return the function, the rule and the results that make a figure, with a link to the code."""
         make = FIGURES[name]
         file, line = Path(inspect.getsourcefile(make)), inspect.getsourcelines(make)[1]
-        code = f"`{name}` ({file.resolve().relative_to(PROJECT.resolve()).as_posix()}, line {line})"
-        if page := page_of_code(PROJECT, file, line):
+        is_own = name in self.added
+        place = file.name if is_own else file.resolve().relative_to(PROJECT.resolve()).as_posix()
+        code = f"`{name}` ({place}, line {line})"
+        if not is_own and (page := page_of_code(PROJECT, file, line)):
             code = f"[{code}]({page})"
         parts = [part for part in inspect.signature(make).parameters if part in TABLES]
         read = [f"`{TABLES[part]}`" for part in parts if self.study.has(part)]
         rule = next((path.stem for path in self.notebooks if name in read_contents(path).figures), None)
         made = [f"Code: {code}"]
         made += [f"results: {', '.join(read)}"] if read else []
-        made += [f"rule: `run_{rule}`"] if rule else []
+        rule = f"draw_{name}" if is_own else rule and f"run_{rule}"
+        made += [f"rule: `{rule}`"] if rule else []
         alone = f"`snakemake --cores 2 {(self.study.figures / name).as_posix()}.png`"
         return "; ".join(made) + f". Made alone by {alone}."
 
@@ -219,7 +236,10 @@ def _write_sources(parts: Parts, sources: Path, names: dict[str, Any]) -> None:
         notebook.cells = list(_chapter(parts, path.stem, notebook))
         nbformat.write(notebook, sources / path.name)
     known = names | {"study": parts.study, "figure": parts.figure, "explorer": parts.explorer}
-    known |= {"notebooks": chapters, "guides": grouped(map(page_of, parts.guides))}
+    if parts.added:
+        figures = "\n".join(map(parts.figure, parts.added))
+        (sources / "added_figures.md").write_text(f"{ADDED}\n\n{figures}", encoding="utf-8")
+    known |= {"added": parts.added, "notebooks": chapters, "guides": grouped(map(page_of, parts.guides))}
     for template in parts.pages.glob("*.md"):
         page = sources / template.name
         page.write_text(fill(page.read_text(encoding="utf-8"), known), encoding="utf-8")

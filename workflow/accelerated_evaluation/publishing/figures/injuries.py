@@ -10,6 +10,7 @@ from matplotlib.lines import Line2D
 
 from accelerated_evaluation.answer.injuries.curves import FRONTAL, KILOMETRES_PER_HOUR, LEVELS, REAR
 from accelerated_evaluation.answer.injuries.sources import published_curves
+from accelerated_evaluation.answer.injuries.tables import PER_ENCOUNTER
 from accelerated_evaluation.publishing.figures.dot_chart import DOT, FRAME, ROW, finish, name_rows, spaced
 from accelerated_evaluation.publishing.figures.style import (
     COLUMN_WIDTH,
@@ -19,7 +20,7 @@ from accelerated_evaluation.publishing.figures.style import (
 )
 from accelerated_evaluation.publishing.published import figure
 from accelerated_evaluation.publishing.tables.display import in_words
-from accelerated_evaluation.publishing.tables.exact import CUT_IN, best_known
+from accelerated_evaluation.publishing.tables.exact import best_known
 
 TITLES = {"MAIS2+": "at least moderate (MAIS2+)", "MAIS3+": "at least serious (MAIS3+)", "fatal": "fatal"}
 IMPACTS = {FRONTAL: "struck in front", REAR: "struck from behind"}
@@ -50,7 +51,7 @@ def fig32_injuries(
     rows = best_known(injuries)
     rows = rows[rows["median"] > 0].assign(level=lambda of: pd.Categorical(of["level"], LEVELS, ordered=True))
     rows = rows.sort_values("level", kind="stable").astype({"level": str}).reset_index(drop=True)
-    per = rows["per"].iloc[0] if len(rows) else CUT_IN
+    per = rows["per"].iloc[0] if len(rows) else PER_ENCOUNTER
     curves = _in_rows(injuries_by_curve, injuries, rows)
     y = spaced(rows["level"], 1.6)
     with paper_style():
@@ -75,7 +76,7 @@ def fig32_injuries(
 def _in_rows(by_curve: pd.DataFrame, injuries: pd.DataFrame, rows: pd.DataFrame) -> pd.DataFrame:
     """Return the medians of single pairs of curves, converted from "per cut-in" to the unit of the rows."""
     keys = ["vehicle", "level"]
-    per_cut_in = injuries[injuries["per"] == CUT_IN].set_index(keys)["mean"]
+    per_cut_in = injuries[injuries["per"] == PER_ENCOUNTER].set_index(keys)["mean"]
     factor = (rows.set_index(keys)["mean"] / per_cut_in).dropna().rename("factor").reset_index()
     found = by_curve.merge(factor, on=keys)
     return found.assign(median=found["median"] * found["factor"])[[*keys, FRONTAL, REAR, "median"]]

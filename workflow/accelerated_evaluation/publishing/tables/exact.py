@@ -7,6 +7,7 @@ import pandas as pd
 from scipy.special import ndtri
 from scipy.stats import binomtest
 
+from accelerated_evaluation.answer.injuries.tables import PER_ENCOUNTER
 from accelerated_evaluation.methods.importance_sampling import crude_simulations
 from accelerated_evaluation.publishing.published import result_table, table
 from accelerated_evaluation.publishing.tables.display import readable
@@ -124,12 +125,11 @@ severity_table = result_table("severity", digits=3, digest=severity_digest)
 
 
 DISTANCE = "million kilometres"
-CUT_IN = "cut-in"
 
 
 def best_known(injuries: pd.DataFrame) -> pd.DataFrame:
     """Return the injuries per million kilometres, or per cut-in if the distance is not known."""
-    per = DISTANCE if (injuries["per"] == DISTANCE).any() else CUT_IN
+    per = DISTANCE if (injuries["per"] == DISTANCE).any() else PER_ENCOUNTER
     return injuries[injuries["per"] == per]
 
 
@@ -140,8 +140,8 @@ def injuries_digest(injuries: pd.DataFrame) -> pd.DataFrame:
     crash, and the share in impacts at low speed.
     """
     rows = best_known(injuries).reset_index(drop=True)
-    per = rows["per"].iloc[0] if len(rows) else CUT_IN
-    per_cut_in = injuries[injuries["per"] == CUT_IN].set_index(["vehicle", "level"])["mean"]
+    per = rows["per"].iloc[0] if len(rows) else PER_ENCOUNTER
+    per_cut_in = injuries[injuries["per"] == PER_ENCOUNTER].set_index(["vehicle", "level"])["mean"]
     keys = pd.MultiIndex.from_frame(rows[["vehicle", "level"]])
     return pd.DataFrame(
         {
