@@ -28,7 +28,9 @@ OWN_TABLES = [
     "extrapolation",
     *(["risks"] if WITH_INJURIES else []),
 ]
-OF_WAY = OF_FEW_RUNS if SLOW else OF_MAPS if OWN_MAP else ["crash_shares"]
+OF_WAY = (
+    OF_FEW_RUNS if SLOW else OF_MAPS if OWN_MAP else ["crash_shares", "impact_speeds"]
+)
 
 
 rule study_answer:

@@ -54,7 +54,11 @@ PICTURES = [
     str(path) for folder in FOLDERS_OF_GUIDES for path in sorted(folder.glob("*.svg"))
 ]
 ON_FIRST_PAGE = ["records_report.csv", "laws/answer.csv", "laws/extrapolation.csv"]
-ON_FIRST_PAGE += [name for name in ("exact.csv", "crude.csv") if is_made(name)]
+ON_FIRST_PAGE += [
+    name
+    for name in ("exact.csv", "crude.csv", "laws/impact_speeds.csv")
+    if is_made(name)
+]
 try:
     NOTEBOOKS = {
         name: contents

@@ -43,6 +43,7 @@ from accelerated_evaluation.answer.map_tables import (
 from accelerated_evaluation.answer.posterior import Posterior
 from accelerated_evaluation.answer.variants import Streams
 from accelerated_evaluation.base.arrays import Array
+from accelerated_evaluation.base.errors import InputError
 from accelerated_evaluation.crash_map.maps import read_crash_map
 from accelerated_evaluation.laws.draws import Draws
 from accelerated_evaluation.methods.problem import Problem
@@ -216,4 +217,13 @@ def _simulation_tables(
     return {
         "answer": pd.concat(answers, ignore_index=True),
         "crash_shares": crash_shares(scenario, study.law(), problem.vehicle, streams("crash shares")),
+        "impact_speeds": impact_speeds_table(own),
     }
+
+
+def impact_speeds_table(own: Answer) -> pd.DataFrame:
+    """Return mean and quantiles of impact speeds (`Answer.impact_speeds`), no row without any crash."""
+    try:
+        return own.impact_speeds()
+    except InputError:
+        return pd.DataFrame(columns=["of", "impact_speed_m_s", "low95", "high95"])

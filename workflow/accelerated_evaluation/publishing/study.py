@@ -131,6 +131,8 @@ TABLES = {
     "numerical_error": "happened/numerical_error.csv",
     # Shares of encounters and crashes by the size of a variable.
     "crash_shares": "laws/crash_shares.csv",
+    # Mean and quantiles of the impact speed of crashes in another scenario than the cut-in, with intervals.
+    "impact_speeds": "laws/impact_speeds.csv",
     # Estimates of all replicates of all methods for the law with the largest weight; runs of the surrogate.
     "scenario_estimates": "scenario/estimates.csv",
     "scenario_runs": "scenario/runs.csv",
