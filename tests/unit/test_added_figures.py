@@ -18,6 +18,7 @@ def parts(tmp_path, monkeypatch):
         """
 
     monkeypatch.setitem(FIGURES._members, "mine_7", mine_7)
+    (tmp_path / "contents.json").write_text('["laws/answer.csv"]')
     drawn, _ = plt.subplots()
     drawn.savefig(tmp_path / "mine_7.png")
     return Parts(Study(tmp_path, tmp_path), [], {}, [], ROOT / "workflow/report", ROOT, added=["mine_7"])
