@@ -54,6 +54,13 @@ def test_a_study_of_a_scenario_completes_and_a_second_run_does_nothing(project, 
     assert (figures / "fig35_scenario_methods.png").is_file()
     page = (results / "book/index.html").read_text()
     assert "An encounter ends in a crash with probability" in page
+    assert "How severe?" in page
+    assert "explorer.html" in page
+    speeds = pd.read_csv(results / "laws/impact_speeds.csv").set_index("of")["impact_speed_m_s"]
+    assert 0 <= speeds["q10"] <= speeds["q50"] <= speeds["q90"] < 60
+    explorer = (results / "book/explorer.html").read_text()
+    assert '"kernel": "turn"' in explorer
+    assert "Mixtures of truncated normal distributions" in explorer
     chapters = {path.name[:2] for path in (results / "book").glob("[0-9]*.html")}
     assert chapters == {
         "02",
