@@ -81,6 +81,11 @@ def test_results_that_a_study_lacks_are_not_asked_for():
     assert len(table) == len(needed)
 
 
+def test_without_a_known_crash_nothing_is_known_of_the_extrapolation():
+    table = credibility({"extrapolation": pd.DataFrame(columns=["part"])})
+    assert table["answer"].tolist() == [UNKNOWN]
+
+
 def test_a_vehicle_that_never_crashes_has_no_number_where_none_is_known():
     none = {
         "extrapolation": RESULTS["extrapolation"].assign(share=float("nan")),

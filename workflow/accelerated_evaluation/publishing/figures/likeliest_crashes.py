@@ -43,7 +43,7 @@ def fig28_ways_to_crash(
     have a row for each encounter and time.
     """
     crashes = happened[happened["kind"] == "crash"]
-    shown = crashes.nlargest(CRASHES, "probability")
+    shown = crashes.sort_values("probability", ascending=False, kind="stable").head(CRASHES)
     share = shown["probability"] / crashes["probability"].sum()
     titles = [
         f"({letter}) {100 * part:.0f} % of the crashes:\n{in_math(probability)} per cut-in"

@@ -63,9 +63,8 @@ def shares_of(budget: pd.DataFrame) -> str:
 
 def beyond_records(extrapolation: pd.DataFrame) -> str:
     """Return the share of the answer that does not rest on replayed records or their neighbours."""
-    shares = extrapolation.set_index("part")["share"].dropna()  # there are none if the vehicle never crashes
-    if shares.empty:
-        return UNKNOWN
+    if extrapolation.empty or (shares := extrapolation.set_index("part")["share"].dropna()).empty:
+        return UNKNOWN  # the vehicle never crashes, or no crash is known
     share = 1 - shares.get(RECORDED, 0.0)
     return f"{_percent(share)} of the probability belongs to events unlike any record"
 

@@ -98,7 +98,7 @@ def answer_budget_table(answer_budget: pd.DataFrame, lead_motion: pd.DataFrame |
     It is for a lead vehicle that keeps its speed. If lead motion was studied for the vehicle under test, a
     last row contains the contribution of the unknown lead motion (`answer.lead_motion.motion_budget`).
     """
-    if lead_motion is None:
+    if lead_motion is None or answer_budget.empty:
         return answer_budget
     together = answer_budget.set_index("source").loc["together", "factor"]
     motion = motion_budget(lead_motion, "under test", together)

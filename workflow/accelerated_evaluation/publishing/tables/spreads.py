@@ -143,7 +143,12 @@ DIGITS = 2
 
 
 def without_replay(extrapolation: pd.DataFrame) -> pd.DataFrame:
-    """Return the parts of the answer with their 80 % intervals, and the numbers of replayed records."""
+    """Return the parts of the answer with their 80 % intervals, and the numbers of replayed records.
+
+    The table has no parts if no crash is known.
+    """
+    if extrapolation.empty:
+        return extrapolation
     shown = ["part", "share", "probability", "median", "80 %", "expected", "recorded"]
     ends = interval_column(extrapolation["low80"], extrapolation["high80"])
     return extrapolation.assign(**{"80 %": ends})[shown]
