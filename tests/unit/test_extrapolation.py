@@ -181,13 +181,16 @@ def test_clusters_widen_the_intervals_of_near_misses():
 
 def test_the_figure_counts_every_record_and_says_where_the_crashes_are():
     """Records with a long time to collision are shown, too; those of one cell are counted together."""
-    encounters = pd.DataFrame({"range": [10.1, 10.2, 70.0], "closing_speed": [1.01, 1.02, 0.1]})
-    encounters["inverse_ttc"] = encounters["closing_speed"] / encounters["range"]
+    encounters = pd.DataFrame(
+        {"lead_speed": 10.0, "range": [10.1, 10.2, 70.0], "closing_speed": [1.01, 1.02, 0.1]}
+    )
     shares = pd.DataFrame({"part": [ALL, RECORDED, NEAR, FAR], "share": [1.0, 0.2, 0.3, 0.5]})
     crashes = pd.DataFrame({"lead_speed": 10.0, "range": [5.0, 40.0], "closing_speed": [4.0, 25.0]})
-    drawn, data = fig37_extrapolation(shares, crashes.assign(part=[RECORDED, FAR]), encounters, "made up")
+    places = crashes.assign(part=[RECORDED, FAR])
+    drawn, data = fig37_extrapolation(shares, places, encounters, CUT_IN, "made up")
     plt.close(drawn)
     assert data["records"].dropna().tolist() == [2, 1]
     assert data["part"].dropna().tolist() == [RECORDED, FAR]
     middles = data.dropna(subset="records")[["range", "closing_speed"]].to_numpy()
-    np.testing.assert_allclose(middles, [[10.125, 1.125], [70.125, 0.125]])
+    # Cells of few records are a fiftieth of the largest values wide: 1.4 m and 0.0204 m/s.
+    np.testing.assert_allclose(middles, [[7.5 * 1.4, 49.5 * 0.0204], [49.5 * 1.4, 4.5 * 0.0204]])

@@ -22,7 +22,6 @@ from accelerated_evaluation.publishing.figures import models as model_figures
 from accelerated_evaluation.publishing.tables.models import (
     candidates_table,
     close_call_table,
-    leaves,
     parameter_table,
     rank_table,
 )
@@ -211,7 +210,7 @@ def test_no_record_is_published(name, encounters):
 
 
 def test_leaves_weigh_the_whole():
-    weights, laws = zip(*leaves(TTC["5-15"]), strict=True)
+    weights, laws = zip(*TTC["5-15"].leaves(), strict=True)
     assert weights == pytest.approx((0.27, 0.63, 0.1))
     x = np.linspace(0.0, 0.5, 50)
     total = sum(weight * np.exp(law.logpdf(x)) for weight, law in zip(weights, laws, strict=True))

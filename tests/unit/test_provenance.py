@@ -61,6 +61,7 @@ def published(tmp_path, monkeypatch):
         monkeypatch.setattr(provenance, "commit_of", lambda project: commit)
         study.results.mkdir(parents=True)
         (study.results / "config.json").write_text(configuration)
+        (study.results / "contents.json").write_text("[]")
         show(study, fig01_line)
         show(study, numbers)
         return study
