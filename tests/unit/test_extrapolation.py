@@ -106,7 +106,7 @@ def test_the_table_divides_the_answer():
     assert table["recorded"].to_dict() == {ALL: 1, RECORDED: 1, NEAR: 0, FAR: 0}
     assert table.loc[ALL, "replay_low95"] == pytest.approx(1.7e-7, rel=0.03)  # 0.0253 / 146,054
     assert table.loc[ALL, "replay_high95"] == pytest.approx(5.572 / 146_054, rel=1e-3)
-    assert "88% of the predicted events" in in_words(table.reset_index(), CUT_IN)
+    assert "88 % of the predicted events" in in_words(table.reset_index(), CUT_IN)
     assert extrapolation_table(parts, weights, 10)["recorded"].isna().all()
 
 
