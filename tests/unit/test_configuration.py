@@ -1,5 +1,6 @@
 import copy
 import pickle
+import re
 import sys
 from functools import reduce
 from operator import getitem
@@ -449,3 +450,21 @@ def test_sections_of_a_file_may_share_keys(tmp_path):
 def test_a_message_shows_the_beginning_of_a_long_value():
     (line,) = violations(changed(study="a b" * 5000))
     assert len(line) < 2000
+
+
+def test_the_chapters_that_a_section_changes_are_chapters_of_the_book():
+    """Sections and chapters in the table of config/README.md exist, and each section is listed once."""
+    text = (REPOSITORY / "config" / "README.md").read_text()
+    table = text.split("| section | chapters |\n| --- | --- |\n")[1].split("\n\n")[0]
+    rows = [line.strip("| ").split(" | ") for line in table.splitlines()]
+    sections = [name for listed, _ in rows for name in re.findall(r"`(\w+)`", listed)]
+    assert len(set(sections)) == len(sections)
+    assert set(sections) <= set(load())
+    notebooks = {int(path.name[:2]) for path in (REPOSITORY / "notebooks").glob("[01]*.ipynb")}
+    for _, chapters in rows:
+        named = chapters.split(":")[0].split(". ")[0]
+        ranges = re.findall(r"\b(\d+)(?: to (\d+))?", named)
+        assert ranges or named == "all"
+        found = [n for first, last in ranges for n in range(int(first), int(last or first) + 1)]
+        assert found == sorted(set(found))
+        assert set(found) <= notebooks

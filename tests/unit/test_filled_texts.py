@@ -40,6 +40,21 @@ def test_numbers_keep_their_format(placeholder, written):
     assert fill(f"a {{{{ {placeholder} }}}} b", names) == f"a {written} b"
 
 
+@pytest.mark.parametrize(
+    ("share", "written"),
+    [
+        (1.0, "every draw"),
+        (0.0, "no draw"),
+        (0.9996, "more than 99 % of the draws"),
+        (0.0004, "less than 1 % of the draws"),
+        (0.987, "99 % of the draws"),
+        (0.25, "25 % of the draws"),
+    ],
+)
+def test_a_share_of_the_draws_is_all_of_them_only_if_it_is(share, written):
+    assert fill("{{ share | of_draws }}", {"share": share}).replace("\N{NO-BREAK SPACE}", " ") == written
+
+
 def test_conditions_and_lists_leave_no_empty_lines():
     text = "{% for name, n in runs.items() %}\n- {{ name }}: {{ n }}\n{% else %}\nnone\n{% endfor %}\n"
     assert fill(text, {"runs": {"a": 1, "b": 2}}) == "- a: 1\n- b: 2\n"

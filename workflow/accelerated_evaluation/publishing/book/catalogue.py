@@ -100,6 +100,17 @@ def percent(value: float, decimals: int = 0, sign: str = "") -> str:
     return f"{number(100 * value, decimals, sign)}\N{NO-BREAK SPACE}%"
 
 
+def of_draws(share: float) -> str:
+    """Write in how many of the draws something is the case, such as "every draw" or "97 % of the draws".
+
+    A share that is not exactly 0 or 1 is never rounded to 0 or 100 %.
+    """
+    if share in (0, 1):
+        return "every draw" if share else "no draw"
+    bound = "more than " if share > 0.99 else "less than " if share < 0.01 else ""
+    return f"{bound}{percent(min(max(share, 0.01), 0.99))} of the draws"
+
+
 def unbroken(value: Any, digits: int = 3) -> Any:  # noqa: ANN401
     """Write a number as `readable` does, with non-breaking spaces, so that it stays on one line."""
     written = readable(value, digits)
@@ -139,4 +150,4 @@ def _escaped(value: Any) -> Any:  # noqa: ANN401
 _ENVIRONMENT = Environment(
     undefined=StrictUndefined, finalize=_escaped, trim_blocks=True, lstrip_blocks=True, autoescape=False
 )
-_ENVIRONMENT.filters |= {"number": number, "percent": percent, "readable": unbroken}
+_ENVIRONMENT.filters |= {"number": number, "percent": percent, "of_draws": of_draws, "readable": unbroken}
