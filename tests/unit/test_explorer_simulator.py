@@ -1,4 +1,4 @@
-"""The simulations of the explorer, written in JavaScript, must equal Python's to the last bit.
+"""The explorer's JavaScript: simulations as in Python, to the last bit, and numbers as in tables.
 
 They run in Node.js, which comes with Playwright, and in Chromium, where these tests are not left out.
 """
@@ -11,6 +11,7 @@ from pathlib import Path
 import numpy as np
 import pandas as pd
 import pytest
+from accelerated_evaluation.publishing.book.catalogue import unbroken
 from accelerated_evaluation.publishing.explorer.vehicles import as_texts
 from accelerated_evaluation.scenarios.left_turn import LEFT_TURN
 from accelerated_evaluation.vehicles import load_vehicle
@@ -150,3 +151,13 @@ def test_a_trace_of_a_left_turn_is_that_of_the_library(javascript):
     for values, name in zip(columns[:5], expected.columns, strict=False):
         np.testing.assert_allclose(np.array(values, float), expected[name], rtol=0, atol=1e-9)
     assert [value == "true" for value in columns[5]] == (expected["emergency"] == 1).tolist()
+
+
+def test_numbers_are_written_as_in_the_tables(javascript):
+    view = (ROOT / "workflow" / "explorer" / "view.js").read_text()
+    scales = 10.0 ** np.arange(-9, 9)
+    values = [0.0, 1.0, 983.0, 7840.0, 1e6, 2e-5, 3e-3, *(3.14159 * scales), *(-2.04e-3 * scales)]
+    for digits in (2, 3):
+        written = f"(values) => {{ {view}\nreturn values.map((value) => readable(value, {digits})); }}"
+        expected = [unbroken(value, digits) for value in values]
+        assert javascript(written, values) == expected

@@ -11,13 +11,18 @@ const capital = (text) => text[0].toUpperCase() + text.slice(1);
 // An exponent in raised digits.
 const raised = (power) => String(power).replace("-", "⁻").replace(/\d/g, (digit) => SUPERSCRIPTS[digit]);
 
-// A number with two significant digits, such as 3.2 × 10⁻⁶ or 0.032.
+// A number as in the tables of the book, with two significant digits, such as 3.2 × 10⁻⁶, 0.032 or 7,840.
 function readable(value, digits = 2) {
   if (value === null || Number.isNaN(value)) return "–";
-  if (value === 0) return "0";
-  if (value >= 0.001 && value < 10000) return String(Number(value.toPrecision(digits)));
+  const size = Math.abs(value);
+  if (size === Infinity) return "∞";
+  if (size === 0 || (size >= 0.001 && size < 1e6)) {
+    const decimals = Number.isInteger(value) ? 0 : Math.max(digits - 1 - Math.floor(Math.log10(size)), 0);
+    return value.toLocaleString("en-US", { minimumFractionDigits: decimals, maximumFractionDigits: decimals });
+  }
   const [mantissa, exponent] = value.toExponential(digits - 1).split("e");
-  return `${mantissa}\u00a0×\u00a010${raised(Number(exponent))}`; // never broken into two lines
+  const short = mantissa.includes(".") ? mantissa.replace(/\.?0+$/, "") : mantissa;
+  return `${short}\u00a0×\u00a010${raised(Number(exponent))}`; // never broken into two lines
 }
 
 // Two ends of an interval; the power of ten of the larger one is written once where both share it.
