@@ -160,7 +160,7 @@ class Runs:
         return self._with_lapses(self.laws.refined(self.sampler))
 
     def emphasise(self) -> None:
-        """Let the sampler choose further runs such that the estimates of all draws become precise."""
+        """Let the sampler choose further runs that make the estimates under all draws of the law precise."""
         if (found := self.laws.estimate(self.sampler)) is not None:
             self.sampler.emphasis = self.laws.emphasis(found)
 

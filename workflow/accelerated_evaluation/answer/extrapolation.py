@@ -33,7 +33,7 @@ Parts = dict[str, NDArray[np.bool_]]
 
 
 def largest_near(at: Array, recorded: Array, values: Array, within: float) -> Array:
-    """Return the largest value of the records with a similar coordinate; 0 if there are none.
+    """For each coordinate, return the largest value of the records at a similar one; 0 if there is none.
 
     The coordinates ``at`` have shape (m,), the result too; coordinates ``recorded`` and ``values`` of the
     records have shape (n,). Coordinates are similar if their difference is less than ``within``.

@@ -59,7 +59,7 @@ class RecordSettings:
 
     @property
     def named(self) -> str:
-        """The file or folder of the records, or words for those that come with the project."""
+        """The file or folder of the records; a description if the records come with the project."""
         data = self.cut_ins.data
         if self.scenario.has_sources:
             return str(data[data["source"]]["path"])

@@ -8,7 +8,7 @@ import pandas as pd
 
 from accelerated_evaluation.answer.posterior import CHOICE, DATA, LEVELS
 
-Row = tuple[str, str, str]  # what is told, its value, and a remark on it
+Row = tuple[str, str, str]  # name of a result, its value, and a remark on it
 
 
 def aligned(rows: Sequence[Row]) -> list[str]:

@@ -80,7 +80,7 @@ class CompiledVehicle:
 
 
 def kept_speeds(encounters: Array) -> Array:
-    """Return the lead speeds [m/s] of lead vehicles that keep them: a single state, shape (n, 1)."""
+    """Return lead speeds [m/s] that do not change, as a motion with a single state, shape (n, 1)."""
     return encounters[0].reshape(-1, 1)
 
 

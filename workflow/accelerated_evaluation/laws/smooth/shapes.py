@@ -18,7 +18,7 @@ HALVINGS = 40  # number of bisections of an interval that contains the inverse
 
 
 class Shape(Protocol):
-    """Interface of the distribution of an excess Z of scale 1.
+    """Interface of a distribution of the excess over a threshold, divided by its scale.
 
     The array ``parameters`` has the shape (q,). The methods `cumulative` and `log_density` also accept
     excesses of shape (k, n) with different parameters for each of the k rows, in an array of shape (q, k, 1).
