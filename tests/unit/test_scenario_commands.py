@@ -163,7 +163,7 @@ def test_a_campaign_of_left_turns_is_reported_under_all_draws(folder, draws, cap
     capsys.readouterr()
     assert campaign("status") == 0
     lines = capsys.readouterr().out
-    median = float(re.search(r"encounter (\S+) \(median, one in", lines)[1])
+    median = float(re.search(r"encounter (\S+) \(median, 1 in", lines)[1])
     low, high = map(float, re.search(r"80%: (\S+) to (\S+);", lines).groups())
     known = np.median(crash_probabilities(draws.laws))
     assert abs(np.log(median / known)) < 0.6  # three relative errors of the sampling
