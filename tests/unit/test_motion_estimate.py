@@ -328,3 +328,25 @@ def test_the_table_has_the_recorded_opening_cut_ins_or_mirrored_ones(records, as
             assert np.isnan(other.loc["closing", "factor_half"])
             assert other.loc["closing", "factor_error"] > 2 * factors["factor_error"]
     assert shares == {"own": 0.5, "few": pytest.approx(229_889 / 403_581), "none": shares["few"]}
+
+
+def test_a_map_that_misses_crashes_of_the_records_gives_no_exact_probability(records, asked, opening):
+    """The map of the car is also used for one that crashes in every tenth record in addition."""
+    family = SimpleNamespace(ranges=asked.ranges, law=lambda member: asked.law)
+    smooth = SimpleNamespace(records=records, family=family, speeds=lambda name: asked.law)
+    study = SimpleNamespace(smooth=smooth, heaviest=None)
+
+    class Stripes(Coasts):
+        def simulate(self, lead_speed, range_, closing_speed):
+            in_stripe = np.isin(lead_speed, SPEEDS[::10])
+            return super().simulate(lead_speed, np.where(in_stripe, 1e-3, range_), closing_speed + 0.1)
+
+    vehicles = {"car": Coasts(), "stripes": Stripes()}
+    maps = dict.fromkeys(vehicles, asked.crash_map)
+    table = motion_table(vehicles, maps, study, opening, np.random.default_rng(9)).set_index(
+        ["vehicle", "gap"]
+    )
+    exact = asked.closing(np.random.default_rng(9)).still
+    assert table.loc[("car", "closing"), "exact"] == pytest.approx(exact, rel=0.3)
+    assert np.isnan(table.loc[("stripes", "closing"), "exact"])
+    assert table.loc[("stripes", "closing"), "constant"] > 0

@@ -28,6 +28,7 @@ from functools import partial
 import numpy as np
 import pandas as pd
 
+from accelerated_evaluation.answer.answer import Replayed
 from accelerated_evaluation.answer.law_study import LawStudy
 from accelerated_evaluation.base.arrays import Array
 from accelerated_evaluation.crash_map.lines import CrashLines
@@ -37,7 +38,8 @@ from accelerated_evaluation.laws.motion.recorded import Ngsim, Recorded
 from accelerated_evaluation.laws.smooth.conditional import SpeedLaw
 from accelerated_evaluation.laws.smooth.family import DistinctRecords
 from accelerated_evaluation.laws.smooth.smooth_hazard import SmoothHazard
-from accelerated_evaluation.scenarios.cut_in import SPEED_LIMIT
+from accelerated_evaluation.methods.problem import Problem
+from accelerated_evaluation.scenarios.cut_in import CUT_IN, SPEED_LIMIT
 from accelerated_evaluation.vehicles.moving import MovingVehicle, simulate_motion, takes_motion
 from accelerated_evaluation.vehicles.protocol import CRASH, RandomVehicle, Vehicle, simulate_inner
 
@@ -257,7 +259,8 @@ def motion_table(
     cannot be simulated with a changing lead speed are left out. If there are fewer than `FEWEST` opening
     cut-ins, closing ones with the opposite sign of the closing speed are used instead. The row of a vehicle
     and kind of cut-in (``gap``) has the crash probability with a constant lead speed, ``exact`` (from the
-    crash map, only for closing cut-ins) and ``constant`` (estimated); with a changing lead speed, ``moving``;
+    crash map, only for closing cut-ins, and only if it explains how many records crash; a regular map misses
+    thin crash intervals) and ``constant`` (estimated); with a changing lead speed, ``moving``;
     ``factor``, moving divided by constant; and ``factor_half``, the factor if all changes of speed are
     halved, which is known for `Ngsim` only. ``factor_error`` is the standard error of the factor. It contains
     the error of the simulation and, for closing cut-ins, the spread of the factors of the resampled laws.
@@ -272,7 +275,9 @@ def motion_table(
         if not takes_motion(vehicle):
             continue
         lines = CrashLines.of(maps[name], records.lead_speed, support=records.support)
-        exact = {"closing": lines.probability(family.ranges, law)}
+        exact = lines.probability(family.ranges, law)
+        is_known = Replayed.of(Problem(CUT_IN, vehicle), records.x).supports(exact)
+        exacts = {"closing": exact if is_known else np.nan}
         still = partial(MovingProblem, vehicle, maps[name], records, family.ranges, law)
         wholes = _kinds(still(motion or Ngsim()), recorded, share, deepcopy(generator))
         halves = {}
@@ -283,7 +288,7 @@ def motion_table(
         factors = [each.factor()[0] for each in spread]
         cut_ins = {"closing": 1 - share, "opening": share, "all": 1.0}
         for gap, found in wholes.items():
-            own = cut_ins[gap], exact.get(gap, np.nan), found.still, found.moved, found.error, found.limit
+            own = cut_ins[gap], exacts.get(gap, np.nan), found.still, found.moved, found.error, found.limit
             factor, error = found.factor()
             if factors and gap == "closing":
                 error = float(np.hypot(error, np.std(factors, ddof=1)))
