@@ -188,6 +188,8 @@ class EstimateAlone:
     @staticmethod
     def run(arguments: argparse.Namespace) -> None:
         """Estimate the probability of the event, write the tables, and print the answer."""
+        if sys.stderr.isatty():  # the imports take seconds; the first step is then written over this line
+            print("loading the libraries ...", end="\r", file=sys.stderr, flush=True)
         from accelerated_evaluation.answer.estimation import Request, estimate
         from accelerated_evaluation.answer.settings import Settings
         from accelerated_evaluation.study.configuration import load, resolved
