@@ -183,7 +183,9 @@ def fig23_answer(
     name. Events whose probability is not known are left out.
     """
     known = answer.dropna(subset="median").assign(group="the answer")
-    known["name"] = known["event"] + (", " + known["encounters"] if "encounters" in known else "")
+    known["name"] = known["event"]
+    if "encounters" in known:
+        known["group"] = known["encounters"]
     if answer_thresholds is not None:
         known = known[known["event"] == "crash"].assign(name="all laws, all draws")
     parts = [known]
@@ -235,23 +237,23 @@ def fig25_vehicles(vehicles: pd.DataFrame, scenario: Scenario, source: str) -> t
     The second panel is left out if the scenario has no reference vehicles.
     """
     shown = vehicles[vehicles["resolved"].astype(bool)].sort_values("median", kind="stable")
-    y, widths = np.arange(len(shown)), (1.5, 1) if "ratio" in vehicles else (1,)
+    y, widths = np.arange(len(shown)), (1.5, 1) if "ratio" in vehicles else (1.75,)
     with paper_style():
         size = (0.8 * sum(widths) * COLUMN_WIDTH, FRAME + 2 * ROW * max(len(shown), 3))
         drawn, ((left, *others),) = plt.subplots(
             1, len(widths), sharey=True, figsize=size, width_ratios=widths, squeeze=False
         )
         draw_nested(left, y, shown)
-        left.set_title("(a) 50, 80 and 95 % intervals", loc="left")
+        left.set_title("(a) 50, 80 and 95 % intervals" if others else "", loc="left")
         scale_logarithmically(left, f"crash probability of {scenario.one}")
         left.set_yticks(y, in_words(shown["vehicle"]))
-        left.invert_yaxis()
+        left.set_ylim(len(shown) - 0.5, -0.5)
         for right in others:
             right.hlines(y, shown["ratio_low80"], shown["ratio_high80"], color="#4292c6", linewidth=2.2)
             right.plot(shown["ratio"], y, "|", color="black", markersize=6)
             right.axvline(1, color="black", linewidth=0.6, linestyle=":")
             right.set_title("(b) 80 % interval", loc="left")
             scale_logarithmically(right, "ratio to the careful human")
-        drawn.legend(*left.get_legend_handles_labels(), loc="outside upper center", ncols=5)
+        drawn.legend(*left.get_legend_handles_labels(), loc="outside upper center", ncols=5 if others else 3)
         note_source(drawn, source)
     return drawn, vehicles
