@@ -1,5 +1,6 @@
 """Two vehicles under the same draws: their ratio is far better known than the quotient of two intervals."""
 
+import json
 import re
 from dataclasses import replace
 from types import SimpleNamespace
@@ -66,7 +67,7 @@ DRAWS = pd.DataFrame(
 def written(folder, law="one law", event="crash", draws=DRAWS, converged=True):
     """Write the files of an estimate that are compared, and return the folder."""
     folder.mkdir()
-    (folder / "law.json").write_text(law)
+    (folder / "law.json").write_text(json.dumps({"kind": law, "verdict": str(folder)}))
     draws.to_csv(folder / "draws.csv", index=False)
     pd.DataFrame({"replicate": [0], "event": [event]}).to_csv(folder / "answer.csv", index=False)
     pd.DataFrame({"replicate": [0], "converged": [converged]}).to_csv(folder / "estimate.csv", index=False)

@@ -18,10 +18,11 @@ from accelerated_evaluation.laws.distributions import (
     PiecewiseMixture,
 )
 from accelerated_evaluation.laws.draws import MixedDraws
-from accelerated_evaluation.laws.files import signed
+from accelerated_evaluation.laws.files import law_content, law_digest, signed
 from accelerated_evaluation.laws.lead_speeds import WithLeadSpeeds
 from accelerated_evaluation.laws.paper.models import IndependentLaw
 from accelerated_evaluation.records.segments import complete
+from accelerated_evaluation.records.verdict import Verdict
 
 BODY = Mixture((0.1, 0.9), (BoundedNormal(0.1 / 3, 0.0, 0.166), BoundedNormal(0.07, 0.0, 0.166, -1e-17)))
 PIECEWISE = PiecewiseMixture((0.95, 0.05), (BODY, BoundedExponential(21.084581450393657, 0.166)))
@@ -306,3 +307,12 @@ def test_a_missing_file_and_other_bytes_are_refused(tmp_path):
 def test_parts_of_other_segments_are_refused(parts):
     with pytest.raises(ValueError, match=r"same segments|positive whole numbers"):
         replace(LAW, **parts)
+
+
+def test_the_digest_of_a_law_is_that_of_its_file_whatever_the_verdict_on_the_records(tmp_path):
+    digests = []
+    for verdict in (None, Verdict({}, ("outliers",), (), {})):
+        write_law(tmp_path / "law.json", LAW, ENCOUNTERS, verdict)
+        digests.append(law_digest(json.loads((tmp_path / "law.json").read_text())))
+    assert set(digests) == {law_digest(law_content(LAW, ENCOUNTERS))}
+    assert law_digest(law_content(replace(LAW, closing_speed_max=23.5), ENCOUNTERS)) not in digests

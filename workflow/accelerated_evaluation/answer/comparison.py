@@ -15,8 +15,9 @@ from accelerated_evaluation.answer.answer import Answer
 from accelerated_evaluation.answer.posterior import Posterior, SampledPosterior, answer_row
 from accelerated_evaluation.base.arrays import Array
 from accelerated_evaluation.base.errors import InputError
-from accelerated_evaluation.base.files import file_digest
+from accelerated_evaluation.base.files import read_json
 from accelerated_evaluation.base.tables import read_csv, require_file
+from accelerated_evaluation.laws.files import law_digest
 
 RATIO = ("ratio", "ratio_low80", "ratio_high80")
 SAFER = "safer"
@@ -149,8 +150,7 @@ def compare_estimates(own: Path, others: list[Path]) -> pd.DataFrame:
     rows = []
     for other in others:
         require_estimate(other)
-        if file_digest(own / "law.json") != file_digest(other / "law.json"):
-            raise _error(other, "draws of another law", "the same law.json")
+        require_law(other, law_digest(read_json(own / "law.json")))
         events = [_first(folder / "answer.csv", ("event",))["event"].iloc[0] for folder in (own, other)]
         if events[0] != events[1]:
             raise _error(other, f"the event {events[1]}", events[0])
@@ -168,6 +168,12 @@ def require_estimate(folder: Path) -> None:
     for name in ("law.json", "draws.csv", "answer.csv", "estimate.csv"):
         require_file(folder / name, CHANGE)
     _first(folder / "draws.csv", DRAWS)
+
+
+def require_law(folder: Path, law: str) -> None:
+    """Raise InputError if an estimate has draws of another law than that with the given digest."""
+    if law_digest(read_json(folder / "law.json")) != law:
+        raise _error(folder, "draws of another law", "the same law.json")
 
 
 def _first(path: Path, names: Sequence[str]) -> pd.DataFrame:

@@ -20,7 +20,12 @@ from accelerated_evaluation.answer.by_few_runs import SHARE, FewRuns, Shown
 from accelerated_evaluation.answer.by_map import Map
 from accelerated_evaluation.answer.by_simulations import Simulations
 from accelerated_evaluation.answer.choice import ANSWER, FILE, choose_draws
-from accelerated_evaluation.answer.comparison import compare_estimates, compared_table, require_estimate
+from accelerated_evaluation.answer.comparison import (
+    compare_estimates,
+    compared_table,
+    require_estimate,
+    require_law,
+)
 from accelerated_evaluation.answer.criterion import Criterion, criteria_of
 from accelerated_evaluation.answer.deciding import criteria_in_words, criteria_tables
 from accelerated_evaluation.answer.estimate_tables import estimate_tables
@@ -42,7 +47,7 @@ from accelerated_evaluation.base.errors import InputError
 from accelerated_evaluation.base.files import write_csv
 from accelerated_evaluation.crash_map.mapping import map_crashes
 from accelerated_evaluation.laws.draws import Draws
-from accelerated_evaluation.laws.files import read_verdict, write_law
+from accelerated_evaluation.laws.files import law_content, law_digest, read_verdict, write_law
 from accelerated_evaluation.methods.problem import Problem
 from accelerated_evaluation.methods.surrogate import (
     assumption_in_words,
@@ -299,6 +304,10 @@ def estimate(settings: Settings, request: Request) -> Estimated:
         )
         begin("fitting the laws of the records")
         draws = choose_draws(request.law, records, settings.laws)
+        if request.compare:  # before the simulations as well
+            law = law_digest(law_content(draws.law, records.table))
+            for other in request.compare:
+                require_law(other, law)
         problem = Problem(scenario, vehicle, event, law=draws.proposal)
         begin("replaying records, and choosing the first simulations")
         known = None if request.predecessor is None else read_predecessor(request.predecessor, problem)

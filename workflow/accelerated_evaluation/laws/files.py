@@ -49,12 +49,23 @@ def write_law(
     >>> law = ae.choose_draws("independent_variables", ae.read_records("left_turn")).law
     >>> ae.write_law("law.json", law)
     """
+    checked = {} if verdict is None else {"verdict": verdict.content()}
+    write_json(path, signed(law_content(law, records) | checked))
+
+
+def law_content(law: Law, records: pd.DataFrame | None) -> dict[str, Any]:
+    """Return what a law file says of a law; it also has a checksum, and may have a verdict on the records."""
     header = {"format": FORMAT, "version": VERSION, "kind": law.kind, "description": law.description}
     header |= {"variables": law.box.content()}
     if getattr(law, "proposal", law).needs_records:  # draws need the table if their proposal does
         header |= {"records": _described(records)}
-    header |= {} if verdict is None else {"verdict": verdict.content()}
-    write_json(path, signed(header | law.content()))
+    return header | law.content()
+
+
+def law_digest(content: Mapping[str, Any]) -> str:
+    """Return a digest of the content of a law file without its verdict on the records."""
+    law = {key: value for key, value in content.items() if key not in ("verdict", CHECKSUM)}
+    return value_digest(json.loads(json.dumps(law)))
 
 
 def signed(content: Mapping[str, Any]) -> dict[str, Any]:
