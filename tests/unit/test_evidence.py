@@ -166,7 +166,7 @@ def test_an_answer_for_a_vehicle_with_rare_lapses_says_what_the_replays_can_have
     assert share > Lapses.share
     text = found.unseen(6e-6)
     assert f"could have missed crash in a share of up to {share:.2g} of the records" in text
-    assert f"{share / 6e-6:,.2g} times the answer" in text
+    assert f"{float(f'{share / 6e-6:.2g}'):,g} times the answer" in text
     assert "times the answer" not in found.unseen(np.nan)
     monkeypatch.setattr(evidence_module, "SlowVehicle", Blind)  # a fast vehicle replays all records
     replays = replays_of(vehicle, x, CRASH, np.random.default_rng(1))

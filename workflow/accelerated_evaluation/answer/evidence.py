@@ -68,7 +68,8 @@ class Evidence:
             return None
         share = self.replays.share_at_most
         known = np.isfinite(probability) and 0 < probability < share
-        ratio = f", which is {share / probability:,.2g} times the answer" if known else ""
+        times = float(f"{share / probability:.2g}") if known else np.nan
+        ratio = f", which is {times:,g} times the answer" if known else ""
         return (
             f"the replays could have missed {self.event} in a share of up to {share:.2g} of the records"
             f"{ratio}. Only {count:,} of {total:,} records were replayed; the answer assumes that the "
