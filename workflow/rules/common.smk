@@ -153,6 +153,14 @@ def benchmark_of(*parts: str) -> str:
     return str(RESULTS.joinpath("benchmarks", *parts))
 
 
+def no_explorer(_):
+    """Stop with the reason why the scenario has no explorer."""
+    raise WorkflowError(
+        f"the scenario {SCENARIO} has no explorer, because it is not known that along one of its variables every"
+        " event happens in a few intervals; change the vehicle in the configuration and compare the answers instead."
+    )
+
+
 def searched(suffix, *methods):
     """Files that the searches of some methods write, one for each method and seed."""
     return [

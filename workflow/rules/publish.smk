@@ -111,13 +111,6 @@ if "explorer" in STAGES:
 
 else:
 
-    def no_explorer(_):
-        """Stop with the reason why the scenario has no explorer."""
-        raise WorkflowError(
-            f"the scenario {SCENARIO} has no explorer, because it is not known that along one of its variables every"
-            " event happens in a few intervals; change the vehicle in the configuration and compare the answers instead."
-        )
-
     rule explorer:
         """Say why there is no explorer."""
         input:

@@ -7,7 +7,6 @@ import pandas as pd
 from accelerated_evaluation.answer.explored_cut_ins import CutInSections
 from accelerated_evaluation.answer.explored_slices import SlicedSections
 from accelerated_evaluation.answer.fitted_records import stored_records
-from accelerated_evaluation.answer.law_study import LawStudy
 from accelerated_evaluation.base.files import atomic_path, read_json
 from accelerated_evaluation.base.randomness import child_generator
 from accelerated_evaluation.crash_map.maps import read_crash_map
@@ -25,9 +24,7 @@ if __name__ == "__main__":
         if params.support is None:
             law = SlicedSections(read_law(files.draws), scenario)
         else:
-            laws = partial(stream, "laws")
-            study = LawStudy.of_smooth(records, config["answer"]["draws"], laws, files.family)
-            law = CutInSections(study, study.draws(laws("draws")), stream("explorer", "draws"))
+            law = CutInSections.of(records, config["answer"]["draws"], stream, files.family)
         explored = Explored(
             name=config["study"],
             scenario=scenario,

@@ -1,10 +1,16 @@
 """Smooth laws of cut-ins along lines of the closing speed, for the explorer."""
 
+from collections.abc import Callable
+from functools import partial
+from pathlib import Path
+from typing import Self
+
 import numpy as np
 from scipy.special import ndtri
 from tqdm import tqdm
 
 from accelerated_evaluation.answer.explored import TINY, Cells, Plane, Sections
+from accelerated_evaluation.answer.fitted_records import FittedRecords
 from accelerated_evaluation.answer.law_study import LawStudy
 from accelerated_evaluation.base.arrays import Array
 from accelerated_evaluation.laws.smooth.conditional import Places, SpeedLaw
@@ -47,6 +53,19 @@ class CutInSections(Sections):
         self.recorded = np.sort(smooth.records.lead_speed)
         slowest, fastest = self.support.lead_speeds
         self.plane = Plane((slowest, 0.0), (fastest, self.support.range_max))
+
+    @classmethod
+    def of(
+        cls, records: FittedRecords, size: int, stream: Callable[..., np.random.Generator], family: Path
+    ) -> Self:
+        """Return the draws of the answer and more, with the fit of the smooth laws in a family file.
+
+        ``size`` is the number of draws of the answer, and ``stream`` returns a generator for the names of a
+        step.
+        """
+        laws = partial(stream, "laws")
+        study = LawStudy.of_smooth(records, size, laws, family)
+        return cls(study, study.draws(laws("draws")), stream("explorer", "draws"))
 
     def survival(self, cells: Cells, *, few: bool = False) -> Array:
         """Return P(cut-in in a cell, closing speed above each of `SPEEDS`), averaged over the draws."""
