@@ -38,7 +38,7 @@ def laws(finished):
     """Return the draws of the laws of the finished study, its lead speeds and its limits.
 
     The laws are fitted again. With the study's file of laws, this process, which does not know the study's
-    modules, would write that file anew, and the study would no longer be up to date.
+    modules, would write that file again, and the study would no longer be up to date.
     """
     folder = finished.folder / "results/smoke"
     config = json.loads((folder / "config.json").read_text())

@@ -147,10 +147,10 @@ def compare_estimates(own: Path, others: list[Path]) -> pd.DataFrame:
     smaller one. Of several replicates, the first is used. InputError is raised if a folder has no draws or
     damaged ones, or has draws of another law or for another event.
     """
-    rows = []
+    rows, law = [], law_digest(read_json(own / "law.json"))
     for other in others:
         require_estimate(other)
-        require_law(other, law_digest(read_json(own / "law.json")))
+        require_law(other, law)
         events = [_first(folder / "answer.csv", ("event",))["event"].iloc[0] for folder in (own, other)]
         if events[0] != events[1]:
             raise _error(other, f"the event {events[1]}", events[0])

@@ -182,14 +182,17 @@ class Estimated:
             if number == 0:
                 rows += map(ratio_row, ratios)
             if answer.crashes is not None:
-                table = self.tables["extrapolation"]
-                beyond = beyond_in_words(table[table["replicate"] == number], scenario)
-                rows.append(("beyond", beyond, ""))
+                rows.append(("beyond", beyond_in_words(self._beyond(number), scenario), ""))
             counts = f"{estimate.simulations:,} simulations, {estimate.events:,} of them with the event"
             if number == 0:
                 counts += f"; {self.evidence.replays.replayed:,} replays of records"
             rows.append(("converged" if answer.converged else "not converged", counts, ""))
         return aligned(rows)
+
+    def _beyond(self, replicate: int) -> pd.DataFrame:
+        """Return the rows of the table ``extrapolation`` of a replicate."""
+        table = self.tables["extrapolation"]
+        return table[table["replicate"] == replicate]
 
     def _unseen(self) -> list[str]:
         """Return how much the replays can have missed, in at most one line."""
@@ -221,8 +224,7 @@ class Estimated:
         if verbose:
             yield from self._probabilities(answer)
             if answer.crashes is not None:
-                beyond = self.tables["extrapolation"]
-                yield in_words(beyond[beyond["replicate"] == number], scenario)
+                yield in_words(self._beyond(number), scenario)
             yield from budget_in_words(answer.budget())
             yield f"law of {scenario.noun}s: {answer.draws.proposal.description}"
             if answer.converged and assumptions and not estimate.diagnostics["counted"]:
