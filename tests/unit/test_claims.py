@@ -1,6 +1,7 @@
 """The paper's claims: the rule of the verdict, what is not comparable, and the paper quoted rightly."""
 
 import math
+import shutil
 from dataclasses import replace
 from pathlib import Path
 
@@ -24,8 +25,10 @@ from accelerated_evaluation.publishing.tables.spreads import Spread, exactly
 from accelerated_evaluation.records.sources import describe
 from accelerated_evaluation.study.configuration import load
 from accelerated_evaluation.study.limits import value_of
+from claim_places import contradicted
 
 ROOT = Path(__file__).resolve().parents[2]
+PUBLISHED = ROOT / "figures" / "spmd" / "tables"
 SEGMENTS = ("5-15", "15-25", "25-35")
 N = {"piecewise": (7000, 8000), "single": (11000, 13000)}
 
@@ -285,9 +288,10 @@ def test_all_lane_changes_have_no_like_in_the_published_records(study):
 
 def test_every_row_is_complete(study):
     claims = claims_table(**study)
+    assert claims["key"].tolist() == list(CLAIMS)
     assert claims.columns.tolist() == [
-        *("claim", "source", "paper", "paper_low", "paper_high", "ours", "ours_low", "ours_high"),
-        *("spread", "verdict", "why"),
+        *("key", "claim", "source", "paper", "paper_low", "paper_high", "ours", "ours_low", "ours_high"),
+        *("spread", "verdict", "why", "table", "rows", "formula"),
     ]
     spread = claims[["ours_low", "ours_high"]]
     assert not claims.drop(columns=spread.columns).isna().to_numpy().any()
@@ -299,6 +303,15 @@ def test_every_row_is_complete(study):
         assert set(claims.loc[kinds == kind, "verdict"]) <= {kind, "not comparable"}
     assert claims["claim"].is_unique
     assert (claims["why"].str.len() > 0).all()
+
+
+def test_the_number_of_every_claim_stands_where_the_table_says(tmp_path):
+    assert contradicted(PUBLISHED) == []
+    copied = shutil.copytree(PUBLISHED, tmp_path / "tables")
+    needed = pd.read_csv(copied / "needed.csv")
+    needed.loc[needed["method"] == "single", "simulations"] *= 1.001
+    needed.to_csv(copied / "needed.csv")
+    assert contradicted(copied) == ["ratio_single", "saving", "faster_all", "half"]
 
 
 def test_readings_give_the_effects_of_the_study(study):

@@ -230,7 +230,11 @@ def test_parameter_table_lists_every_component():
 
 def test_published_parameters_of_candidates_have_no_digit_that_depends_on_the_processor():
     texts = ['{"shape": 0.801795523057148, "scale": 5.0}', "{}"]  # another processor: 0.801795
-    shown = candidates_table(pd.DataFrame({"family": ["gamma", "beta"], "parameters": texts}))
+    shown = candidates_table(
+        pd.DataFrame({"variable": "x", "segment": "all", "family": ["gamma", "beta"], "aic": 1.0}).assign(
+            parameters=texts
+        )
+    )
     assert shown["parameters"].tolist() == ['{"shape": 0.8018, "scale": 5.0}', "{}"]
 
 

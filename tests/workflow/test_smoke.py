@@ -13,6 +13,10 @@ from accelerated_evaluation.laws.files import signed
 from accelerated_evaluation.publishing.book.catalogue import read_contents
 from accelerated_evaluation.publishing.provenance import UNKNOWN
 
+sys.path.insert(0, str(Path(__file__).resolve().parents[1] / "unit"))
+
+from claim_places import contradicted
+
 DATA = "Safety Pilot Model Deployment (real events), a sample of 6,000"
 TABLES = (
     "encounters_account",
@@ -110,6 +114,10 @@ def test_published_tables_say_what_the_data_are(finished):
     for path in (finished.folder / "figures" / "smoke" / "tables").glob("*.csv"):
         rows = path.read_text().splitlines()[1:]
         assert DATA in "".join(rows) or not rows, path
+
+
+def test_the_number_of_every_claim_stands_where_the_table_says(finished):
+    assert contradicted(finished.folder / "figures" / "smoke" / "tables") == []
 
 
 def test_the_estimate_alone_is_under_the_draws_of_the_answer(finished, tmp_path):

@@ -18,6 +18,7 @@ from accelerated_evaluation.publishing.tables.paper_claims import (
     STATED,
     Claim,
 )
+from accelerated_evaluation.publishing.tables.places import FOUND
 from accelerated_evaluation.publishing.tables.readings import Evidence, heuristic_acts, statements
 from accelerated_evaluation.publishing.tables.searches import search_totals, searched_parameters
 from accelerated_evaluation.publishing.tables.spreads import (
@@ -55,7 +56,12 @@ def verdict(claim: Claim, ours: Spread) -> str:
     return "agrees" if inside else "differs"
 
 
-@table("claims", digits=3)
+def _without_places(claims: pd.DataFrame) -> pd.DataFrame:
+    """Return the table without the columns that only the CSV file has, because they are long."""
+    return claims.drop(columns=["key", "table", "rows", "formula"])
+
+
+@table("claims", digits=3, digest=_without_places)
 def claims_table(
     single: IndependentLaw,
     piecewise: IndependentLaw,
@@ -81,8 +87,9 @@ def claims_table(
     ``piecewise`` is the model that is simulated, and the other arguments are those of `Study`. The crash
     probability, and numbers that follow from it, are compared with the exact value. A row has the paper's
     number with its tolerance, ``paper_low`` to ``paper_high``; our number with its spread, NaN if it has
-    none; and the ``verdict`` by the rule of `verdict`, or ``not comparable`` if the study departs from the
-    paper's assumptions or has no similar quantity, with its reason ``why``.
+    none; the ``verdict`` by the rule of `verdict`, or ``not comparable`` if the study departs from the
+    paper's assumptions or has no similar quantity, with its reason ``why``; and where our number stands in
+    other published tables (`publishing.tables.places`). ``key`` is a short name by which others can cite it.
     """
     evidence = Evidence(
         *(dependence, candidates, similarity, two_pieces, three_pieces, repeated_searches),
@@ -98,7 +105,9 @@ def claims_table(
     ours["saving_run"] = exactly(1 - ours["piecewise_run"].value / ours["single_run"].value, "none, derived")
     departed, obstacles = departure(premises, source), _obstacles(estimates)
     rows = {
-        key: _row(claim, ours[key], (departed if claim.rests_on_study else "") or obstacles.get(key, ""))
+        key: {"key": key}
+        | _row(claim, ours[key], (departed if claim.rests_on_study else "") or obstacles.get(key, ""))
+        | FOUND[key].columns()
         for key, claim in CLAIMS.items()
     }
     if not departed and not heuristic_acts(trace):

@@ -60,6 +60,32 @@ def parameter_table(model: IndependentLaw) -> pd.DataFrame:
     return pd.DataFrame(rows)
 
 
+def _of_two_pieces(parameters: pd.DataFrame) -> pd.DataFrame:
+    """Return the parameters of the model with two pieces of R^-1, which the paper simulates."""
+    return parameters[parameters["model"] == "two_pieces"].drop(columns="model")
+
+
+@table("parameters", digits=PARAMETER_DIGITS, digest=_of_two_pieces)
+def parameters_table(
+    single: IndependentLaw, two_pieces: IndependentLaw, three_pieces: IndependentLaw
+) -> pd.DataFrame:
+    """Return the parameters of all fitted models (`parameter_table`), with the column ``model`` first."""
+    models = {"single": single, "two_pieces": two_pieces, "three_pieces": three_pieces}
+    tables = {name: parameter_table(model) for name, model in models.items()}
+    return pd.concat(tables, names=["model"]).reset_index("model").reset_index(drop=True)
+
+
+@table("dependence", digits=3)
+def dependence_table(dependence: pd.DataFrame) -> pd.DataFrame:
+    """Return Kendall's tau of each pair of variables, its size, and whether its interval excludes zero."""
+    excludes = (dependence["ci_low"] > 0) | (dependence["ci_high"] < 0)
+    return dependence.assign(size=dependence["tau"].abs(), excludes_zero=excludes)
+
+
+# Ratios of the largest to the smallest quantile of TTC^-1 of the segments.
+similarity_table = result_table("similarity", digits=3)
+
+
 def rank_table(candidates: pd.DataFrame) -> pd.DataFrame:
     """Tabulate the ranks by AIC of all families, by variable and segment.
 
@@ -79,20 +105,33 @@ def rank_table(candidates: pd.DataFrame) -> pd.DataFrame:
     return ranks.reset_index()
 
 
+def without_mixtures(candidates: pd.DataFrame) -> pd.Series:
+    """Return the rank of each fit by AIC among the common families, without the piecewise mixtures.
+
+    Ranks are counted by variable and segment, and are NaN for the mixtures.
+    """
+    common = candidates[~candidates["family"].str.startswith("piecewise")]
+    ranks = common.groupby(["variable", "segment"])["aic"].rank()
+    return ranks.reindex(candidates.index)
+
+
 @table("candidates", digits=5, digest=rank_table)
 def candidates_table(candidates: pd.DataFrame) -> pd.DataFrame:
     """Return the table of the fits of all candidate families, for publication.
 
-    The column ``parameters`` contains numbers as JSON, which are rounded to `PARAMETER_DIGITS` digits.
-
-    Notebooks show the ranks of the families (`rank_table`) instead.
+    The column ``parameters`` contains numbers as JSON, which are rounded to `PARAMETER_DIGITS` digits, and
+    ``rank_without_mixtures`` the ranks of `without_mixtures`. Notebooks show the ranks of the families
+    (`rank_table`) instead.
     """
 
     def rounded(text: str) -> str:
         parameters = json.loads(text).items()
         return json.dumps({name: reproducible_value(value, PARAMETER_DIGITS) for name, value in parameters})
 
-    return candidates.assign(parameters=candidates["parameters"].map(rounded, na_action="ignore"))
+    return candidates.assign(
+        parameters=candidates["parameters"].map(rounded, na_action="ignore"),
+        rank_without_mixtures=without_mixtures(candidates),
+    )
 
 
 def close_call_table(

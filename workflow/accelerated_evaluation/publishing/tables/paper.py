@@ -107,6 +107,7 @@ def estimates_table(estimates: pd.DataFrame) -> pd.DataFrame:
     return estimates[list(ESTIMATE_COLUMNS)]
 
 
+@table("pooled", digits=3)
 def probability_table(estimates: pd.DataFrame, course: pd.DataFrame, alpha: float) -> pd.DataFrame:
     """Compare the estimates at convergence with the pooled estimate of all replicates.
 

@@ -10,6 +10,7 @@ from scipy.special import ndtri
 from accelerated_evaluation.laws.paper.models import IndependentLaw
 from accelerated_evaluation.publishing.published import table
 from accelerated_evaluation.publishing.tables.display import readable
+from accelerated_evaluation.publishing.tables.models import without_mixtures
 from accelerated_evaluation.publishing.tables.searches import search_totals
 from accelerated_evaluation.publishing.tables.spreads import (
     LEVEL,
@@ -70,11 +71,10 @@ def _records(evidence: Evidence) -> dict[str, Spread]:
     excluded = int(((pairs["ci_low"] > 0) | (pairs["ci_high"] < 0)).sum())
     where = f"{strongest['pair']}, {strongest['segment']} m/s; {excluded} of {len(pairs)} intervals exclude 0"
     found = {"independent": _interval(strongest, "tau", where.replace("_", " "))}
-    common = evidence.candidates[~evidence.candidates["family"].str.startswith("piecewise")]
+    common = evidence.candidates.assign(rank=without_mixtures(evidence.candidates)).dropna(subset="rank")
     for key, (family, variable) in CHOSEN.items():
-        rows = common[common["variable"] == variable]
-        ranks = rows.assign(rank=rows.groupby("segment")["aic"].rank())
-        ranks = ranks[ranks["family"] == family].set_index("segment")["rank"].dropna().astype(int)
+        rows = common[(common["variable"] == variable) & (common["family"] == family)]
+        ranks = rows.set_index("segment")["rank"].astype(int)
         text = ", ".join(f"{rank} ({segment})" for segment, rank in ranks.items())
         best = ranks["all"] if "all" in ranks else ranks.min()
         found[key] = exactly(float(best), f"none; ranks among {common['family'].nunique()} families: {text}")
