@@ -221,6 +221,7 @@ WRONG = {
     "run,crash,lead_speed\n1,0,99\n": "row 2, column lead_speed: seen 99",
     "run,crash,host_speed\n1,0,99\n": "row 2, column host_speed: seen 99",
     "run,crash,host_speed\n1,0,fast\n": "row 2, column host_speed: seen 'fast'",
+    "run,crash,host_speed\n1,0,2_0\n": "row 2, column host_speed: seen '2_0'",
     "run,hit\n1,0\n": "expected a column crash",
     "run,crash,crash\n1,0,0\n": "column 'crash' twice",
     "": "content that cannot be read",

@@ -1,3 +1,4 @@
+import argparse
 import json
 import os
 import re
@@ -13,7 +14,7 @@ import pandas as pd
 import pytest
 from accelerated_evaluation import cli
 from accelerated_evaluation.answer import estimation
-from accelerated_evaluation.commands import COMMANDS
+from accelerated_evaluation.commands import COMMANDS, csv_file
 from accelerated_evaluation.commands import simulate as simulate_command
 from accelerated_evaluation.vehicles import AccAeb
 from accelerated_evaluation.vehicles.protocol import INPUTS, OUTCOMES
@@ -181,12 +182,47 @@ def test_bad_arguments(tmp_path, monkeypatch, capsys, arguments, message):
     assert not Path("out.csv").exists()
 
 
-@pytest.mark.parametrize("speed", ["0", "nan", "fast"])
+@pytest.mark.parametrize(
+    ("command", "expected"),
+    [
+        (["simulate", "in.csv", "out.csv", "--workers", "1_0"], "--workers: seen '1_0'; expected a whole"),
+        (["export", "set", "--law", "law.json", "--size", "1_0"], "--size: seen '1_0'; expected a whole"),
+        (["export", "set", "--law", "law.json", "--seed", "1.0"], "--seed: seen '1.0'; expected a whole"),
+        (["campaign", "ask", "folder", "--batch-size", "1_0"], "--batch-size: seen '1_0'; expected a whole"),
+        (["replay", "20", "1_5", "6", "states.csv"], "VALUE: seen '1_5'; expected a number. Correct"),
+        (["estimate", "--sampling-share", "0.0_5"], "--sampling-share: seen '0.0_5'; expected a number from"),
+    ],
+)
+def test_numbers_with_underscores_are_refused(capsys, command, expected):
+    with pytest.raises(SystemExit) as stop:
+        cli.main(command)
+    assert stop.value.code == 2
+    assert f"argument {expected}" in capsys.readouterr().err
+
+
+def test_all_numbers_of_commands_refuse_underscores():
+    def options(parser):
+        for action in parser._actions:
+            below = action.choices.values() if isinstance(action, argparse._SubParsersAction) else ()
+            yield from ((parser, action), *(found for each in below for found in options(each)))
+
+    texts, numbers = {None, Path, csv_file}, 0
+    for parser, action in options(cli.parser()):
+        if action.type in texts or isinstance(action, argparse._SubParsersAction):
+            continue
+        numbers += 1
+        with pytest.raises(argparse.ArgumentError, match="seen '1_0'; expected"):
+            parser._get_value(action, "1_0")
+    assert numbers > 15
+
+
+@pytest.mark.parametrize("speed", ["0", "nan", "fast", "2_0"])
 def test_bad_closing_speed_max(table, capsys, speed):
     with pytest.raises(SystemExit) as stop:
         table(HEADER, "--closing-speed-max", speed)
     assert stop.value.code == 2
-    assert f"invalid positive number value: '{speed}'" in capsys.readouterr().err
+    message = f"--closing-speed-max: seen '{speed}'; expected a positive number. Correct the value."
+    assert message in capsys.readouterr().err
 
 
 @pytest.mark.parametrize(

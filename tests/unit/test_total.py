@@ -63,6 +63,7 @@ def test_the_command_sums_studies(capsys):
     [
         (["one", "two"], "Write two=RATE"),
         (["one", "two=many"], "a positive number"),
+        (["one", "two=1_0"], "a positive number"),
         (["one", "one"], "each study once"),
         (["one", "three=1"], "no such file"),
     ],

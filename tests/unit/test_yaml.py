@@ -27,13 +27,16 @@ def written(folder, text):
         ("seed: 1:30", "1:30, which YAML reads as 90"),
         ("seed: 1_0:30", "1_0:30, which YAML reads as 630"),
         ("vehicle: {parameters: {headway: 1:30.5}}", "1:30.5, which YAML reads as 90.5"),
+        ("seed: 1_0", "1_0, which YAML reads as 10"),
+        ("importance_sampling: {beta: 0.1_5}", "0.1_5, which YAML reads as 0.15"),
+        ("importance_sampling: {beta: 1_0e-2}", None),
         ("data: {table: {outlier_rows: [010]}}", "010, which YAML reads as 8"),
     ],
 )
 def test_numbers_that_yaml_reads_as_others_are_refused(tmp_path, text, read):
     path = written(tmp_path, text)
     if read is None:  # a text, which the schema refuses
-        with pytest.raises(ConfigurationError, match="seed: seen"):
+        with pytest.raises(ConfigurationError, match=r"(seed|beta): seen"):
             load([path])
         return
     with pytest.raises(InputError, match=rf"study\.yaml: seen {read}; .* in \".*study\.yaml\"|{read}"):
@@ -67,7 +70,7 @@ def test_a_number_with_a_power_is_a_number_whoever_reads_it(tmp_path):
     assert config["vehicle"]["parameters"] == {"aeb_jerk": 16.0, "kp": -30.0}
     assert config["seed"] == "1e3"  # in quotation marks
     assert config["study"] == "1e5"
-    assert strict_yaml.load("[1e9, .5e-3, 1_0E2, 1e, e5, 0x1f]") == [1e9, 5e-4, 1000.0, "1e", "e5", 31]
+    assert strict_yaml.load("[1e9, .5e-3, 1_0E2, 1e, e5, 0x1f]") == [1e9, 5e-4, "1_0E2", "1e", "e5", 31]
 
 
 @pytest.mark.parametrize("number", ["1e308", "1.0e+308", "1e9", "500", ".inf", ".nan", "-1e308"])

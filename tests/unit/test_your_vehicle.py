@@ -140,7 +140,8 @@ def test_estimates_that_cannot_be_made(clone, capsys):
         assert not Path("results").exists()
     with pytest.raises(SystemExit):
         cli.main(["estimate", "--replicates", "0"])
-    assert "argument --replicates: invalid positive integer value: '0'" in capsys.readouterr().err
+    message = "argument --replicates: seen '0'; expected a whole number of 1 or more. Correct"
+    assert message in capsys.readouterr().err
 
 
 def test_all_files_of_the_guide_are_tried():

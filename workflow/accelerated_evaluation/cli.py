@@ -10,7 +10,7 @@ from typing import Any
 import argcomplete
 
 from accelerated_evaluation.base.errors import InputError, StudyError, unusable
-from accelerated_evaluation.commands import COMMANDS
+from accelerated_evaluation.commands import COMMANDS, PLAIN_NUMBERS
 
 EXIT = """If the input is wrong, the command prints one message on standard error, ends with exit status 2,
 and leaves no incomplete file."""
@@ -74,9 +74,18 @@ class ShortHelp(argparse.Action):
         own.exit()
 
 
+class Parser(argparse.ArgumentParser):
+    """A parser whose options of type int and float refuse what only Python reads as a number, such as 1_0."""
+
+    def __init__(self, *positional: Any, **named: Any) -> None:  # noqa: ANN401
+        super().__init__(*positional, **named)
+        for kind, read in PLAIN_NUMBERS.items():
+            self.register("type", kind, read)
+
+
 def parser() -> argparse.ArgumentParser:
     """Return the parser of the command with all subcommands."""
-    own = argparse.ArgumentParser(
+    own = Parser(
         prog="accelerated-evaluation",
         description="Crash probability of automated vehicles in cut-ins by accelerated evaluation.",
     )

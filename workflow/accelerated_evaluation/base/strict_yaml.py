@@ -9,15 +9,16 @@ import yaml
 
 INT, FLOAT, TIMESTAMP = (f"tag:yaml.org,2002:{name}" for name in ("int", "float", "timestamp"))
 MERGE = "tag:yaml.org,2002:merge"  # the tag of the key <<, which may be repeated
-POWER = re.compile(r"[-+]?(\d[\d_]*(\.[\d_]*)?|\.\d[\d_]*)[eE][-+]?\d+$")  # a number such as 1e9 or 2.5E-3
-UNEXPECTED = re.compile(r"[-+]?0[0-7_]+$|.*:")  # octal numbers, and numbers to the base 60, as for times
+POWER = re.compile(r"[-+]?(\d+(\.\d*)?|\.\d+)[eE][-+]?\d+$")  # a number such as 1e9 or 2.5E-3
+# Octal numbers, numbers to the base 60, as for times, and numbers with underscores.
+UNEXPECTED = re.compile(r"[-+]?0[0-7]+$|.*[:_]")
 
 
 class _Loader(yaml.SafeLoader):
     """A YAML loader without the surprises of YAML 1.1.
 
-    A number such as 1e9 is a number, although it has no point, and a date is a text. Numbers such as 017 and
-    1:30, which YAML 1.1 reads as 15 and 90, are errors, and so is a key that a mapping has twice.
+    A number such as 1e9 is a number, although it has no point, and a date is a text. Numbers such as 017,
+    1:30 and 1_0, which YAML 1.1 reads as 15, 90 and 10, are errors, and so is a key that a mapping has twice.
     """
 
     yaml_implicit_resolvers = {  # noqa: RUF012
@@ -40,12 +41,9 @@ class _Loader(yaml.SafeLoader):
         is_whole = node.tag == INT
         value = (self.construct_yaml_int if is_whole else self.construct_yaml_float)(node)
         if UNEXPECTED.match(node.value):
-            problem = (
-                f"{node.value}, which YAML reads as {value:g}; write the number without leading zeros and "
-            )
-            raise yaml.MarkedYAMLError(
-                problem=f"{problem}colons, or put a text in quotation marks", problem_mark=node.start_mark
-            )
+            problem = f"{node.value}, which YAML reads as {value:g}; write the number without leading zeros"
+            problem += ", colons and underscores, or put a text in quotation marks"
+            raise yaml.MarkedYAMLError(problem=problem, problem_mark=node.start_mark)
         return value
 
 
@@ -74,4 +72,4 @@ def restored(value: Any, read: Any) -> Any:  # noqa: ANN401
     if isinstance(value, date):
         return value.isoformat()
     is_number = isinstance(read, float) and isinstance(value, str) and POWER.match(value)
-    return read if is_number and float(value.replace("_", "")) == read else value
+    return read if is_number and float(value) == read else value

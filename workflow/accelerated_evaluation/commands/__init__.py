@@ -4,11 +4,13 @@ Modules of this package import slow libraries only when they run, because ``--he
 """
 
 import argparse
+from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Protocol
 
 from accelerated_evaluation.base.errors import InputError
+from accelerated_evaluation.base.numerals import number_in
 from accelerated_evaluation.base.registry import Registry
 
 if TYPE_CHECKING:  # these imports take seconds, and --help does not need them
@@ -160,14 +162,28 @@ def add_accept(command: argparse.ArgumentParser) -> None:
     )
 
 
-def positive_integer(text: str) -> int:
-    """Return the value of an option that is a number of things."""
-    if (count := int(text)) < 1:
-        raise ValueError
-    return count
+def number_option(
+    expected: str,
+    fits: Callable[[float], bool] = lambda _: True,
+    kind: type[int] | type[float] = float,
+) -> Callable[[str], float]:
+    """Return the type of an option that is a number, with the words for what is expected of it."""
+
+    def read(text: str) -> float:
+        try:
+            value = number_in(text, kind)
+        except ValueError:
+            value = None
+        if value is None or not fits(value):
+            raise argparse.ArgumentTypeError(f"seen {text!r}; expected {expected}. Correct the value.")
+        return value
+
+    return read
 
 
-positive_integer.__name__ = "positive integer"  # argparse prints this name in its error message
+# How the texts of options that have the type int or float are converted; see `cli.Parser`.
+PLAIN_NUMBERS = {int: number_option("a whole number", kind=int), float: number_option("a number")}
+positive_integer = number_option("a whole number of 1 or more", lambda value: value >= 1, int)
 
 
 def csv_file(text: str) -> Path:

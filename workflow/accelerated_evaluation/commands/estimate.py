@@ -8,7 +8,7 @@ from collections.abc import Iterable, Iterator
 from pathlib import Path
 from typing import TextIO
 
-from accelerated_evaluation.commands import COMMANDS, add_accept, positive_integer
+from accelerated_evaluation.commands import COMMANDS, add_accept, number_option, positive_integer
 
 ANSWER = "answer"
 DESCRIPTION = """\
@@ -81,13 +81,7 @@ def coloured(lines: Iterable[str], stream: TextIO) -> Iterator[str]:
         yield f"\x1b[{codes[0]}m{line}\x1b[0m" if has_colours and codes else line
 
 
-def _share(text: str) -> float:
-    if not 0 <= (share := float(text)) <= 1:
-        raise ValueError
-    return share
-
-
-_share.__name__ = "number from 0 to 1"
+SHARE = number_option("a number from 0 to 1", lambda value: 0 <= value <= 1)
 
 
 @COMMANDS.add("estimate")
@@ -124,7 +118,7 @@ class EstimateAlone:
         command.add_argument(
             "--sampling-share",
             metavar="SHARE",
-            type=_share,
+            type=SHARE,
             help="stop when the sampling increases the width of the 80 %% interval by at most this share; "
             "with 0, only the paper's stopping rule is used (default: 0.05)",
         )

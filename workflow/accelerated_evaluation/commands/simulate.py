@@ -20,7 +20,7 @@ from tqdm import tqdm
 from accelerated_evaluation.base import strict_yaml
 from accelerated_evaluation.base.errors import InputError
 from accelerated_evaluation.base.files import atomic_path
-from accelerated_evaluation.commands import COMMANDS, add_scenario, positive_integer
+from accelerated_evaluation.commands import COMMANDS, add_scenario, number_option, positive_integer
 from accelerated_evaluation.laws.motion import course_columns
 from accelerated_evaluation.scenarios import SCENARIOS
 from accelerated_evaluation.scenarios.cut_in import CUT_IN
@@ -72,14 +72,7 @@ class Row(NamedTuple):
     fields: list[str]
 
 
-def _positive(text: str) -> float:
-    number = float(text)
-    if not (math.isfinite(number) and number > 0):
-        raise ValueError
-    return number
-
-
-_positive.__name__ = "positive number"  # argparse prints this name in its error message
+POSITIVE = number_option("a positive number", lambda value: 0 < value < math.inf)
 
 
 @COMMANDS.add("simulate")
@@ -107,7 +100,7 @@ class Simulate:
         command.add_argument(
             "--closing-speed-max",
             metavar="SPEED",
-            type=_positive,
+            type=POSITIVE,
             help="for cut-ins, cap on the closing speed [m/s]: larger closing speeds are replaced by it; the "
             "study uses 23.49 (default: no cap)",
         )
@@ -131,7 +124,7 @@ class Simulate:
         slow.add_argument(
             "--time-limit",
             metavar="SECONDS",
-            type=_positive,
+            type=POSITIVE,
             default=600.0,
             help="longest time for a batch (default: %(default)g)",
         )
@@ -212,7 +205,7 @@ def _parameters(texts: Iterable[str]) -> dict[str, Any]:
                 f"--parameter {name}",
                 seen=repr(value),
                 expected="a value as in YAML",
-                change="Put a text with special characters in quotes, and write numbers without leading 0.",
+                change="Put a text with special characters in quotes. Write numbers without leading 0 and _.",
             ) from error
     return parameters
 

@@ -4,6 +4,7 @@ import argparse
 from pathlib import Path
 
 from accelerated_evaluation.base.errors import InputError
+from accelerated_evaluation.base.numerals import number_in
 from accelerated_evaluation.commands import COMMANDS, csv_file
 
 DESCRIPTION = """\
@@ -98,7 +99,7 @@ class Total:
 
 def _rate(text: str, given: str) -> float:
     try:
-        rate = float(given)
+        rate = number_in(given)
     except ValueError:
         rate = -1.0
     if not 0 < rate < float("inf"):

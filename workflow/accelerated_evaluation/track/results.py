@@ -12,6 +12,7 @@ from scipy.special import stdtrit
 
 from accelerated_evaluation.base.errors import InputError
 from accelerated_evaluation.base.files import write_csv
+from accelerated_evaluation.base.numerals import number_in
 from accelerated_evaluation.base.tables import listed, read_csv, require_file
 from accelerated_evaluation.methods import Estimate, Stopping, normal_reach
 from accelerated_evaluation.methods.surrogate import chance_in_words, unseen_in_words
@@ -139,7 +140,7 @@ def _number(given: Mapping[str, str], name: str, where: str) -> float | None:
     if name not in given:
         return None
     try:
-        value = float(given[name])
+        value = number_in(given[name])
     except ValueError:
         value = math.nan
     if math.isnan(value):

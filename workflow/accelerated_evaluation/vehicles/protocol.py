@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 from accelerated_evaluation.base.arguments import checked
 from accelerated_evaluation.base.arrays import Array
 from accelerated_evaluation.base.errors import InputError
+from accelerated_evaluation.base.numerals import number_in
 from accelerated_evaluation.base.registry import Registry
 from accelerated_evaluation.scenarios import A_SCENARIO
 from accelerated_evaluation.scenarios.cut_in import CUT_IN, Outcomes
@@ -139,7 +140,7 @@ def event_named(text: str, scenario: Scenario = CUT_IN, where: str = "--event") 
     """
     quantity, _, threshold = text.partition("=")
     try:
-        value = float(threshold or "nan")
+        value = number_in(threshold or "nan")
     except ValueError:
         value = math.nan
     plain = [each.quantity for each in scenario.events if each.at is None]

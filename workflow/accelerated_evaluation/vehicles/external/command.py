@@ -21,6 +21,7 @@ from numpy.typing import ArrayLike
 
 from accelerated_evaluation.base.arrays import Array
 from accelerated_evaluation.base.errors import InputError
+from accelerated_evaluation.base.numerals import number_in
 from accelerated_evaluation.laws.motion import SPEED_COLUMNS, STATES
 from accelerated_evaluation.scenarios.parameters import parameter_error
 from accelerated_evaluation.scenarios.protocol import FLAG, Scenario
@@ -274,7 +275,7 @@ def _numbers(
             continue
         text = row[column].strip() if column < len(row) else ""
         try:
-            yield FLAGS[text.lower()] if outcome.is_flag else float(text)
+            yield FLAGS[text.lower()] if outcome.is_flag else number_in(text)
         except (KeyError, ValueError) as error:
             expected = FLAG if outcome.is_flag else "a number"
             raise refuse(where.format(outcome.name), repr(text), expected) from error

@@ -1,0 +1,12 @@
+"""Numbers that are written as text."""
+
+
+def number_in(text: str, kind: type[int] | type[float] = float) -> float:
+    """Return the number that a text states; ValueError is raised if it states none.
+
+    Unlike Python, which reads 1_0 as 10, the function refuses underscores: in a table or on a command line,
+    an underscore is more likely a mistyped point or comma than a separator of digits.
+    """
+    if "_" in text:
+        raise ValueError(f"{text!r} contains an underscore")
+    return kind(text)
