@@ -13,7 +13,7 @@ from accelerated_evaluation.answer.calibration import (
     HOST,
     expected_counts,
     recorded_counts,
-    with_limits,
+    with_poisson_limits,
 )
 from accelerated_evaluation.answer.law_study import LawStudy
 from accelerated_evaluation.answer.posterior import Posterior
@@ -87,7 +87,7 @@ class Fitted:
 
         family, records = self.study.smooth.family, self.study.smooth.records
         expected = self.study.mean_weights @ expected_counts(records, given)
-        judged = with_limits(recorded_counts(records).assign(expected=expected))
+        judged = with_poisson_limits(recorded_counts(records).assign(expected=expected))
         smallest = judged.groupby("counted")["p_value"].min()
         return {"near_p": smallest[CLOSING], "host_p": smallest[HOST]}
 

@@ -22,7 +22,7 @@ import pandas as pd
 from accelerated_evaluation.publishing import study as study_module
 from accelerated_evaluation.publishing.figures import style
 from accelerated_evaluation.publishing.figures.style import COLUMN_WIDTH, paper_style, save_figure
-from accelerated_evaluation.publishing.provenance import described
+from accelerated_evaluation.publishing.provenance import figure_metadata
 from accelerated_evaluation.publishing.published import FIGURES, arguments_of
 from accelerated_evaluation.publishing.study import Study
 from matplotlib import pyplot as plt
@@ -149,7 +149,7 @@ def _differences(study, name, made, published):
     Only the picture that is saved first is compared: the layout changes a little whenever a figure is drawn.
     """
     with TemporaryDirectory() as folder, mock.patch.object(style, "FORMATS", ("png",)):
-        save_figure(*made, folder, name, described(name, study.name))
+        save_figure(*made, folder, name, figure_metadata(name, study.name))
         files = [f"{name}.{ending}" for ending in ("png", "csv")]
         return [
             f"{file} has other bytes the second time"

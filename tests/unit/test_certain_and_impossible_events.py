@@ -14,9 +14,9 @@ from accelerated_evaluation.laws import Factors
 from accelerated_evaluation.laws.distributions import BoundedExponential
 from accelerated_evaluation.laws.paper.piecewise import EXPONENTIAL
 from accelerated_evaluation.methods import METHODS
-from accelerated_evaluation.methods.coverage import coverage_replicates, coverage_table
+from accelerated_evaluation.methods.coverage import coverage_of_replicates, coverage_replicates
 from accelerated_evaluation.methods.cross_entropy.search import Proposals
-from accelerated_evaluation.methods.importance_sampling import bound_without_event
+from accelerated_evaluation.methods.importance_sampling import limit_without_event
 from accelerated_evaluation.vehicles import Outcomes
 from accelerated_evaluation.vehicles.protocol import events_from
 from toy_segment import CONFIG, PAPERS, SETTINGS, F, before
@@ -85,7 +85,7 @@ def test_searches_estimates_and_coverage_of_extreme_vehicles(name, vehicle):
         RULE,
         {"pilot": 500, "replicates": 2},
     )
-    table = coverage_table(replicates, truth)
+    table = coverage_of_replicates(replicates, truth)
     assert len(table) == 4
     assert table["bias"].isna().all() == (truth == 0)
 
@@ -115,18 +115,18 @@ def test_the_bound_without_an_event_is_that_of_the_most_probable_set():
     """With f* equal to f it is the binomial limit; one that goes elsewhere says little, or nothing at all."""
     law, n = before(From(math.inf)).law, 1000
     binomial = 1 - 0.1 ** (1 / n)
-    bound = bound_without_event(law, {"all": F}, n, 0.2, np.random.default_rng(1))
+    bound = limit_without_event(law, {"all": F}, n, 0.2, np.random.default_rng(1))
     assert bound == pytest.approx(binomial, rel=0.05)
     slow = Factors(F.first, BoundedExponential(2.0))
     # Its weights fall in TTC^-1, so the set of the largest is TTC^-1 below the b quantile of f*.
     law = dataclasses.replace(law, inverse_ttc={"all": BoundedExponential(20.0)})
     exact = -math.expm1(-20.0 * slow.second.ppf(binomial))
-    bound = bound_without_event(law, {"all": slow}, n, 0.2, np.random.default_rng(2))
+    bound = limit_without_event(law, {"all": slow}, n, 0.2, np.random.default_rng(2))
     assert bound == pytest.approx(exact, rel=0.3)
     assert abs(bound - binomial) > 5 * binomial  # the limit that forgets the weights
     far = Factors(F.first, BoundedExponential(1e-6))
-    assert bound_without_event(law, {"all": far}, n, 0.2, np.random.default_rng(3)) > 0.99
-    assert bound_without_event(law, {"all": F}, 0, 0.2, np.random.default_rng(4)) == 1
+    assert limit_without_event(law, {"all": far}, n, 0.2, np.random.default_rng(3)) > 0.99
+    assert limit_without_event(law, {"all": F}, 0, 0.2, np.random.default_rng(4)) == 1
 
 
 @pytest.mark.parametrize("probability", [0.0, 5e-324, 1e-300, 1e-25, 1e-12, 0.5, 1.0, 1 + 1e-12])
@@ -141,7 +141,7 @@ def test_crude_monte_carlo_of_any_probability(probability):
         {"replicates": 20},
     )
     assert (rows["simulations"] > 0).all()
-    table = coverage_table(rows, probability).set_index("stopping")
+    table = coverage_of_replicates(rows, probability).set_index("stopping")
     if 1e-290 < probability < 1:
         assert table.loc["sequential_gamma", "bias"] == pytest.approx(0, abs=0.15)
         assert table.loc["fixed", "simulations_mean"] == pytest.approx(

@@ -10,7 +10,7 @@ from accelerated_evaluation.methods import Stopping, coverage
 from accelerated_evaluation.methods.coverage import (
     INTERVALS,
     Stream,
-    coverage_table,
+    coverage_of_replicates,
     predicted_size,
     replicate_rows,
     stop_crude,
@@ -111,7 +111,7 @@ def test_the_rule_of_the_paper_under_covers_and_the_gamma_rule_does_not(monkeypa
     monkeypatch.setattr(coverage, "draw_weights", draw)
     stream = Stream(None, {}, np.random.default_rng(6))
     table = rows_of(lambda: stop_importance_sampling(stream, 1700, STOPPING), 1500)
-    verdict = coverage_table(table, EVENT_SHARE).set_index("stopping")
+    verdict = coverage_of_replicates(table, EVENT_SHARE).set_index("stopping")
     assert list(verdict.index) == list(INTERVALS)
     papers, ours = verdict.loc["sequential"], verdict.loc["sequential_gamma"]
     assert papers["coverage80"] < 0.8 - 2 * papers["coverage80_se"]
@@ -137,7 +137,7 @@ def test_verdict_by_hand():
             "ci95_high": [2.0, 1.3, 1.5, 1.2],
         }
     )
-    (row,) = coverage_table(rows, 1.0, 0.3).to_dict("records")
+    (row,) = coverage_of_replicates(rows, 1.0, 0.3).to_dict("records")
     assert (row["replicates"], row["converged"], row["simulations_mean"]) == (4, 0.75, 25)
     assert row["bias"] == pytest.approx(0.1)
     assert row["cov_true"] == pytest.approx(math.sqrt(0.08 / 3))
@@ -163,7 +163,7 @@ def test_a_method_that_reports_too_little_is_found(reported, honest):
                 f"ci{level}_high": probability + z * reported * cov,
             }
         )
-    (row,) = coverage_table(rows, 1.0).to_dict("records")
+    (row,) = coverage_of_replicates(rows, 1.0).to_dict("records")
     assert (abs(row["cov_true"] - row["cov_reported"]) < 4 * row["cov_true_se"]) == honest
     assert row["cov_true_se"] == pytest.approx(cov / math.sqrt(2 * 4000), rel=0.1)
     for level in (80, 95):

@@ -4,7 +4,7 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
-from accelerated_evaluation.answer.explored import Cells, Plane, explored_lines, log_ratios
+from accelerated_evaluation.answer.explored import Plane, PlaneCells, explored_lines, log_ratios
 from accelerated_evaluation.answer.explored_cut_ins import SPEEDS, CutInSections
 from accelerated_evaluation.answer.explored_slices import SlicedSections
 from accelerated_evaluation.base.errors import InputError
@@ -30,7 +30,7 @@ def test_a_cell_without_probability_has_finite_closing_speeds():
 
 
 def test_cells_fill_their_plane():
-    cells = Cells.all(Plane((5.0, 0.0), (35.0, 75.0)))
+    cells = PlaneCells.all(Plane((5.0, 0.0), (35.0, 75.0)))
     assert cells.area.sum() == pytest.approx(30 * 75, rel=1e-12)
     first, second = cells.point
     np.testing.assert_allclose(cells.plane.at(*cells.plane.coordinates(first, second)), [first, second])

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from accelerated_evaluation.base.errors import StudyError
 from accelerated_evaluation.publishing.explorer import vehicles
-from accelerated_evaluation.publishing.explorer.page import Payload, exposure_of
+from accelerated_evaluation.publishing.explorer.page import Payload, rate_quantiles
 from accelerated_evaluation.scenarios import SCENARIOS
 from accelerated_evaluation.scenarios.cut_in import CUT_IN
 
@@ -43,8 +43,8 @@ def test_two_sliders_of_one_number_are_an_error(monkeypatch):
 
 
 def test_without_kilometres_there_are_no_rates():
-    assert exposure_of(100, {"kilometres": None, "hours": 3.0})["rates"] is None
-    rates = exposure_of(100, {"kilometres": 50.0})["rates"]
+    assert rate_quantiles(100, {"kilometres": None, "hours": 3.0})["rates"] is None
+    rates = rate_quantiles(100, {"kilometres": 50.0})["rates"]
     assert np.mean(rates) == pytest.approx(2e6, rel=0.02)  # 100.5 cut-ins in 50 km, from 15 quantiles
 
 

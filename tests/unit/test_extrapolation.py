@@ -18,8 +18,8 @@ from accelerated_evaluation.answer.extrapolation import (
     NEAR,
     RECORDED,
     exact_interval,
+    extrapolation_in_words,
     extrapolation_table,
-    in_words,
     largest_near,
     parts_by_distance,
     parts_by_speed,
@@ -27,7 +27,7 @@ from accelerated_evaluation.answer.extrapolation import (
     speed_limits,
 )
 from accelerated_evaluation.answer.map_tables import dispersion, level_factors, near_miss_table
-from accelerated_evaluation.crash_map.lines import CrashLines, divided
+from accelerated_evaluation.crash_map.lines import CrashLines, divided_at
 from accelerated_evaluation.laws.smooth.conditional import Places
 from accelerated_evaluation.publishing.figures.coverage import fig37_extrapolation
 
@@ -72,7 +72,7 @@ def test_intervals_are_cut_at_the_limits_and_keep_their_probability():
         np.array([4.0, np.inf, 30.0]),
     )
     limits = speed_limits(RECORDS, lines.places.lead_speed, lines.places.range_)
-    cut, index = divided(lines, limits.values())
+    cut, index = divided_at(lines, limits.values())
     np.testing.assert_array_equal(lines.row[index], cut.row)
     assert np.all(cut.start < cut.end)
     for row in (0, 1):
@@ -106,10 +106,10 @@ def test_the_table_divides_the_answer():
     assert table["recorded"].to_dict() == {ALL: 1, RECORDED: 1, NEAR: 0, FAR: 0}
     assert table.loc[ALL, "replay_low95"] == pytest.approx(1.7e-7, rel=0.03)  # 0.0253 / 146,054
     assert table.loc[ALL, "replay_high95"] == pytest.approx(5.572 / 146_054, rel=1e-3)
-    assert "88 % of the predicted events" in in_words(table.reset_index(), CUT_IN)
+    assert "88 % of the predicted events" in extrapolation_in_words(table.reset_index(), CUT_IN)
     nearly_all = table.assign(share=[1.0, 0.003, 0.993, 0.004]).reset_index()
-    assert "more than 99 % of the predicted events" in in_words(nearly_all, CUT_IN)
-    assert "less than 1 % faster than any record at all" in in_words(nearly_all, CUT_IN)
+    assert "more than 99 % of the predicted events" in extrapolation_in_words(nearly_all, CUT_IN)
+    assert "less than 1 % faster than any record at all" in extrapolation_in_words(nearly_all, CUT_IN)
     assert extrapolation_table(parts, weights, 10)["recorded"].isna().all()
 
 

@@ -8,13 +8,13 @@ import pandas as pd
 import pytest
 from accelerated_evaluation import CUT_IN, Grid, LawStudy, Map, Problem, evaluate, map_crashes
 from accelerated_evaluation.answer import by_map
-from accelerated_evaluation.answer.by_map import thinned
+from accelerated_evaluation.answer.by_map import thinned_lines
 from accelerated_evaluation.answer.comparison import is_resolved
 from accelerated_evaluation.answer.likeliest_crashes import (
     PLACE,
     WAYS,
+    cut_in_scores,
     nearest_records,
-    normal_scores,
     traces_of,
     ways_to_crash,
 )
@@ -153,13 +153,13 @@ def test_ways_to_crash_share_the_whole_probability_and_are_not_copies(shown, law
     assert ways["crash"].all()
     assert ways["probability"].sum() == pytest.approx(probability)
     assert ways["probability"].is_monotonic_decreasing
-    z = normal_scores(law, *(ways[name].to_numpy() for name in PLACE))
+    z = cut_in_scores(law, *(ways[name].to_numpy() for name in PLACE))
     distance = np.linalg.norm(z[:, None] - z, axis=2)[~np.eye(WAYS, dtype=bool)]
     assert distance.min() > 0.2
 
 
 def test_normal_scores_of_drawn_cut_ins_are_standard_normal(law):
-    z = normal_scores(law, *law.draw(4000, np.random.default_rng(10)).T)
+    z = cut_in_scores(law, *law.draw(4000, np.random.default_rng(10)).T)
     np.testing.assert_allclose(z.mean(axis=0), 0, atol=4 / 4000**0.5)
     np.testing.assert_allclose(np.cov(z.T), np.eye(3), atol=6 / 4000**0.5)
 
@@ -180,8 +180,8 @@ def test_crashes_of_probability_zero_to_rounding_are_none(records, smooth, law, 
     assert ways_to_crash(beyond, law, RateCar(), np.random.default_rng(1)).empty
     monkeypatch.setattr(by_map, "LINES", 20)
     draws = smooth.draws(np.zeros(2, int), np.random.default_rng(1))
-    assert thinned(lines, RateCar(), draws, np.random.default_rng(1)).share.size < lines.share.size
-    assert thinned(beyond, RateCar(), draws, np.random.default_rng(1)) is beyond
+    assert thinned_lines(lines, RateCar(), draws, np.random.default_rng(1)).share.size < lines.share.size
+    assert thinned_lines(beyond, RateCar(), draws, np.random.default_rng(1)) is beyond
 
 
 def peak_of(call):

@@ -9,7 +9,7 @@ import numpy as np
 import pandas as pd
 import pytest
 from accelerated_evaluation.answer import variants
-from accelerated_evaluation.answer.by_map import MapCrashes, thinned
+from accelerated_evaluation.answer.by_map import MapCrashes, thinned_lines
 from accelerated_evaluation.answer.calibration import (
     counts_by_fold,
     expected_counts,
@@ -19,7 +19,7 @@ from accelerated_evaluation.answer.calibration import (
     recorded_by_fold,
     recorded_counts,
     strips,
-    with_limits,
+    with_poisson_limits,
 )
 from accelerated_evaluation.answer.comparison import is_resolved, vehicle_row, vehicle_table
 from accelerated_evaluation.answer.posterior import budget
@@ -221,7 +221,9 @@ def test_stacking_weights_are_the_maximum_whatever_the_order_of_the_laws():
 
 
 def test_poisson_limits_and_mid_p_values():
-    table = with_limits(pd.DataFrame({"where": ["a", "b"], "recorded": [3, 12], "expected": [3.0, 4.0]}))
+    table = with_poisson_limits(
+        pd.DataFrame({"where": ["a", "b"], "recorded": [3, 12], "expected": [3.0, 4.0]})
+    )
     assert table["low"].tolist() == [poisson.ppf(0.05, 3), poisson.ppf(0.05, 4)]
     assert table["within"].tolist() == [True, False]
     assert mid_p(0, 1.0) == pytest.approx(2 * np.exp(-1) / 2)
@@ -233,7 +235,7 @@ def test_poisson_limits_and_mid_p_values():
 def test_cells_count_what_is_recorded_and_expect_it_from_the_true_law(records):
     def judged(law: ExponentialSpeeds) -> pd.DataFrame:
         (expected,) = expected_counts(records, lambda places: [law])
-        return with_limits(recorded_counts(records).assign(expected=expected))
+        return with_poisson_limits(recorded_counts(records).assign(expected=expected))
 
     counts = judged(ExponentialSpeeds())
     assert len(counts) == sum(len(strip.names) for strip in strips()) == 64
@@ -385,7 +387,7 @@ def test_the_answer_and_its_variants_print_one_number(
     draws, car = study.draws(streams("draws")), RateCar()
     problem, way = ae.Problem(ae.CUT_IN, car, law=draws.proposal), ae.Map(crash_map, records)
     answer = ae.evaluate(problem, draws, way, generator=streams("answer")).table().iloc[0]
-    lines = thinned(CrashLines.of(crash_map, records.lead_speed), car, draws, streams("answer"))
+    lines = thinned_lines(CrashLines.of(crash_map, records.lead_speed), car, draws, streams("answer"))
     monkeypatch.setattr(variants, "SPLINES", {})  # whose fits take a while
     fewer = records.only(np.arange(1, SIZE))
     readings = {"as in the answer": records, "without a record": fewer}

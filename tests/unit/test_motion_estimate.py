@@ -16,7 +16,7 @@ from accelerated_evaluation.answer.lead_motion import (
     motion_budget,
     motion_table,
 )
-from accelerated_evaluation.laws.motion import RAREST, STATES, STEP, draw_wide
+from accelerated_evaluation.laws.motion import RAREST, STATES, STEP, draw_wide_inputs
 from accelerated_evaluation.laws.motion.recorded import Ngsim
 from accelerated_evaluation.laws.smooth.conditional import SpeedLaw, range_grid, speed_grid
 from accelerated_evaluation.laws.smooth.family import DistinctRecords
@@ -202,7 +202,9 @@ def test_an_estimator_without_the_tail_of_the_closing_speed_is_noticed(asked, mo
 
 
 def test_an_estimator_without_the_weights_of_the_motions_is_noticed(asked, opening, monkeypatch):
-    monkeypatch.setattr(module, "draw_wide", lambda *given: (draw_wide(*given)[0], np.ones(given[1])))
+    monkeypatch.setattr(
+        module, "draw_wide_inputs", lambda *given: (draw_wide_inputs(*given)[0], np.ones(given[1]))
+    )
     mean, reach = mean_and_reach([asked.opening(opening, np.random.default_rng([3, k])) for k in range(10)])
     assert abs(mean - by_quadrature_opening(opening)) > 5 * reach
 
@@ -268,7 +270,7 @@ def test_wide_draws_have_the_moments_of_the_uniform_law():
     class Three:
         inputs = 3
 
-    inputs, weights = draw_wide(Three(), 200_000, np.random.default_rng(8))
+    inputs, weights = draw_wide_inputs(Three(), 200_000, np.random.default_rng(8))
     for value in (np.ones(len(weights)), inputs[:, 0], inputs[:, 2] ** 2, (inputs[:, 1] < 3e-4) * 1e3):
         expected = (1.0, 0.5, 1 / 3, 0.3)
         close = min(expected, key=lambda each: abs(each - np.mean(weights * value)))

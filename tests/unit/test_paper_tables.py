@@ -130,15 +130,15 @@ def test_the_interval_of_a_ratio_covers_it():
 
 def test_sizes_are_compared_with_the_replicates_of_the_coverage():
     ends = estimates({"single": [300, 500], "toy": [100, 300]}, converged=[True, True, True, False])
-    mean = spreads.sample_size(ends, COVERAGE, "single")
+    mean = spreads.simulations_needed(ends, COVERAGE, "single")
     half_width = 1.984 * 20 * math.sqrt(1 / 100 + 1 / 2)  # Student's t with 99 degrees of freedom
     assert mean.value == 400
     assert (mean.low, mean.high) == pytest.approx((420 - half_width, 420 + half_width), abs=0.02)
     assert mean.of == "95 % interval of one more mean of 2 (from 100 replicates)"
-    first = spreads.sample_size(ends, COVERAGE, "single", first=True)
+    first = spreads.simulations_needed(ends, COVERAGE, "single", first=True)
     assert first.value == 300
     assert first.high - first.low == pytest.approx(2 * 1.984 * 20 * math.sqrt(1.01), abs=0.05)
-    own = spreads.sample_size(ends, COVERAGE, "toy")  # it is not in the study of coverage
+    own = spreads.simulations_needed(ends, COVERAGE, "toy")  # it is not in the study of coverage
     assert own.high - own.value == pytest.approx(12.706 * 100 * math.sqrt(2), abs=0.1)
     assert own.of.endswith("(from 2 replicates), 1 not converged")
 

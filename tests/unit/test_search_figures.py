@@ -9,7 +9,7 @@ from accelerated_evaluation.laws.distributions import BoundedExponential, Empiri
 from accelerated_evaluation.laws.paper.models import IndependentLaw
 from accelerated_evaluation.publishing.figures import flow as flow_figures
 from accelerated_evaluation.publishing.figures import searches as search_figures
-from accelerated_evaluation.publishing.figures.flow import FLOW_ARROWS, Arrow, Box, flow_boxes
+from accelerated_evaluation.publishing.figures.flow import FLOW_ARROWS, Arrow, FlowBox, flow_boxes
 from accelerated_evaluation.publishing.figures.style import save_figure
 from accelerated_evaluation.study.configuration import load
 
@@ -115,7 +115,7 @@ def test_flow_texts_fit_their_boxes_and_boxes_do_not_overlap():
 
 
 def test_arrows_join_the_sides_that_they_name():
-    boxes = {"a": Box("", 1, 1, 2, 1), "b": Box("", 1, 5, 2, 1), "c": Box("", 4, 5, 2, 1)}
+    boxes = {"a": FlowBox("", 1, 1, 2, 1), "b": FlowBox("", 1, 5, 2, 1), "c": FlowBox("", 4, 5, 2, 1)}
     assert Arrow("b", "a").corners(boxes) == [(1, 4.5), (1, 1.5)]
     assert Arrow("a", "c", ("right", "bottom")).corners(boxes) == [(2, 1), (4, 1), (4, 4.5)]
     assert Arrow("c", "b", ("left", "right")).corners(boxes) == [(3, 5), (2, 5)]

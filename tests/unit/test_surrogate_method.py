@@ -12,8 +12,8 @@ from accelerated_evaluation.methods.surrogate import (
     assumption_in_words,
     chance_in_words,
     checks_in_words,
+    configured_sampler,
     rules_for,
-    sampler_of,
     unseen_in_words,
     weights_in_words,
 )
@@ -41,7 +41,8 @@ def test_an_event_that_may_have_several_parts_has_a_strict_certificate():
     crash = LEFT_TURN.events[0]
     problem = Problem(LEFT_TURN, load_vehicle("acc_aeb", LEFT_TURN), crash, law=left_turn_law())
     strict, usual = (
-        sampler_of(each, np.random.default_rng(0)) for each in (problem, Problem(CUT_IN, Corner(), law=LAW))
+        configured_sampler(each, np.random.default_rng(0))
+        for each in (problem, Problem(CUT_IN, Corner(), law=LAW))
     )
     assert strict.certificate == rules_for(LEFT_TURN, crash)["certificate"]
     assert (strict.certificate.share, strict.certificate.filled) == (3.0, crash.filled)

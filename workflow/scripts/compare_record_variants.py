@@ -2,7 +2,7 @@
 
 from functools import partial
 
-from accelerated_evaluation.answer.by_map import thinned
+from accelerated_evaluation.answer.by_map import thinned_lines
 from accelerated_evaluation.answer.far_records import far_records_table
 from accelerated_evaluation.answer.fitted_records import stored_records
 from accelerated_evaluation.answer.law_study import LawStudy
@@ -25,7 +25,7 @@ if __name__ == "__main__":
         cut_ins = (records.table[name].to_numpy() for name in ("lead_speed", "range", "closing_speed"))
         with loaded_for(params.vehicle, params.simulations | {"workers": snakemake.threads}) as vehicle:
             crashed = vehicle.simulate(*cut_ins).crash
-            lines = thinned(lines, vehicle, study.draws(stream("draws")), stream("answer"))
+            lines = thinned_lines(lines, vehicle, study.draws(stream("draws")), stream("answer"))
         variants = record_variants(records.table, crashed, params.outlier_rows, support)
         write_csv(snakemake.output.data_quality, quality_table(variants, study, lines, stream))
         write_csv(snakemake.output.far_records, far_records_table(study))

@@ -6,7 +6,7 @@ import pandas as pd
 from accelerated_evaluation.base.files import write_csv
 from accelerated_evaluation.base.randomness import child_generator
 from accelerated_evaluation.methods import Stopping
-from accelerated_evaluation.methods.coverage import coverage_replicates, coverage_table
+from accelerated_evaluation.methods.coverage import coverage_of_replicates, coverage_replicates
 from accelerated_evaluation.methods.cross_entropy.search import read_proposals
 from accelerated_evaluation.methods.problem import loaded_problem
 from accelerated_evaluation.study.jobs import job
@@ -27,5 +27,5 @@ if __name__ == "__main__":
                 params.coverage,
             )
         write_csv(snakemake.output.replicates, replicates)
-        verdicts = coverage_table(replicates, exact["probability"], exact["standard_error"])
+        verdicts = coverage_of_replicates(replicates, exact["probability"], exact["standard_error"])
         write_csv(snakemake.output.coverage, verdicts)

@@ -20,7 +20,7 @@ from accelerated_evaluation.base.arrays import Array
 from accelerated_evaluation.laws.draws import Draws
 from accelerated_evaluation.methods.problem import Problem
 from accelerated_evaluation.methods.study import with_encounters
-from accelerated_evaluation.methods.surrogate import sampler_of
+from accelerated_evaluation.methods.surrogate import configured_sampler
 from accelerated_evaluation.scenarios.protocol import ENDED, Event
 from accelerated_evaluation.vehicles.protocol import CRASH, Outcomes
 
@@ -107,7 +107,7 @@ class FewRuns:
     ) -> Answer:
         """Return the probability of the event under each draw, and of further events that are parts of it."""
         own = {"batch_size": self.batch_size, "predecessor": self.predecessor}
-        runs = Runs.of(problem, draws, sampler_of(problem, generator, **own))
+        runs = Runs.of(problem, draws, configured_sampler(problem, generator, **own))
         for _ in run_batches(runs.sampler, runs, self.stopping, lambda: self._is_enough(runs)):
             runs.emphasise()
             if self.on_batch is not None:

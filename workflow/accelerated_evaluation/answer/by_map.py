@@ -12,7 +12,7 @@ from accelerated_evaluation.answer.posterior import Posterior
 from accelerated_evaluation.base.arguments import Argument, checked, one_of
 from accelerated_evaluation.base.arrays import Array
 from accelerated_evaluation.crash_map.checked import sample_crashes
-from accelerated_evaluation.crash_map.lines import CrashLines, crash_places, divided, with_impacts
+from accelerated_evaluation.crash_map.lines import CrashLines, crash_places, divided_at, with_impacts
 from accelerated_evaluation.crash_map.maps import CrashMap
 from accelerated_evaluation.laws.draws import Draws
 from accelerated_evaluation.laws.smooth.family import DistinctRecords
@@ -85,7 +85,7 @@ class Map:
             if event == CRASH and (law := draws.typical) is not None:
                 lines, impact_speed = with_impacts(lines, vehicle, law)
                 limits = speed_limits(self.records.x, lines.places.lead_speed, lines.places.range_)
-                lines, part = divided(lines, limits.values())
+                lines, part = divided_at(lines, limits.values())
                 masses = draws.masses(lines)
                 crashes = MapCrashes(lines.inside, impact_speed[part], masses, lines, draws)
                 probabilities = crashes.weights.sum(axis=1)
@@ -104,7 +104,7 @@ class Map:
     ) -> CrashLines:
         """Return the lines of a map that matter for an event."""
         lines = CrashLines.of(crash_map, self.records.lead_speed, event, self.records.support)
-        return thinned(lines, vehicle, draws, generator)
+        return thinned_lines(lines, vehicle, draws, generator)
 
     def _random_lines(
         self, event: Event, vehicle: Vehicle, draws: Draws, generator: np.random.Generator
@@ -131,7 +131,9 @@ class MapCrashes(Crashes):
         return generator.permutation(np.concatenate(places))
 
 
-def thinned(lines: CrashLines, vehicle: Vehicle, draws: Draws, generator: np.random.Generator) -> CrashLines:
+def thinned_lines(
+    lines: CrashLines, vehicle: Vehicle, draws: Draws, generator: np.random.Generator
+) -> CrashLines:
     """Return the lines that matter for an event, with weights for each draw of a random vehicle.
 
     The weights depend on the seed of the generator and not on its state, so that all events of a random

@@ -162,12 +162,12 @@ def fold_row(recorded: Array, expected: Array) -> dict[str, float]:
     -------
     dict
         The number of ``cells`` in all folds; how many recorded numbers are ``outside`` of their 90 % Poisson
-        limits (`with_limits`), and how many would be ``by_chance`` if the numbers had Poisson distributions
-        with the expected means; the ``dispersion``, which is the mean of (recorded - expected)^2 / expected
-        over the cells in which at least `LEAST_EXPECTED` records are expected, with its expected value of 1
-        and its 95 % ``dispersion_limit`` for Poisson numbers; and whether the dispersion exceeds this limit
-        (``overdispersed``). The laws are fitted to finite records, so that even with the right laws slightly
-        more cells than ``by_chance`` are outside.
+        limits (`with_poisson_limits`), and how many would be ``by_chance`` if the numbers had Poisson
+        distributions with the expected means; the ``dispersion``, which is the mean of
+        (recorded - expected)^2 / expected over the cells in which at least `LEAST_EXPECTED` records are
+        expected, with its expected value of 1 and its 95 % ``dispersion_limit`` for Poisson numbers; and
+        whether the dispersion exceeds this limit (``overdispersed``). The laws are fitted to finite records,
+        so that even with the right laws slightly more cells than ``by_chance`` are outside.
     """
     recorded, expected = np.ravel(recorded), np.ravel(expected)
     low, high = (poisson.ppf(level, expected) for level in LIMITS)
@@ -201,7 +201,7 @@ def near_miss_counts(
     return pd.DataFrame(rows, columns=["where", "counted", "recorded", "expected"])
 
 
-def with_limits(counts: pd.DataFrame) -> pd.DataFrame:
+def with_poisson_limits(counts: pd.DataFrame) -> pd.DataFrame:
     """Add Poisson limits to recorded and expected numbers.
 
     ``low`` and ``high`` are the 5 and 95 % quantiles of the Poisson distribution with the expected number as

@@ -24,14 +24,14 @@ ANSWER, PAPER = "answer", "paper"
 FILE = ".json"
 
 
-def fit_paper_law(name: str, encounters: pd.DataFrame, settings: FitSettings) -> IndependentLaw:
+def paper_law_named(name: str, encounters: pd.DataFrame, settings: FitSettings) -> IndependentLaw:
     """Fit the paper's laws to an encounter table, and return one by its name."""
     limits = settings.range_max, settings.description, settings.closing_speed_max
     return fit_paper_laws(encounters, settings.models, *limits)[name]
 
 
 for _name in PAPER_LAWS:
-    FITS.add(_name)(partial(fit_paper_law, _name))
+    FITS.add(_name)(partial(paper_law_named, _name))
 
 
 def law_study(records: FittedRecords, settings: LawSettings) -> LawStudy:
@@ -44,7 +44,7 @@ def law_study(records: FittedRecords, settings: LawSettings) -> LawStudy:
         return LawStudy.of(records, *own)
 
 
-def choose_draws(choice: str, records: FittedRecords, settings: LawSettings) -> Draws:
+def draws_named(choice: str, records: FittedRecords, settings: LawSettings) -> Draws:
     """Return the draws of the law that a user names.
 
     Parameters

@@ -150,7 +150,7 @@ def compare_estimates(own: Path, others: list[Path]) -> pd.DataFrame:
     rows, law = [], law_digest(read_json(own / "law.json"))
     for other in others:
         require_estimate(other)
-        require_law(other, law)
+        require_same_law(other, law)
         events = [_first(folder / "answer.csv", ("event",))["event"].iloc[0] for folder in (own, other)]
         if events[0] != events[1]:
             raise _error(other, f"the event {events[1]}", events[0])
@@ -170,7 +170,7 @@ def require_estimate(folder: Path) -> None:
     _first(folder / "draws.csv", DRAWS)
 
 
-def require_law(folder: Path, law: str) -> None:
+def require_same_law(folder: Path, law: str) -> None:
     """Raise InputError if an estimate has draws of another law than that with the given digest."""
     if law_digest(read_json(folder / "law.json")) != law:
         raise _error(folder, "draws of another law", "the same law.json")

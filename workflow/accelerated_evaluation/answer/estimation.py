@@ -19,19 +19,19 @@ from accelerated_evaluation.answer.answer import Answer, Way, evaluate
 from accelerated_evaluation.answer.by_few_runs import SHARE, FewRuns, Shown
 from accelerated_evaluation.answer.by_map import Map
 from accelerated_evaluation.answer.by_simulations import Simulations
-from accelerated_evaluation.answer.choice import ANSWER, FILE, choose_draws
+from accelerated_evaluation.answer.choice import ANSWER, FILE, draws_named
 from accelerated_evaluation.answer.comparison import (
     compare_estimates,
     compared_table,
     require_estimate,
-    require_law,
+    require_same_law,
 )
 from accelerated_evaluation.answer.criterion import Criterion, criteria_of
 from accelerated_evaluation.answer.deciding import criteria_in_words, criteria_tables
 from accelerated_evaluation.answer.estimate_tables import estimate_tables
 from accelerated_evaluation.answer.evidence import Evidence, checked_answers
-from accelerated_evaluation.answer.extrapolation import beyond_in_words, in_words
-from accelerated_evaluation.answer.fitted_records import FittedRecords, read_records
+from accelerated_evaluation.answer.extrapolation import beyond_in_words, extrapolation_in_words
+from accelerated_evaluation.answer.fitted_records import FittedRecords, records_of
 from accelerated_evaluation.answer.posterior import LEVEL
 from accelerated_evaluation.answer.settings import RecordSettings, Settings
 from accelerated_evaluation.answer.study_tables import injured_by_level, risks_table
@@ -224,7 +224,7 @@ class Estimated:
         if verbose:
             yield from self._probabilities(answer)
             if answer.crashes is not None:
-                yield in_words(self._beyond(number), scenario)
+                yield extrapolation_in_words(self._beyond(number), scenario)
             yield from budget_in_words(answer.budget())
             yield f"law of {scenario.noun}s: {answer.draws.proposal.description}"
             if answer.converged and assumptions and not estimate.diagnostics["counted"]:
@@ -277,7 +277,7 @@ class Estimated:
         ]
 
 
-def estimate(settings: Settings, request: Request) -> Estimated:
+def estimate_event(settings: Settings, request: Request) -> Estimated:
     """Estimate the probability of an event for a vehicle, with laws of records."""
     scenario = settings.scenario
     where, name = "--event", request.event
@@ -301,15 +301,15 @@ def estimate(settings: Settings, request: Request) -> Estimated:
         _progress() as (begin, show),
     ):
         begin("reading and checking the records")
-        records = read_records(
+        records = records_of(
             settings.records, lambda checked: verdicts.append(_verdict(checked, request, settings.records))
         )
         begin("fitting the laws of the records")
-        draws = choose_draws(request.law, records, settings.laws)
+        draws = draws_named(request.law, records, settings.laws)
         if request.compare:  # before the simulations as well
             law = law_digest(law_content(draws.law, records.table))
             for other in request.compare:
-                require_law(other, law)
+                require_same_law(other, law)
         problem = Problem(scenario, vehicle, event, law=draws.proposal)
         begin("replaying records, and choosing the first simulations")
         known = None if request.predecessor is None else read_predecessor(request.predecessor, problem)

@@ -56,7 +56,7 @@ class Plane:
 
 
 @dataclass(frozen=True)
-class Cells:
+class PlaneCells:
     """Rectangular cells of the coordinates of a plane, and one point in each of them."""
 
     plane: Plane
@@ -114,21 +114,21 @@ class Sections(ABC):
     answered: int  # number of draws of the answer, which come first
 
     @abstractmethod
-    def survival(self, cells: Cells, *, few: bool = False) -> Array:
+    def survival(self, cells: PlaneCells, *, few: bool = False) -> Array:
         """Return P(encounter in a cell, beyond each value of the grid) under the base law, (cells, values).
 
         The law is evaluated at the points of the cells, and with ``few`` perhaps less exactly.
         """
 
     @abstractmethod
-    def log_ratios(self, cells: Cells, levels: Array) -> Array:
+    def log_ratios(self, cells: PlaneCells, levels: Array) -> Array:
         """Return the log of the ratio of each draw to the base law, shape (K, cells, levels).
 
         It is the ratio of the probabilities of a cell and of values beyond its ``levels``, (cells, levels).
         """
 
     @abstractmethod
-    def distance(self, cells: Cells) -> Array:
+    def distance(self, cells: PlaneCells) -> Array:
         """Return how far the points of the cells are from the middle of the law, as squared normal scores."""
 
     levels: tuple[int, ...] = LEVELS  # cumulative hazards at which ratios are stored, up to the depth
@@ -160,7 +160,7 @@ class Sections(ABC):
 class ExploredLines:
     """Lines on which any vehicle is simulated, with the base law along them; arrays of shape (lines,)."""
 
-    cells: Cells  # whose points are the lines
+    cells: PlaneCells  # whose points are the lines
     probability: Array  # probability under the base law that each line represents
     distance: Array  # sum of the squared normal scores of the two variables
     along: Array  # values of the third variable at the cumulative hazards `Sections.nodes`
@@ -180,7 +180,7 @@ def explored_lines(
 
     More lines are drawn where the pilots crash, by a systematic sample with a random start.
     """
-    cells = Cells.all(law.plane)
+    cells = PlaneCells.all(law.plane)
     chance = _chances(law, cells, pilots)
     steps = np.floor(np.cumsum(law.lines * chance) + generator.random()).astype(int)
     chosen = np.repeat(np.arange(chance.size), np.diff(steps, prepend=0))
@@ -193,7 +193,7 @@ def explored_lines(
     return ExploredLines(own, probability, law.distance(own), law.along(survival, law.nodes))
 
 
-def _chances(law: Sections, cells: Cells, pilots: Sequence[Simulate]) -> Array:
+def _chances(law: Sections, cells: PlaneCells, pilots: Sequence[Simulate]) -> Array:
     """Return the share of the lines in each cell, from the crashes of the pilots at its centre."""
     survival, edges = law.survival(cells, few=True), np.arange(law.depth + 1)
     values = law.along(survival, edges)
@@ -224,7 +224,7 @@ def log_ratios(law: Sections, lines: ExploredLines) -> Array:
     # Where a law has no density, the probability of a cell around each node represents it, up to a constant.
     sides = np.column_stack([np.minimum(root + second[0], 1.0), root - second[0]])
     share = (root - sides[:, 0]) / (sides[:, 1] - sides[:, 0])
-    cells = Cells(law.plane, np.column_stack([node, node]), sides, 0.0, share)
+    cells = PlaneCells(law.plane, np.column_stack([node, node]), sides, 0.0, share)
     levels = law.along(law.survival(cells), np.array(law.levels))
     return np.clip(law.log_ratios(cells, levels), *LIMITS).reshape(-1, *COARSE, len(law.levels))
 

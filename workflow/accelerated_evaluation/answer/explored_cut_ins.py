@@ -9,7 +9,7 @@ import numpy as np
 from scipy.special import ndtri
 from tqdm import tqdm
 
-from accelerated_evaluation.answer.explored import TINY, Cells, Plane, Sections
+from accelerated_evaluation.answer.explored import TINY, Plane, PlaneCells, Sections
 from accelerated_evaluation.answer.fitted_records import FittedRecords
 from accelerated_evaluation.answer.law_study import LawStudy
 from accelerated_evaluation.base.arrays import Array
@@ -67,7 +67,7 @@ class CutInSections(Sections):
         study = LawStudy.of_smooth(records, size, laws, family)
         return cls(study, study.draws(laws("draws")), stream("explorer", "draws"))
 
-    def survival(self, cells: Cells, *, few: bool = False) -> Array:
+    def survival(self, cells: PlaneCells, *, few: bool = False) -> Array:
         """Return P(cut-in in a cell, closing speed above each of `SPEEDS`), averaged over the draws."""
         laws = self.laws[: self.answered : max(1, self.answered // PILOT_DRAWS) if few else 1]
         places, share = Places.of(*cells.point, self.support), self._share(cells)
@@ -80,7 +80,7 @@ class CutInSections(Sections):
                 total[:, part] += probability[part] * np.exp(-given.cumulative_at(SPEEDS, part))
         return np.ascontiguousarray(total.T) / len(laws)
 
-    def _share(self, cells: Cells) -> Array:
+    def _share(self, cells: PlaneCells) -> Array:
         """Return the share of the recorded lead speeds in each cell; 1 in cells without a width."""
         ends = self.plane.at(cells.first, np.zeros(2))[0]
         if not np.diff(ends).any():
@@ -90,7 +90,7 @@ class CutInSections(Sections):
         below[cells.first == 1] = self.recorded.size
         return np.diff(below)[:, 0] / self.recorded.size
 
-    def log_ratios(self, cells: Cells, levels: Array) -> Array:
+    def log_ratios(self, cells: PlaneCells, levels: Array) -> Array:
         """Return the log of the ratio of each draw to the mean of the draws of the answer."""
         places = Places.of(*cells.point, self.support)
         row = np.repeat(np.arange(len(levels)), levels.shape[1])
@@ -101,7 +101,7 @@ class CutInSections(Sections):
             own[:] = np.log(np.maximum(_of_range(cells, places, ranges), TINY))[:, None] - hazard
         return logs - np.log(np.mean(np.exp(logs[: self.answered]), axis=0))
 
-    def distance(self, cells: Cells) -> Array:
+    def distance(self, cells: PlaneCells) -> Array:
         """Return the sum of the squared normal scores of the lead speed, and of the range given it."""
         lead_speed, range_ = cells.point
         rank = (np.searchsorted(self.recorded, lead_speed) + 0.5) / (self.recorded.size + 1)
@@ -112,7 +112,7 @@ class CutInSections(Sections):
         return ndtri(rank) ** 2 + ndtri(tail) ** 2
 
 
-def _of_range(cells: Cells, places: Places, ranges: SmoothHazard) -> Array:
+def _of_range(cells: PlaneCells, places: Places, ranges: SmoothHazard) -> Array:
     """Return the probability of the ranges of each cell for its lead speed, shape (n,)."""
     cumulative, root = places.range_hazards(ranges), cells.second
     touches = root[:, 1] > 0

@@ -3,7 +3,7 @@
 import numpy as np
 
 from accelerated_evaluation.answer.by_scan import scanned_variable
-from accelerated_evaluation.answer.explored import TINY, Cells, Plane, Sections
+from accelerated_evaluation.answer.explored import TINY, Plane, PlaneCells, Sections
 from accelerated_evaluation.base.arrays import Array
 from accelerated_evaluation.base.errors import InputError
 from accelerated_evaluation.laws.draws import Draws
@@ -47,18 +47,18 @@ class SlicedSections(Sections):
         low, high = (tuple(np.delete(end, k).tolist()) for end in (box.lower, box.upper))
         self.plane = Plane(low, high)
 
-    def survival(self, cells: Cells, *, few: bool = False) -> Array:
+    def survival(self, cells: PlaneCells, *, few: bool = False) -> Array:
         """Return P(encounter in a cell, beyond each of the values) under the proposal, (cells, values)."""
         values = np.broadcast_to(self.grid, (len(cells.first), self.grid.size))
         return cells.area[:, None] * np.exp(self._log_beyond(self.base, cells, values))
 
-    def log_ratios(self, cells: Cells, levels: Array) -> Array:
+    def log_ratios(self, cells: PlaneCells, levels: Array) -> Array:
         """Return the log of the ratio of each draw to the proposal, 0 where the proposal has none."""
         base = self._log_beyond(self.base, cells, levels)
         logs = np.array([self._log_beyond(law, cells, levels) for law in self.laws])
         return np.where(base > np.log(TINY), logs - np.maximum(base, np.log(TINY)), 0.0)
 
-    def distance(self, cells: Cells) -> Array:
+    def distance(self, cells: PlaneCells) -> Array:
         """Return twice the log of the ratio of the largest density of both variables to that of each point.
 
         For normal variables this is the sum of their squared normal scores.
@@ -66,7 +66,7 @@ class SlicedSections(Sections):
         logs = self._log_beyond(self.base, cells, np.full((len(cells.first), 1), self.grid[0]))[:, 0]
         return 2 * (logs.max() - logs)
 
-    def _log_beyond(self, law: SlicedLaw, cells: Cells, values: Array) -> Array:
+    def _log_beyond(self, law: SlicedLaw, cells: PlaneCells, values: Array) -> Array:
         """Return the log of the density of the points of cells and of being beyond the values, (cells, m)."""
         first, second = (np.repeat(each, values.shape[1]) for each in cells.point)
         x = np.column_stack(self.encounters(first, second, values.ravel()))

@@ -214,7 +214,7 @@ def _percent(share: float) -> str:
     return "less than 1 %" if 0 < share < 0.005 else f"{100 * share:.0f} %"
 
 
-def in_words(table: pd.DataFrame, scenario: Scenario) -> str:
+def extrapolation_in_words(table: pd.DataFrame, scenario: Scenario) -> str:
     """Return a line of text that says how much of an answer lies beyond the records."""
     rows = table.set_index("part")["probability"]
     return (

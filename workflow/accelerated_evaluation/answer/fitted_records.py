@@ -92,7 +92,7 @@ class FittedRecords:
         return None if kilometres is None else self.size / kilometres
 
 
-def read_records(settings: RecordSettings, check: Callable[[Records], None] | None = None) -> FittedRecords:
+def records_of(settings: RecordSettings, check: Callable[[Records], None] | None = None) -> FittedRecords:
     """Read records, and filter and segment cut-ins.
 
     ``check`` gets the records as the checks of records need them, and may raise an error. The lead speeds of

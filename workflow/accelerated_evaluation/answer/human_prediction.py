@@ -16,7 +16,7 @@ import numpy as np
 import pandas as pd
 from scipy.stats import poisson
 
-from accelerated_evaluation.answer.by_map import thinned
+from accelerated_evaluation.answer.by_map import thinned_lines
 from accelerated_evaluation.answer.counted_crashes import (
     CUT_IN,
     HUNDRED_CAR_MILES,
@@ -152,7 +152,7 @@ class HumanPrediction:
         """Yield the rows of the unchanged driver, for several definitions of a near-crash."""
         human = Human()
         drawn = {
-            event: self.draws.masses(thinned(lines, human, self.draws, self.generator)).sum(axis=1)
+            event: self.draws.masses(thinned_lines(lines, human, self.draws, self.generator)).sum(axis=1)
             for event, lines in self._lines(human, SEVERE).items()
         }
         crash = drawn.pop("crash")

@@ -10,8 +10,8 @@ where m_k is the probability of stratum k, c_k a closing speed drawn from it, an
 motion under the law divided by the density from which they were drawn. The strata are unit steps of the
 cumulative hazard, so the rare and dangerous closing speeds of every place are simulated, too. Behind a lead
 vehicle that keeps its speed, the vehicle crashes from some closing speed on. Places are drawn preferentially
-where this closing speed, less a few m/s, is probable. Motions are drawn by `laws.motion.draw_wide`. The
-weights are bounded and the draws are independent, so the standard error is that of a mean of independent
+where this closing speed, less a few m/s, is probable. Motions are drawn by `laws.motion.draw_wide_inputs`.
+The weights are bounded and the draws are independent, so the standard error is that of a mean of independent
 terms.
 
 Opening cut-ins are drawn from recorded ones, with motions drawn in the same way. If none of a few such
@@ -33,7 +33,7 @@ from accelerated_evaluation.answer.law_study import LawStudy
 from accelerated_evaluation.base.arrays import Array
 from accelerated_evaluation.crash_map.lines import CrashLines
 from accelerated_evaluation.crash_map.maps import CrashMap, Intervals
-from accelerated_evaluation.laws.motion import LARGEST_WEIGHT, LeadMotion, draw_wide
+from accelerated_evaluation.laws.motion import LARGEST_WEIGHT, LeadMotion, draw_wide_inputs
 from accelerated_evaluation.laws.motion.recorded import Ngsim, Recorded
 from accelerated_evaluation.laws.smooth.conditional import SpeedLaw
 from accelerated_evaluation.laws.smooth.family import DistinctRecords
@@ -144,7 +144,7 @@ class MovingProblem:
         proposals = [each / each.sum() for each in proposals if each.any()]
         chance = np.mean(proposals, axis=0)
         row = generator.choice(chance.size, size, p=chance)
-        inputs, weights = draw_wide(motions[0], size, generator)
+        inputs, weights = draw_wide_inputs(motions[0], size, generator)
         weights *= place[row] / chance[row]
         drawn = lines.places.only(row)
         given, inner = self.law.given(drawn), None if lines.inner is None else lines.inner[row]
@@ -185,7 +185,7 @@ class MovingProblem:
         for count in sizes:
             row = generator.choice(recorded.size, count, p=chance)
             if is_preferred:
-                inputs, weights = draw_wide(self.motion, count, generator)
+                inputs, weights = draw_wide_inputs(self.motion, count, generator)
             else:
                 inputs, weights = generator.random((count, self.motion.inputs)), np.ones(count)
             inner = np.empty((count, 0))

@@ -34,7 +34,7 @@ def ways_to_crash(
     if not masses.any():
         return pd.DataFrame(columns=SHOWN)
     place = crash_places(lines, masses, law.speeds, DRAWN, generator)
-    z, probability = normal_scores(law, *place), float(masses.sum())
+    z, probability = cut_in_scores(law, *place), float(masses.sum())
     return _tabulated(_grouped(place, z, WAYS, probability, generator), "crash", vehicle)
 
 
@@ -76,7 +76,7 @@ def _grouped(
     return table.assign(probability=probability * table["probability"])
 
 
-def normal_scores(law: DependentLaw, lead_speed: Array, range_: Array, closing_speed: Array) -> Array:
+def cut_in_scores(law: DependentLaw, lead_speed: Array, range_: Array, closing_speed: Array) -> Array:
     """Return the normal scores of cut-ins, coordinates in which the law is standard normal, shape (n, 3).
 
     They are those of the lead speed v_L [m/s], of the range R [m] given v_L, and of the closing speed [m/s]

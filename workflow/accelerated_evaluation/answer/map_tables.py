@@ -9,7 +9,7 @@ import numpy as np
 import pandas as pd
 from numpy.typing import NDArray
 
-from accelerated_evaluation.answer.by_map import thinned
+from accelerated_evaluation.answer.by_map import thinned_lines
 from accelerated_evaluation.answer.calibration import (
     DIVISIONS,
     TENTHS,
@@ -18,7 +18,7 @@ from accelerated_evaluation.answer.calibration import (
     near_miss_counts,
     recorded_by_fold,
     recorded_counts,
-    with_limits,
+    with_poisson_limits,
 )
 from accelerated_evaluation.answer.law_study import LawStudy
 from accelerated_evaluation.answer.law_table import KNOT, PAPER, TOGETHER, papers_law
@@ -62,7 +62,7 @@ def calibration_table(study: LawStudy, near: NearMisses | None = None) -> pd.Dat
     near misses are under laws that were fitted to all records, and for the weighted mean those of the answer,
     which averages over draws of the parameters. The table has a row for each law and cell, and
     for each event of ``near``, which is None if the records are not replayed: the cell ``where``, the speed
-    that divides the cells (``counted``), and the columns of `with_limits`.
+    that divides the cells (``counted``), and the columns of `with_poisson_limits`.
     """
     smooth, records = study.smooth, study.smooth.records
     recorded = recorded_counts(records)
@@ -80,7 +80,10 @@ def calibration_table(study: LawStudy, near: NearMisses | None = None) -> pd.Dat
         tables[member.name] = [of_cells, *near_misses(of_member)]
     independent = HeldOut.of_law(papers_law, records)
     tables[PAPER] = [recorded.assign(expected=counts_by_fold(independent)[0].sum(axis=0))]
-    rows = [with_limits(pd.concat(parts, ignore_index=True)).assign(law=law) for law, parts in tables.items()]
+    rows = [
+        with_poisson_limits(pd.concat(parts, ignore_index=True)).assign(law=law)
+        for law, parts in tables.items()
+    ]
     return pd.concat(rows, ignore_index=True)
 
 
@@ -186,7 +189,7 @@ class MapTables:
 
     def thresholds(self, streams: Streams) -> pd.DataFrame:
         """Return the crash probability for each threshold of the laws; see `threshold_table`."""
-        lines = thinned(self.lines(), self.vehicle, self.draws, streams("answer"))
+        lines = thinned_lines(self.lines(), self.vehicle, self.draws, streams("answer"))
         return threshold_table(self.study, lines, streams)
 
     def calibration(self, posteriors: Mapping[Event, Posterior]) -> pd.DataFrame:

@@ -23,7 +23,7 @@ from accelerated_evaluation.base.files import atomic_path, content_digest, read_
 from accelerated_evaluation.laws import smooth
 from accelerated_evaluation.laws.smooth.conditional import Places, SpeedLaw, Threshold
 from accelerated_evaluation.laws.smooth.dependent import DependentLaw
-from accelerated_evaluation.laws.smooth.draws import LawDraws
+from accelerated_evaluation.laws.smooth.draws import SmoothDraws
 from accelerated_evaluation.laws.smooth.excess import Excess
 from accelerated_evaluation.laws.smooth.family import (
     DistinctRecords,
@@ -121,7 +121,9 @@ class SmoothFamily:
 
     def draws(self, chosen: NDArray[np.intp], generator: np.random.Generator) -> MeanLaw:
         """Draw the parameters of the chosen members, shape (K,), from their posteriors."""
-        drawn = LawDraws.of(self.family, [self.members[k] for k in chosen], self.records.support, generator)
+        drawn = SmoothDraws.of(
+            self.family, [self.members[k] for k in chosen], self.records.support, generator
+        )
         names = sorted(set(drawn.names))
         whose = names[0] if len(names) == 1 else "all laws"
         description = f"mean of {drawn.size} draws of {whose}"

@@ -39,7 +39,7 @@ def header_fault(header: Sequence[str]) -> str:
         if separator in whole:
             return f"cells that are separated by {name} ({cut(whole)}), not by commas"
     if 2 * sum(map(is_number, header)) > len(header):
-        return f"numbers in the first row ({listed(header, '')}), so that the table has no header"
+        return f"numbers in the first row ({names_in_words(header, '')}), so that the table has no header"
     return ""
 
 
@@ -115,13 +115,13 @@ def require_columns(path: str | os.PathLike, seen: Sequence[str], named: Mapping
                 )
             raise InputError(
                 f"{path}, column {name!r}",
-                seen=f"only the columns {listed(seen, name)}",
+                seen=f"only the columns {names_in_words(seen, name)}",
                 expected=f"the column that {key} states",
                 change="Correct the header of the table, or the name there, in the configuration.",
             )
 
 
-def listed(names: Sequence[str], wanted: str) -> str:
+def names_in_words(names: Sequence[str], wanted: str) -> str:
     """Return a list of names for a message: the name most similar to ``wanted``, and the first few names.
 
     The text ends with the number of names that are not among the first few.

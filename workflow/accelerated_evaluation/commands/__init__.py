@@ -19,10 +19,10 @@ if TYPE_CHECKING:  # these imports take seconds, and --help does not need them
     from accelerated_evaluation.laws import Law
     from accelerated_evaluation.records.verdict import Verdict
     from accelerated_evaluation.scenarios import Scenario
-    from accelerated_evaluation.track.limits import Source
+    from accelerated_evaluation.track.limits import InputFile
 
 
-class Command(Protocol):
+class Subcommand(Protocol):
     """A subcommand of ``accelerated-evaluation``."""
 
     help: str
@@ -42,7 +42,7 @@ class Command(Protocol):
         """
 
 
-COMMANDS: Registry[Command] = Registry("command", __name__, __path__, contract=[Command])
+COMMANDS: Registry[Subcommand] = Registry("command", __name__, __path__, contract=[Subcommand])
 LAW = """\
 A law of a study is results/STUDY/laws/answer.json (the law that the records support best) or
 results/STUDY/models/two_pieces.json (the paper's). It was fitted to results/STUDY/encounters.parquet.
@@ -64,18 +64,18 @@ def add_law(command: argparse.ArgumentParser) -> None:
 
 
 @dataclass(frozen=True)
-class GivenLaw:
+class NamedLaw:
     """The law that the options of a command name."""
 
     scenario: "Scenario"
     # The files ``law`` and, for a law of cut-ins, ``encounters``, with their checksums.
-    sources: dict[str, "Source"]
+    sources: dict[str, "InputFile"]
     verdict: "Verdict"  # on the records of the encounter table or of the law file
     law: "Law"
     table: "pd.DataFrame | None" = None  # the encounter table; None for other scenarios
 
 
-def given_law(arguments: argparse.Namespace) -> GivenLaw:
+def given_law(arguments: argparse.Namespace) -> NamedLaw:
     """Return the law that is named by the options of `add_law`.
 
     InputError is raised if a file is missing; if there is no encounter table for a law of cut-ins, or a table
@@ -92,7 +92,7 @@ def given_law(arguments: argparse.Namespace) -> GivenLaw:
         refuse_options(arguments, scenario.name, "encounters")
         law = source_of(arguments.law)
         verdict = read_verdict(law.file, arguments.accept)
-        return GivenLaw(scenario, {"law": law}, verdict, law_in(scenario, law, None))
+        return NamedLaw(scenario, {"law": law}, verdict, law_in(scenario, law, None))
     if arguments.encounters is None:
         raise InputError(
             "--encounters",
@@ -103,7 +103,7 @@ def given_law(arguments: argparse.Namespace) -> GivenLaw:
     sources = {name: source_of(getattr(arguments, name)) for name in ("law", "encounters")}
     table = read_encounters(arguments.encounters)
     verdict = verdict_on_encounters(table, str(arguments.encounters), arguments.accept)
-    return GivenLaw(scenario, sources, verdict, law_in(scenario, **sources), table)
+    return NamedLaw(scenario, sources, verdict, law_in(scenario, **sources), table)
 
 
 def refuse_options(arguments: argparse.Namespace, scenario: str, *names: str) -> None:

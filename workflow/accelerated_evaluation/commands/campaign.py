@@ -327,11 +327,11 @@ def _tell(arguments: argparse.Namespace) -> None:
 
 def _status(arguments: argparse.Namespace) -> None:
     from accelerated_evaluation.track.campaign_file import law_of, read_campaign, read_draws, whole_in_words
-    from accelerated_evaluation.track.results import in_words, status_of
+    from accelerated_evaluation.track.results import status_in_words, status_of
 
     campaign = read_campaign(arguments.campaign)
     draws = None if arguments.under is None else read_draws(arguments.under, campaign)
-    print(in_words(campaign, status_of(campaign)))
+    print(status_in_words(campaign, status_of(campaign)))
     try:
         law = law_of(campaign)
     except InputError as error:  # the status without the uncertainty of the records needs no law

@@ -184,7 +184,7 @@ class EstimateAlone:
         """Estimate the probability of the event, write the tables, and print the answer."""
         if sys.stderr.isatty():  # the imports take seconds; the first step is then written over this line
             print("loading the libraries ...", end="\r", file=sys.stderr, flush=True)
-        from accelerated_evaluation.answer.estimation import Request, estimate
+        from accelerated_evaluation.answer.estimation import Request, estimate_event
         from accelerated_evaluation.answer.settings import Settings
         from accelerated_evaluation.study.configuration import load, resolved
         from accelerated_evaluation.vehicles.external.workers import printed_to
@@ -207,7 +207,7 @@ class EstimateAlone:
         given = {name: value for name in names if (value := getattr(arguments, name)) not in (None, [])}
         # What a vehicle prints is not part of the answer.
         with open(os.dup(2), "w", buffering=1) as errors, printed_to(errors, 1):
-            found = estimate(Settings.of(resolved(config)), Request(**given))
+            found = estimate_event(Settings.of(resolved(config)), Request(**given))
         folder = Path("results", config["study"], "estimate")
         compared = found.write(folder)
         if arguments.json:

@@ -314,7 +314,7 @@ def _with_progress(file: TextIO) -> Iterator[str]:
 def _position(header: list[str], name: str, source: Path, scenario: Scenario) -> int:
     """Return the index of the column ``name`` in the header; raise InputError unless it is there once."""
     if header.count(name) != 1:
-        from accelerated_evaluation.base.tables import header_fault, listed
+        from accelerated_evaluation.base.tables import header_fault, names_in_words
 
         if fault := header_fault(header):
             raise InputError(
@@ -326,7 +326,7 @@ def _position(header: list[str], name: str, source: Path, scenario: Scenario) ->
         times = "more than one" if name in header else "no"
         raise InputError(
             f"{source}, row 1",
-            seen=f"{times} column {name} among: {listed(header, name) if header else 'none'}",
+            seen=f"{times} column {name} among: {names_in_words(header, name) if header else 'none'}",
             expected=f"a header with {', '.join(scenario.names)}",
             change="Correct the header.",
         )

@@ -99,10 +99,10 @@ def exact_probabilities(crash_map: CrashMap, law: StratifiedLaw, event: Event = 
         for name, stratum in law.strata.items()
     }
     everything = sum(law.shares[name] * lines for name, lines in values.items())
-    return {name: summed(lines) for name, lines in (values | {ALL: everything}).items()}
+    return {name: _summed(lines) for name, lines in (values | {ALL: everything}).items()}
 
 
-def summed(lines: Array) -> Exact:
+def _summed(lines: Array) -> Exact:
     """Return the sum over cells of the mean of their two lines, shape (cells, 2), with its standard error.
 
     The variance of the mean of the two lines of a cell is estimated from their difference.

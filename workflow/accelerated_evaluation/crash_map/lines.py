@@ -16,7 +16,7 @@ from accelerated_evaluation.base.arrays import Array
 from accelerated_evaluation.crash_map.maps import LINES_PER_CELL, CrashMap, Lines
 from accelerated_evaluation.laws.protocol import Law
 from accelerated_evaluation.laws.smooth.conditional import Given, Places, SpeedLaw
-from accelerated_evaluation.laws.smooth.draws import LawDraws
+from accelerated_evaluation.laws.smooth.draws import SmoothDraws
 from accelerated_evaluation.laws.smooth.family import LawFamily, Member
 from accelerated_evaluation.laws.smooth.segments import parts
 from accelerated_evaluation.laws.smooth.smooth_hazard import SmoothHazard
@@ -86,7 +86,7 @@ class CrashLines(Lines):
         for member in members:
             yield self._masses(lines, family.law(member).given(self.places, below))
 
-    def masses_of_draws(self, draws: LawDraws) -> Array:
+    def masses_of_draws(self, draws: SmoothDraws) -> Array:
         """Return the probability of each interval under each draw of smooth laws, (K, intervals)."""
         masses = np.empty((draws.size, self.row.size))
         for place, (ranges, body) in enumerate(zip(draws.ranges, draws.bodies, strict=True)):
@@ -253,7 +253,7 @@ def _over_speeds(
     return half[:, 0] * (np.exp(law.log_density(x)).reshape(speeds.shape) @ NODE_WEIGHTS)
 
 
-def divided(lines: CrashLines, limits: Iterable[Array]) -> tuple[CrashLines, NDArray[np.intp]]:
+def divided_at(lines: CrashLines, limits: Iterable[Array]) -> tuple[CrashLines, NDArray[np.intp]]:
     """Cut the intervals of a crash map at limits of the closing speed [m/s], which have shape (lines,) each.
 
     The index of the original interval of each new one comes with it.

@@ -26,7 +26,7 @@ COMPONENTS = 8  # number of components of the mixture that approximates the mean
 POINTS = 8_000  # number of points to which this mixture is fitted
 
 
-class Lines(Protocol):
+class EventLines(Protocol):
     """Lines of a crash map, with the intervals of one variable in which an event happens."""
 
     def of_draw(self, k: int) -> Self:
@@ -97,7 +97,7 @@ class Draws(ABC):
     def draw_from_mean(self, n: int, generator: np.random.Generator) -> Array:
         """Draw n points or a few more from the mean of the draws."""
 
-    def masses(self, lines: Lines) -> Array:
+    def masses(self, lines: EventLines) -> Array:
         """Return the probability of each interval of a crash map under each draw, shape (K, intervals)."""
         return np.array([lines.of_draw(k).masses_by_density(law) for k, law in enumerate(self.laws)])
 
@@ -268,7 +268,7 @@ class MixedDraws(Draws, Law):
         """Return the log density of each draw at points x, shape (n, d), as an array of shape (K, n)."""
         return np.vstack([part.log_densities(x) for part in self.parts])
 
-    def masses(self, lines: Lines) -> Array:
+    def masses(self, lines: EventLines) -> Array:
         """Return the probability of each interval of a crash map under each draw, shape (K, intervals)."""
         return np.vstack([part.masses(lines) for part in self.parts])
 

@@ -198,7 +198,9 @@ def replicate_rows(
     return rows
 
 
-def coverage_table(replicates: pd.DataFrame, probability: float, standard_error: float = 0.0) -> pd.DataFrame:
+def coverage_of_replicates(
+    replicates: pd.DataFrame, probability: float, standard_error: float = 0.0
+) -> pd.DataFrame:
     """Compare the estimates and intervals of many replicates with the exact probability.
 
     There is a row for each method and stopping rule. ``bias`` is relative, ``cov_true`` is the coefficient of

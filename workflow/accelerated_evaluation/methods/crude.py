@@ -89,7 +89,7 @@ def fingerprint(paths: Iterable[str | os.PathLike], settings: Mapping[str, Any])
     return value_digest([files, settings])
 
 
-def simulate_batch(problem: Problem, generator: np.random.Generator, size: int) -> Counts:
+def _simulate_batch(problem: Problem, generator: np.random.Generator, size: int) -> Counts:
     """Simulate ``size`` cut-ins drawn from the law of a problem, and return counts by stratum.
 
     The counts of a stratum are the numbers of its simulations and of its events.
@@ -125,7 +125,7 @@ def simulate_batches(
         unit_scale=True,
     ) as progress:
         for batch in range(len(done), batches):
-            done.append(simulate_batch(problem, child_generator(seed, "crude", batch), batch_size))
+            done.append(_simulate_batch(problem, child_generator(seed, "crude", batch), batch_size))
             if len(done) % save_every == 0 or len(done) == batches:
                 checkpoint.write(done)
             progress.update(batch_size)

@@ -57,7 +57,7 @@ def _joined(one: Any, two: Any, skip: str = "") -> dict[str, Array]:  # noqa: AN
     return {name: np.concatenate([getattr(one, name), getattr(two, name)]) for name in names}
 
 
-# Numbers of draws, without simulation, by which `bound_without_event` computes an upper limit.
+# Numbers of draws, without simulation, by which `limit_without_event` computes an upper limit.
 UNSEEN_DRAWS = 100  # expected draws from f* in the worst set, whose probability is the limit
 MAXIMUM_DRAWS = 2_000_000  # largest number of draws from f*
 LAW_DRAWS = 200_000  # draws from f
@@ -103,7 +103,7 @@ def draw_log_ratios(
     return np.concatenate(parts)
 
 
-def bound_without_event(
+def limit_without_event(
     law: StratifiedLaw,
     proposals: Mapping[str, Factors],
     simulations: int,
@@ -135,7 +135,7 @@ def estimate_from_weights(weights: Array, alpha: float, *, converged: bool, lear
 
     The interval has the level 100 (1 - alpha) %, and ``learning`` is the number of simulations of the search
     for f*. With fewer than two events no variance can be estimated, and the interval is [0, 1]; see
-    `bound_without_event` for a better limit. Without simulations the estimate is NaN. The diagnostics are
+    `limit_without_event` for a better limit. Without simulations the estimate is NaN. The diagnostics are
     ``relative_half_width``; ``effective_sample_size``, (sum w)^2 / sum w^2 over the events; and
     ``largest_weight_share``, which is near one if a single event dominates.
     """

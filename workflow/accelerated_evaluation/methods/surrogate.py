@@ -79,7 +79,7 @@ def rules_for(scenario: Scenario, event: Event) -> dict[str, Any]:
 
 
 @study_errors()
-def sampler_of(problem: ScoreProblem, generator: np.random.Generator, **settings: Any) -> Sampler:  # noqa: ANN401
+def configured_sampler(problem: ScoreProblem, generator: np.random.Generator, **settings: Any) -> Sampler:  # noqa: ANN401
     """Return a new sampler for a problem; ``settings`` are arguments of `Sampler`."""
     return sampler_for(problem, generator, **_rules_of(problem) | settings)
 

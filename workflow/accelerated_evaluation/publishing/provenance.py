@@ -70,7 +70,7 @@ def page_of_code(project: Path, path: Path, line: int) -> str | None:
     return f"https://{parts[1]}/{parts[2]}/blob/{commit}/{file}#L{line}"
 
 
-def described(name: str, study: str) -> dict[str, dict[str, str]]:
+def figure_metadata(name: str, study: str) -> dict[str, dict[str, str]]:
     """Return the metadata for the files of a figure, by file format; they name the figure and its study."""
     text = f"Figure {name} of the study {study}, made by accelerated-evaluation."
     return {

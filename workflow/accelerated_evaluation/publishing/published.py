@@ -26,7 +26,7 @@ from accelerated_evaluation.base.errors import InputError
 from accelerated_evaluation.base.registry import Registry
 from accelerated_evaluation.publishing import figures
 from accelerated_evaluation.publishing.figures.style import COLUMN_WIDTH, save_figure
-from accelerated_evaluation.publishing.provenance import described
+from accelerated_evaluation.publishing.provenance import figure_metadata
 from accelerated_evaluation.publishing.study import FILES, Study
 from accelerated_evaluation.publishing.tables.display import as_html, readable, save_table
 
@@ -47,7 +47,7 @@ def figure(make: Make) -> Make:
 
     def publish(study: Study, made: tuple[Figure, pd.DataFrame]) -> ShownFigure:
         drawn, data = made
-        metadata = described(make.__name__, study.name)
+        metadata = figure_metadata(make.__name__, study.name)
         save_figure(drawn, data, study.figures, make.__name__, metadata)
         study.used.figures.append(make.__name__)
         return ShownFigure(data, study.figures / f"{make.__name__}.png")

@@ -102,7 +102,7 @@ def read_records(config: Config, check: Callable[[Records], None] | None = None)
     >>> records.size, records.x.shape == (records.size, 3)
     (1028, True)
     """
-    return fitted_records.read_records(RecordSettings.of(config), check)
+    return fitted_records.records_of(RecordSettings.of(config), check)
 
 
 @checked(records=RECORDS, config=A_CONFIGURATION)
@@ -136,7 +136,7 @@ def choose_draws(choice: str, records: FittedRecords, config: Config | None = No
     >>> ae.choose_draws("independent_variables", ae.read_records("left_turn")).size
     1
     """
-    return choices.choose_draws(choice, records, LawSettings.of(config or _complete(records.scenario.name)))
+    return choices.draws_named(choice, records, LawSettings.of(config or _complete(records.scenario.name)))
 
 
 @checked(
@@ -169,7 +169,7 @@ def fit_paper_law(name: str, records: FittedRecords, config: Config = DEFAULT) -
     >>> law.box.names
     ('lead_speed', 'range', 'closing_speed')
     """
-    return choices.fit_paper_law(name, records.table, LawSettings.of(config).fitting)
+    return choices.paper_law_named(name, records.table, LawSettings.of(config).fitting)
 
 
 @checked(config=A_CONFIGURATION, request=one_of(Request, words="a request", change="Write Request(...)."))
@@ -197,4 +197,4 @@ def estimate(config: Config, request: Request = Request()) -> Estimated:  # noqa
     >>> found.answers[0].converged
     True
     """
-    return estimation.estimate(Settings.of(config), request)
+    return estimation.estimate_event(Settings.of(config), request)

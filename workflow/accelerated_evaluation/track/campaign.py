@@ -28,8 +28,8 @@ from accelerated_evaluation.track.limits import (
     BEYOND,
     UNLIMITED,
     DrivenOutcome,
+    InputFile,
     Limits,
-    Source,
     law_in,
     outcome_in_words,
     outcomes_of,
@@ -60,8 +60,8 @@ class Run:
 class Campaign:
     """The complete state of a campaign."""
 
-    law: Source
-    encounters: Source | None  # table to which the law was fitted; None for a joint law
+    law: InputFile
+    encounters: InputFile | None  # table to which the law was fitted; None for a joint law
     description: str  # of the law
     event: Event
     goal: Stopping  # the stopping rule, which contains the required width of the interval.
@@ -77,8 +77,8 @@ class Campaign:
     @study_errors()
     def begin(
         cls,
-        law: Source,
-        encounters: Source | None,
+        law: InputFile,
+        encounters: InputFile | None,
         event: Event,
         goal: Stopping,
         *,
@@ -208,7 +208,7 @@ class Campaign:
                 change=change,
             )
 
-    def as_predecessor(self, law: Source, event: Event) -> Predecessor:
+    def as_predecessor(self, law: InputFile, event: Event) -> Predecessor:
         """Return the runs of the complete batches, to guide the campaign of a similar vehicle.
 
         InputError is raised if this campaign has another law or event, or if the event did not happen in its

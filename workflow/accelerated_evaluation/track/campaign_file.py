@@ -26,7 +26,7 @@ from accelerated_evaluation.laws.draws import Draws
 from accelerated_evaluation.methods.surrogate import study_errors
 from accelerated_evaluation.scenarios import SCENARIOS
 from accelerated_evaluation.track.campaign import Campaign, Run
-from accelerated_evaluation.track.limits import Limits, Source, law_in, source_of
+from accelerated_evaluation.track.limits import InputFile, Limits, law_in, source_of
 
 FORMAT, VERSION = "accelerated-evaluation campaign", 1
 RESTORE = "Restore a copy of the file; report outcomes from the track with `campaign tell`."
@@ -37,8 +37,8 @@ class Content:
     """The content of the file: the fields of `Campaign`, with the sampler as `fewruns` saves it."""
 
     scenario: str  # name
-    law: Source
-    encounters: Source | None
+    law: InputFile
+    encounters: InputFile | None
     description: str
     quantity: str  # of the event
     threshold: float

@@ -154,21 +154,21 @@ def require_limits(limits: Limits, law: Law) -> float:
 
 
 @dataclass(frozen=True)
-class Source:
+class InputFile:
     """An input file with the SHA-256 checksum of its contents."""
 
     file: str
     sha256: str
 
 
-def source_of(path: str | os.PathLike) -> Source:
+def source_of(path: str | os.PathLike) -> InputFile:
     """Return a file with its checksum; raise InputError if it does not exist."""
     path = Path(path)
     require_file(path, "Correct the path.")
-    return Source(str(path), file_digest(path))
+    return InputFile(str(path), file_digest(path))
 
 
-def law_in(scenario: Scenario, law: Source, encounters: Source | None) -> Law:
+def law_in(scenario: Scenario, law: InputFile, encounters: InputFile | None) -> Law:
     """Read a law: for cut-ins with the encounter table to which it was fitted, otherwise a joint law.
 
     InputError is raised if a file cannot be used, or if the law belongs to another scenario.

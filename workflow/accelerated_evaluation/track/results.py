@@ -13,7 +13,7 @@ from scipy.special import stdtrit
 from accelerated_evaluation.base.errors import InputError
 from accelerated_evaluation.base.files import write_csv
 from accelerated_evaluation.base.numerals import number_in
-from accelerated_evaluation.base.tables import listed, read_csv, require_file
+from accelerated_evaluation.base.tables import names_in_words, read_csv, require_file
 from accelerated_evaluation.methods import Estimate, Stopping, normal_reach
 from accelerated_evaluation.methods.surrogate import chance_in_words, unseen_in_words
 from accelerated_evaluation.scenarios.protocol import Scenario
@@ -50,7 +50,7 @@ def read_results(path: str | os.PathLike, campaign: Campaign) -> dict[int, Drive
     table.columns = [str(name).strip() for name in table.columns]
     for name in ("run", "crash"):
         if name not in table:
-            seen = f"only the columns {listed(list(table.columns), name)}"
+            seen = f"only the columns {names_in_words(list(table.columns), name)}"
             change = "Fill in the table that `campaign ask` wrote."
             raise InputError(str(path), seen=seen, expected=f"a column {name}", change=change)
     results: dict[int, DrivenOutcome] = {}
@@ -225,7 +225,7 @@ def forecast(found: Estimate, batch_size: int, goal: Stopping) -> int | None:
     return int(more[enough[0]]) * batch_size if enough.size else None
 
 
-def in_words(campaign: Campaign, status: Status) -> str:
+def status_in_words(campaign: Campaign, status: Status) -> str:
     """Return the status of a campaign, from `status_of`, as text of several lines."""
     found, goal = status.estimate, campaign.goal
     event = campaign.scenario.event_in_words(campaign.event)

@@ -67,7 +67,7 @@ class Power:
 
 
 @dataclass(frozen=True)
-class Source:
+class Publication:
     """The curves of one publication, with the information that a reader needs to check them."""
 
     name: str  # authors and year

@@ -11,8 +11,8 @@ from accelerated_evaluation.answer.injuries.curves import (
     REAR,
     Logistic,
     Power,
+    Publication,
     RiskCurve,
-    Source,
 )
 
 # Intercept, slope of the closing speed, and slope of the age at 39 years, the median in the sample. Cars of
@@ -36,7 +36,7 @@ WANG = {
 }
 
 SOURCES = {
-    "joksch_1993": Source(
+    "joksch_1993": Publication(
         name="Joksch 1993",
         reference="H. C. Joksch, Velocity change and fatality risk in a crash - a rule of thumb, Accident "
         "Analysis and Prevention 25(1), 103-104",
@@ -48,7 +48,7 @@ SOURCES = {
         "criticality metrics; the paper was not at hand, and its DOI was not resolved",
         curves={("fatal", FRONTAL): Power(71, 4, MILES_PER_HOUR)},
     ),
-    "kusano_2012": Source(
+    "kusano_2012": Publication(
         name="Kusano 2012",
         reference="K. D. Kusano and H. C. Gabler, Safety benefits of forward collision warning, brake "
         "assist, and autonomous braking systems in rear-end collisions, IEEE Transactions on Intelligent "
@@ -60,7 +60,7 @@ SOURCES = {
         "not at hand, and its DOI was not resolved",
         curves={("MAIS2+", FRONTAL): Logistic(-6.068 - 0.6234, 0.100, KILOMETRES_PER_HOUR)},
     ),
-    "lubbe_2022": Source(
+    "lubbe_2022": Publication(
         name="Lubbe 2022",
         reference="N. Lubbe, Y. Wu and H. Jeppsson, Safe speeds: fatality and injury risks of pedestrians, "
         "cyclists, motorcyclists, and car drivers impacting the front of another passenger car as a function "
@@ -72,7 +72,7 @@ SOURCES = {
         "as far as its rounded coefficients allow; other rows of the table were not at hand",
         curves={("MAIS3+", FRONTAL): LUBBE},
     ),
-    "malliaris_1997": Source(
+    "malliaris_1997": Publication(
         name="Malliaris 1997",
         reference="A. C. Malliaris, K. H. Digges and J. H. DeBlois, Relationships between crash casualties "
         "and crash attributes, SAE paper 970393",
@@ -89,7 +89,7 @@ SOURCES = {
             for impact, added in ((FRONTAL, 0.0), (REAR, from_behind))
         },
     ),
-    "wang_2022": Source(
+    "wang_2022": Publication(
         name="Wang 2022",
         reference="J.-S. Wang, MAIS(05/08) injury probability curves as functions of delta V, "
         "National Highway Traffic Safety Administration",

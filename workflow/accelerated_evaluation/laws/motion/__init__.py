@@ -20,8 +20,8 @@ COURSE_COLUMN = re.compile(r"speed_(\d+\.?\d*)")  # name of a column of lead spe
 SIMILAR_COLUMN = re.compile(r"(speed|lead.?speed.?[\d.-]).*", re.IGNORECASE)  # a name that may be misspelt
 # Columns of a table with the lead speeds after the crossing [m/s]: speed_0.1, speed_0.2, ..., speed_8.0.
 SPEED_COLUMNS = tuple(f"speed_{STEP * state:.1f}" for state in range(1, STATES))
-RAREST = 1e-4  # smallest distance of an input from 0 or 1 that `draw_wide` samples preferentially
-LARGEST_WEIGHT = 2.0  # largest importance weight of a draw of `draw_wide`
+RAREST = 1e-4  # smallest distance of an input from 0 or 1 that `draw_wide_inputs` samples preferentially
+LARGEST_WEIGHT = 2.0  # largest importance weight of a draw of `draw_wide_inputs`
 
 
 def course_columns(names: Iterable[str], where: str) -> list[str]:
@@ -81,7 +81,7 @@ def draw_lead_speeds(motion: LeadMotion, encounters: Array, generator: np.random
     return motion.lead_speeds(encounters, generator.random((encounters.shape[1], motion.inputs)))
 
 
-def draw_wide(motion: LeadMotion, size: int, generator: np.random.Generator) -> tuple[Array, Array]:
+def draw_wide_inputs(motion: LeadMotion, size: int, generator: np.random.Generator) -> tuple[Array, Array]:
     """Draw inputs of a law of lead motion such that extreme inputs are more frequent than under the law.
 
     Half of the draws are from the law. In the other half, one input is chosen at random, and the logarithm of
@@ -103,7 +103,7 @@ def draw_wide(motion: LeadMotion, size: int, generator: np.random.Generator) -> 
 
 @MOTIONS.add("constant")
 @dataclass(frozen=True)
-class Constant:
+class ConstantSpeed:
     """Law of lead motion without random inputs: the lead vehicle keeps its speed."""
 
     inputs: ClassVar[int] = 0

@@ -30,7 +30,7 @@ SHARED = 50  # largest number of bodies and of distributions of the range
 
 
 @dataclass(frozen=True)
-class LawDraws:
+class SmoothDraws:
     """K draws of a law of cut-ins from its posterior."""
 
     # Draws of the hazard of log(R_max / R); their number a is at most `SHARED`.
@@ -148,7 +148,7 @@ class Group:
     parameters: Array  # of the shape, (q, k, 1)
 
     @classmethod
-    def of(cls, draws: LawDraws, shape: Shape) -> Self:
+    def of(cls, draws: SmoothDraws, shape: Shape) -> Self:
         """Return the group of those draws whose tails have the given shape."""
         index = np.array(
             [
@@ -215,7 +215,7 @@ def _integrated(hazard: Array, widths: Array) -> Array:
 class SpeedsAt:
     """Distributions of the closing speed under each of K draws, given n pairs of lead speed and range."""
 
-    def __init__(self, draws: LawDraws, places: Places, body: Hazards) -> None:
+    def __init__(self, draws: SmoothDraws, places: Places, body: Hazards) -> None:
         self.draws, self.body, self._tails = draws, body, []
         self._far = None if draws.far is None else draws.far.at(places.splines)
         for group in draws.groups:

@@ -28,7 +28,14 @@ from accelerated_evaluation.laws.draws import Draws
 from accelerated_evaluation.laws.paper.models import recorded_lead_speeds
 from accelerated_evaluation.laws.protocol import Box, Law
 from accelerated_evaluation.laws.smooth.conditional import Places, SpeedLaw, Threshold, range_grid, speed_grid
-from accelerated_evaluation.laws.smooth.draws import TOLERANCE, LawDraws, RangeMixture, SpeedsAt, mixed, solve
+from accelerated_evaluation.laws.smooth.draws import (
+    TOLERANCE,
+    RangeMixture,
+    SmoothDraws,
+    SpeedsAt,
+    mixed,
+    solve,
+)
 from accelerated_evaluation.laws.smooth.excess import Excess
 from accelerated_evaluation.laws.smooth.far_tail import FarTail
 from accelerated_evaluation.laws.smooth.segments import (
@@ -52,7 +59,7 @@ class MeanStratum(SmoothStratum):
     """One segment of the mean law: a `Stratum` with unit-exponential coordinates."""
 
     lead_speed: Empirical
-    draws: LawDraws
+    draws: SmoothDraws
 
     @property
     def support(self) -> Support:
@@ -155,7 +162,7 @@ class MeanStratum(SmoothStratum):
 class SmoothLines(Protocol):
     """Lines of a crash map of cut-ins."""
 
-    def masses_of_draws(self, draws: LawDraws) -> Array:
+    def masses_of_draws(self, draws: SmoothDraws) -> Array:
         """Return the probability of each interval under each draw of smooth laws, (K, intervals)."""
 
 
@@ -167,7 +174,7 @@ class MeanLaw(Draws, SmoothLaw):
     description: str
     # Lane changes by segment, in order of speed; the conditional distributions are the same in all segments.
     counts: Mapping[str, int]
-    draws: LawDraws = field(compare=False)
+    draws: SmoothDraws = field(compare=False)
     # The recorded v_L [m/s] by segment, which are read from the encounter table and not stored in the law
     # file.
     lead_speeds: Mapping[str, Empirical] = field(compare=False)
@@ -177,7 +184,11 @@ class MeanLaw(Draws, SmoothLaw):
 
     @classmethod
     def fitted(
-        cls, draws: LawDraws, encounters: pd.DataFrame, description: str, closing_speed_max: float = math.inf
+        cls,
+        draws: SmoothDraws,
+        encounters: pd.DataFrame,
+        description: str,
+        closing_speed_max: float = math.inf,
     ) -> Self:
         """Return the mean law of draws that were fitted to an encounter table.
 
@@ -301,7 +312,7 @@ class MeanLaw(Draws, SmoothLaw):
         laws = tuple(_speed_law(part, bodies, surfaces) for part in content["draws"])
         shared = np.array([part["shared"] for part in content["draws"]])
         names = tuple(part["name"] for part in content["draws"])
-        draws = LawDraws(ranges, bodies, laws, shared, names, support)
+        draws = SmoothDraws(ranges, bodies, laws, shared, names, support)
         counts, description = content["counts"], content["description"]
         return cls(description, counts, draws, recorded_lead_speeds(records, counts), box.upper[2])
 

@@ -18,9 +18,9 @@ from accelerated_evaluation.methods.cross_entropy.families import (
 from accelerated_evaluation.methods.cross_entropy.levels import SearchSettings, Shift
 from accelerated_evaluation.methods.cross_entropy.search import Proposals, Search, search
 from accelerated_evaluation.methods.importance_sampling import (
-    bound_without_event,
     course_table,
     estimate_from_weights,
+    limit_without_event,
     run_to_convergence,
 )
 from accelerated_evaluation.methods.problem import Problem
@@ -159,7 +159,7 @@ class CrossEntropyMethod(Method):
             learning=proposals.total,
         )
         if not estimate.events:
-            high = bound_without_event(
+            high = limit_without_event(
                 problem.law, proposals.factors, estimate.estimating, stopping.alpha, generator
             )
             estimate = replace(estimate, high=high)

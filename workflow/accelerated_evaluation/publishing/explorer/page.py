@@ -185,7 +185,7 @@ def add_runs(payload: Payload, scenario: Scenario, runs: pd.DataFrame) -> None:
     payload.add("run_crash", once["event"], "u1")
 
 
-def exposure_of(cut_ins: int, exposure: Mapping[str, float | None]) -> dict[str, Any]:
+def rate_quantiles(cut_ins: int, exposure: Mapping[str, float | None]) -> dict[str, Any]:
     """Return cut-ins, kilometres and quantiles of the rate per million kilometres, or None if not known."""
     kilometres = exposure.get("kilometres")
     if kilometres is None:
@@ -311,7 +311,7 @@ def _payload(explored: Explored, generator: np.random.Generator) -> Payload:
             "events": [
                 {"name": scenario.event_in_words(event), "threshold": event.threshold} for event in faster
             ],
-            "exposure": exposure_of(len(explored.x), explored.exposure),
+            "exposure": rate_quantiles(len(explored.x), explored.exposure),
             "published": {
                 "answer": published_of(answer, "event"),
                 "vehicles": published_of(explored.vehicles, "vehicle"),

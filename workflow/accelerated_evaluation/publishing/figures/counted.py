@@ -16,7 +16,7 @@ from accelerated_evaluation.publishing.figures.dot_chart import (
 )
 from accelerated_evaluation.publishing.figures.style import COLUMN_WIDTH, PIECES, note_source, paper_style
 from accelerated_evaluation.publishing.published import figure
-from accelerated_evaluation.publishing.tables.display import NAMES, in_words
+from accelerated_evaluation.publishing.tables.display import NAMES, vehicles_in_words
 
 GROUPS = {
     "predicted": "predicted crashes of closing cut-ins",
@@ -52,7 +52,7 @@ def rows_to_draw(counted: pd.DataFrame) -> pd.DataFrame:
 
 def _in_words(who: pd.Series) -> pd.Series:
     """Write codes of vehicles and of sources in words, shape (n,)."""
-    known = in_words(who).replace(SOURCES)
+    known = vehicles_in_words(who).replace(SOURCES)
     return known.str.replace("cc_human in", f"{NAMES['cc_human']} in", regex=False)
 
 

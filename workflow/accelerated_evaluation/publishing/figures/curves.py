@@ -17,7 +17,7 @@ RECORDS_COLOR = "#c0c0c0"
 
 
 @dataclass(frozen=True)
-class Variable:
+class PlottedVariable:
     """Name and units of a variable in figures and in their data.
 
     Attributes
@@ -57,8 +57,8 @@ class Variable:
         return f"density_{self.density_unit}"
 
 
-INVERSE_RANGE = Variable("inverse_range", "R^{-1}", "1/m", "per_m", "m", log_scale=True)
-INVERSE_TTC = Variable("inverse_ttc", "TTC^{-1}", "1/s", "per_s", "s", log_scale=False)
+INVERSE_RANGE = PlottedVariable("inverse_range", "R^{-1}", "1/m", "per_m", "m", log_scale=True)
+INVERSE_TTC = PlottedVariable("inverse_ttc", "TTC^{-1}", "1/s", "per_s", "s", log_scale=False)
 
 
 @dataclass(frozen=True)
@@ -97,7 +97,7 @@ class Curve:
         return np.unique(np.concatenate([points, knots, np.nextafter(knots, -np.inf)]))
 
 
-def histogram(x: Array, edges: Array, variable: Variable) -> pd.DataFrame:
+def histogram(x: Array, edges: Array, variable: PlottedVariable) -> pd.DataFrame:
     """Count records in bins.
 
     ``x``: records, shape (n,). The density refers to all of them, including those outside the bins. A row for
@@ -109,7 +109,7 @@ def histogram(x: Array, edges: Array, variable: Variable) -> pd.DataFrame:
     return pd.DataFrame({"curve": RECORDS, **dict(zip(columns, values, strict=True))})
 
 
-def density_table(name: str, curve: Curve, points: Array, variable: Variable) -> pd.DataFrame:
+def density_table(name: str, curve: Curve, points: Array, variable: PlottedVariable) -> pd.DataFrame:
     """Tabulate the density of a curve where it is positive.
 
     The columns are curve, value of the variable, density times weight, and is_knot.
@@ -121,7 +121,7 @@ def density_table(name: str, curve: Curve, points: Array, variable: Variable) ->
     return pd.DataFrame({"curve": name, **{column: values[inside] for column, values in table.items()}})
 
 
-def draw_histogram(axis: Axes, rows: pd.DataFrame, variable: Variable, label: str) -> None:
+def draw_histogram(axis: Axes, rows: pd.DataFrame, variable: PlottedVariable, label: str) -> None:
     """Draw a table from `histogram` on a logarithmic axis, from a third of the smallest positive density."""
     middle, half = rows[variable.column].to_numpy(), rows[variable.width].to_numpy() / 2
     edges = np.append(middle - half, middle[-1] + half[-1])

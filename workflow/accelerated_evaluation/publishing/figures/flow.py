@@ -18,7 +18,7 @@ LINE = {"color": "black", "linewidth": 0.7}
 
 
 @dataclass(frozen=True)
-class Box:
+class FlowBox:
     """A box of a flow chart.
 
     Attributes
@@ -69,7 +69,7 @@ class Arrow:
     answer: str = ""
     lane: float | None = None
 
-    def corners(self, boxes: Mapping[str, Box]) -> list[tuple[float, float]]:
+    def corners(self, boxes: Mapping[str, FlowBox]) -> list[tuple[float, float]]:
         """Return the points [in] of the arrow from start to end, at which it changes its direction."""
         first, last = boxes[self.start].side(self.sides[0]), boxes[self.end].side(self.sides[1])
         if self.lane is not None:
@@ -78,7 +78,7 @@ class Arrow:
         return [first, last] if corner in (first, last) else [first, corner, last]
 
 
-def draw_flow_chart(axes: Axes, boxes: Mapping[str, Box], arrows: Iterable[Arrow]) -> None:
+def draw_flow_chart(axes: Axes, boxes: Mapping[str, FlowBox], arrows: Iterable[Arrow]) -> None:
     """Draw boxes and arrows on axes whose unit is an inch."""
     axes.axis("off")
     for box in boxes.values():
@@ -106,7 +106,7 @@ def _write_answer(axes: Axes, arrow: Arrow, start: tuple[float, float]) -> None:
     axes.annotate(arrow.answer, start, textcoords="offset points", fontsize=FONT_SIZE, **place)
 
 
-def flow_table(boxes: Mapping[str, Box], arrows: Iterable[Arrow]) -> pd.DataFrame:
+def flow_table(boxes: Mapping[str, FlowBox], arrows: Iterable[Arrow]) -> pd.DataFrame:
     """Return a table with a row for each box and arrow of a flow chart.
 
     The columns are kind (box or arrow), name, text, x_in, y_in, width_in, height_in, question, start and end.
@@ -122,47 +122,47 @@ def flow_table(boxes: Mapping[str, Box], arrows: Iterable[Arrow]) -> pd.DataFram
 FLOW_HEIGHT = 5.6  # [in]
 MAIN, WIDE = 1.36, 2.3  # middle and width of the main column of the flow chart [in]
 FLOW_BOXES = {
-    "start": Box(
+    "start": FlowBox(
         "$f^*$ starts as f, no weight below {minimum_weight:g}\n(single: exponentials with the means of $f$)",
         *(MAIN, 5.35, WIDE, 0.36),
     ),
-    "draw": Box(
+    "draw": FlowBox(
         "draw N = {sample_size:,} cut-ins from $f^*$, simulate\nthem; score $t$: the least of TTC and of\n"
         "$R$ / ({range_per_ttc:g} m/s); 0 if it is a crash",
         *(MAIN, 4.74, WIDE, 0.5),
     ),
-    "rarer": Box(
+    "rarer": FlowBox(
         "is the {event_quantile:g} quantile of $t$\nbelow the last $t_{{TTC}}$?",
         *(MAIN, 4.02, WIDE, 0.62),
         question=True,
     ),
-    "more": Box(
+    "more": FlowBox(
         "draw on, to {minimum_events}\ncrashes or {maximum_batches} N;\nheuristic: if < {minimum_events}\n"
         "reach the last\n$t_{{TTC}}$, move knots;\ntake the {minimum_events}th\nsmallest $t$",
         *(2.97, 3.31, 0.86, 0.92),
     ),
-    "event": Box(
+    "event": FlowBox(
         "$t_{{TTC}}$ falls to it, and $t_R$ in step;\nevent: $TTC$ hits $t_{{TTC}}$ or $R$ hits $t_R$;\n"
         "draw on if a large piece has < {minimum_piece_events}",
         *(MAIN, 3.31, 2.05, 0.5),
     ),
-    "update": Box(
+    "update": FlowBox(
         "weight events by $f / f^*$; update weights,\n"
         "$\\theta$ of pieces with {minimum_piece_events} events (single: rates)",
         *(MAIN, 2.71, WIDE, 0.4),
     ),
-    "full": Box(
+    "full": FlowBox(
         "shifted: is the tail at full\nweight, with room below\nall events?",
         *(MAIN, 1.94, WIDE, 0.74),
         question=True,
     ),
-    "shift": Box("move the\nknots up", 3.06, 1.94, 0.62, 0.46),
-    "crash": Box(
+    "shift": FlowBox("move the\nknots up", 3.06, 1.94, 0.62, 0.46),
+    "crash": FlowBox(
         "was the crash itself the\nevent {crash_iterations} times in a row?",
         *(MAIN, 1.08, WIDE, 0.62),
         question=True,
     ),
-    "end": Box("$f^*$", MAIN, 0.45, 0.5, 0.24),
+    "end": FlowBox("$f^*$", MAIN, 0.45, 0.5, 0.24),
 }
 FLOW_ARROWS = (
     Arrow("start", "draw"),
@@ -180,7 +180,7 @@ FLOW_ARROWS = (
 )
 
 
-def flow_boxes(settings: Mapping[str, Any]) -> dict[str, Box]:
+def flow_boxes(settings: Mapping[str, Any]) -> dict[str, FlowBox]:
     """Return the boxes of the flow chart of `methods.cross_entropy.search`, with the settings in its text."""
     return {name: replace(box, text=box.text.format(**settings)) for name, box in FLOW_BOXES.items()}
 

@@ -19,7 +19,7 @@ from accelerated_evaluation.publishing.figures.style import (
     say_no_crash,
 )
 from accelerated_evaluation.publishing.published import figure
-from accelerated_evaluation.publishing.tables.display import in_words
+from accelerated_evaluation.publishing.tables.display import vehicles_in_words
 from accelerated_evaluation.publishing.tables.exact import best_known
 
 TITLES = {"MAIS2+": "at least moderate (MAIS2+)", "MAIS3+": "at least serious (MAIS3+)", "fatal": "fatal"}
@@ -67,7 +67,7 @@ def fig32_injuries(
             label = "median and 80 % interval"
             axes.errorbar(rows["median"], y, xerr=reach, elinewidth=0.8, label=label, **DOT)
             axes.set(xscale="log")
-            name_rows(axes, y, rows["level"].map(TITLES), in_words(rows["vehicle"]))
+            name_rows(axes, y, rows["level"].map(TITLES), vehicles_in_words(rows["vehicle"]))
         axes.set_xlabel(f"injured drivers, of both cars, per {per}")
         finish(drawn, axes, source)
     return drawn, pd.concat([rows, curves.assign(per=per)], ignore_index=True)

@@ -25,7 +25,7 @@ from accelerated_evaluation.publishing.figures.style import (
     say_no_crash,
 )
 from accelerated_evaluation.publishing.published import figure
-from accelerated_evaluation.publishing.tables.display import in_words
+from accelerated_evaluation.publishing.tables.display import vehicles_in_words
 from accelerated_evaluation.scenarios.protocol import Scenario
 
 DEFENDED, PAPER = "#08306b", "#b2182b"
@@ -246,7 +246,7 @@ def fig25_vehicles(vehicles: pd.DataFrame, scenario: Scenario, source: str) -> t
         draw_nested(left, y, shown)
         left.set_title("(a) 50, 80 and 95 % intervals" if others else "", loc="left")
         scale_logarithmically(left, f"crash probability of {scenario.one}")
-        left.set_yticks(y, in_words(shown["vehicle"]))
+        left.set_yticks(y, vehicles_in_words(shown["vehicle"]))
         left.set_ylim(len(shown) - 0.5, -0.5)
         for right in others:
             right.hlines(y, shown["ratio_low80"], shown["ratio_high80"], color="#4292c6", linewidth=2.2)

@@ -24,7 +24,7 @@ from accelerated_evaluation.publishing.figures.style import (
     say_no_crash,
 )
 from accelerated_evaluation.publishing.published import figure
-from accelerated_evaluation.publishing.tables.display import in_words
+from accelerated_evaluation.publishing.tables.display import vehicles_in_words
 
 CRASHES, RECORDS = 4, 6  # largest numbers of crashes and of records that are drawn
 COLUMNS = {CRASHES: 4, RECORDS: 3}  # columns of panels
@@ -183,7 +183,7 @@ def fig34_lead_motion(lead_motion: pd.DataFrame, source: str) -> tuple[Figure, p
         limit = rows["high95"][~crashed]
         axes.plot(limit, y[~crashed], marker="<", color=PIECES[0], label="no crash: 95 % limit", **look)
         axes.set(xscale="log", xlabel="crash probability of a cut-in")
-        name_rows(axes, y, rows["group"], in_words(rows["vehicle"]))
+        name_rows(axes, y, rows["group"], vehicles_in_words(rows["vehicle"]))
         has_factor = rows["factor"].notna().to_numpy()
         write_beside(axes, y[has_factor], in_ratios(rows["factor"][has_factor]), "× constant")
         finish(drawn, axes, f"{source}; lead motion with the statistics of NGSIM")

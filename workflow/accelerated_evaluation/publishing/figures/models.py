@@ -16,7 +16,7 @@ from accelerated_evaluation.publishing.figures.curves import (
     RECORDS,
     RECORDS_COLOR,
     Curve,
-    Variable,
+    PlottedVariable,
     density_table,
     draw_curve,
     draw_histogram,
@@ -111,7 +111,7 @@ def _inverse_ttc(encounters: pd.DataFrame, segment: str) -> Array:
     return encounters.loc[encounters["segment"] == segment, "inverse_ttc"].to_numpy()
 
 
-def _described(leaf: Described, variable: Variable) -> str:
+def _described(leaf: Described, variable: PlottedVariable) -> str:
     """Name a component by its kind and its parameters, such as ``normal, sigma = 0.089 1/s``."""
     parameters = [
         f"${parameter.symbol}$ = {getattr(leaf, name):.3f} {unit_to_power(variable.unit, parameter.power)}"
@@ -128,7 +128,7 @@ def _compared(piecewise: Described, single: Described) -> dict[str, Curve]:
     }
 
 
-def _fit_table(x: Array, curves: Mapping[str, Curve], variable: Variable) -> pd.DataFrame:
+def _fit_table(x: Array, curves: Mapping[str, Curve], variable: PlottedVariable) -> pd.DataFrame:
     """Return the data of both panels: densities of the body, and survival functions over the whole range."""
     start = min(curve.law.lower for curve in curves.values())
     body = np.linspace(start, np.quantile(x, BODY_SHARE), BINS + 1)
@@ -146,7 +146,7 @@ def _fit_table(x: Array, curves: Mapping[str, Curve], variable: Variable) -> pd.
     return table[["panel", *table.columns.drop("panel")]].reset_index(drop=True)
 
 
-def _survival_table(name: str, curve: Curve, points: Array, variable: Variable) -> pd.DataFrame:
+def _survival_table(name: str, curve: Curve, points: Array, variable: PlottedVariable) -> pd.DataFrame:
     x = curve.grid(points)
     survival = curve.law.sf(x)
     table = {variable.column: x, "survival": survival, "is_knot": np.isin(x, curve.knots)}
@@ -154,7 +154,7 @@ def _survival_table(name: str, curve: Curve, points: Array, variable: Variable) 
 
 
 def _fit_figure(
-    x: Array, curves: Mapping[str, Curve], variable: Variable, source: str, segment: str = ""
+    x: Array, curves: Mapping[str, Curve], variable: PlottedVariable, source: str, segment: str = ""
 ) -> tuple[Figure, pd.DataFrame]:
     """Draw the panels of body and tail; return the figure and the table of everything that is drawn."""
     table = _fit_table(x, curves, variable)

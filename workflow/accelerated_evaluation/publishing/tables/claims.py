@@ -19,7 +19,7 @@ from accelerated_evaluation.publishing.tables.paper_claims import (
     Claim,
 )
 from accelerated_evaluation.publishing.tables.places import FOUND
-from accelerated_evaluation.publishing.tables.readings import Evidence, heuristic_acts, statements
+from accelerated_evaluation.publishing.tables.readings import StudyResults, heuristic_acts, statements
 from accelerated_evaluation.publishing.tables.searches import search_totals, searched_parameters
 from accelerated_evaluation.publishing.tables.spreads import (
     Mean,
@@ -28,7 +28,7 @@ from accelerated_evaluation.publishing.tables.spreads import (
     exactly,
     of_method,
     pooled_probability,
-    sample_size,
+    simulations_needed,
 )
 
 # Claims that need converged estimates of a method.
@@ -91,7 +91,7 @@ def claims_table(
     paper's assumptions or has no similar quantity, with its reason ``why``; and where our number stands in
     other published tables (`publishing.tables.places`). ``key`` is a short name by which others can cite it.
     """
-    evidence = Evidence(
+    evidence = StudyResults(
         *(dependence, candidates, similarity, two_pieces, three_pieces, repeated_searches),
         *(trace, course, exact, variation),
     )
@@ -190,8 +190,10 @@ def _searches(trace: pd.DataFrame) -> dict[str, Spread]:
 def _samples(estimates: pd.DataFrame, coverage: pd.DataFrame) -> dict[str, Spread]:
     """Return the simulations to convergence: means, and the first replicates for the paper's single runs."""
     methods = ("piecewise", "single")
-    means = {method: sample_size(estimates, coverage, method) for method in methods}
-    runs = {f"{method}_run": sample_size(estimates, coverage, method, first=True) for method in methods}
+    means = {method: simulations_needed(estimates, coverage, method) for method in methods}
+    runs = {
+        f"{method}_run": simulations_needed(estimates, coverage, method, first=True) for method in methods
+    }
     return means | runs
 
 

@@ -30,7 +30,7 @@ def records_used(account: pd.DataFrame) -> str:
     return f"{rows['rows_in'].iloc[0]:,} rows were read, and {rows['rows_kept'].iloc[-1]:,} are used"
 
 
-def limits_of(scope: tuple[str, Mapping[str, float]]) -> str:
+def scope_in_words(scope: tuple[str, Mapping[str, float]]) -> str:
     """Return the vehicle and the limits of the encounters, of which the scope consists, in words."""
     vehicle, filters = scope
     limits = ", ".join(f"{name} {value:g}" for name, value in filters.items())
@@ -122,7 +122,7 @@ def chain_of(seed: int) -> str:
 # Question, name of the result in `Study`, published table or file, and function that gives the answer.
 QUESTIONS: tuple[tuple[str, str, str, Callable[[Any], str]], ...] = (
     ("scope: which records", "account", "encounters_account", records_used),
-    ("scope: which encounters and vehicle", "scope", "config.json", limits_of),
+    ("scope: which encounters and vehicle", "scope", "config.json", scope_in_words),
     ("quality of the records", "records_report", "records_report", checks_of),
     ("assumptions: how much they change the answer", "choices", "choices", range_of_medians),
     ("treatment of doubtful records", "data_quality", "data_quality", range_of_medians),

@@ -129,7 +129,7 @@ NAMES = {
 }
 
 
-def in_words(vehicles: pd.Series) -> pd.Series:
+def vehicles_in_words(vehicles: pd.Series) -> pd.Series:
     """Return the names of vehicles in words, shape (n,); a name that is not known here stays as it is."""
     return vehicles.replace(NAMES)
 
@@ -211,7 +211,7 @@ def presented(table: pd.DataFrame) -> pd.DataFrame:
         # Headers without a name have to differ, so they are blanks.
         names = [" " * place if name is None else name for place, name in enumerate(table.index.names, 1)]
         table = table.rename_axis(index=names).reset_index()
-    words = {name: in_words(table[name]) for name in VEHICLE_COLUMNS if name in table}
+    words = {name: vehicles_in_words(table[name]) for name in VEHICLE_COLUMNS if name in table}
     words |= {name: table[name].map(_quantity) for name in CODED_COLUMNS if name in table}
     table = table.assign(**words)
     return table.map(_in_word).rename(columns=header)

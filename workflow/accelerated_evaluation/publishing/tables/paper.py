@@ -19,7 +19,7 @@ from accelerated_evaluation.publishing.tables.spreads import (
     crude_sample_size,
     exactly,
     pooled_probability,
-    sample_size,
+    simulations_needed,
 )
 
 ESTIMATE_COLUMNS = (
@@ -37,7 +37,9 @@ def table1_sample_size(
     Convergence is a relative half-width of at most beta of the interval with level 1 - alpha. The interval of
     the mean is that of one more such mean, and numbers that the paper does not state are NaN.
     """
-    sizes = {method: sample_size(estimates, coverage, method) for method in estimates["method"].unique()}
+    sizes = {
+        method: simulations_needed(estimates, coverage, method) for method in estimates["method"].unique()
+    }
     sizes["crude"] = crude_sample_size(exact, alpha, beta)
     rows = [
         {

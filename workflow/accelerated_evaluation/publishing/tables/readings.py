@@ -26,7 +26,7 @@ CHOSEN = {"pareto": ("Pareto", "inverse_range"), "exponential": ("exponential", 
 QUANTILE = 0.95  # at which the segments are compared, where the last knot of TTC^-1 is by default
 
 
-class Evidence(NamedTuple):
+class StudyResults(NamedTuple):
     """The results of a study by which the statements are judged, as in `Study`."""
 
     dependence: pd.DataFrame
@@ -41,7 +41,7 @@ class Evidence(NamedTuple):
     variation: pd.DataFrame
 
 
-def statements(evidence: Evidence, alpha: float, beta: float) -> dict[str, Spread]:
+def statements(evidence: StudyResults, alpha: float, beta: float) -> dict[str, Spread]:
     """Return our number for each statement of the paper, by its key.
 
     An estimate has converged at a relative half-width of at most beta of its interval of level 1 - alpha.
@@ -64,7 +64,7 @@ def heuristic_acts(trace: pd.DataFrame) -> bool:
     return bool((knots.max() > knots.min()).any())
 
 
-def _records(evidence: Evidence) -> dict[str, Spread]:
+def _records(evidence: StudyResults) -> dict[str, Spread]:
     """Return the numbers for the statements about the recorded lane changes."""
     pairs = evidence.dependence
     strongest = pairs.loc[pairs["tau"].abs().idxmax()]
@@ -121,7 +121,7 @@ def _same_estimate(course: pd.DataFrame, alpha: float) -> Spread:
     return means[0].over(means[1]).interval("all simulations")
 
 
-def _faster(evidence: Evidence, alpha: float, beta: float) -> dict[str, Spread]:
+def _faster(evidence: StudyResults, alpha: float, beta: float) -> dict[str, Spread]:
     """Return how much piecewise saves compared with single, and with crude Monte Carlo.
 
     The numbers of simulations to convergence are those of the exact variances, one for each search.

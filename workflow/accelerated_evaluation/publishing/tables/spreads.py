@@ -102,7 +102,7 @@ def pooled_probability(course: pd.DataFrame, method: str, alpha: float, scope: s
     return Spread(probability, low, high, of)
 
 
-def sample_size(
+def simulations_needed(
     estimates: pd.DataFrame, coverage: pd.DataFrame, method: str, *, first: bool = False
 ) -> Spread:
     """Return the mean number of simulations to convergence over all segments, or that of the first replicate.

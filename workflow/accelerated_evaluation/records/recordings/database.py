@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING
 
 from accelerated_evaluation.base.errors import InputError, StudyError
 from accelerated_evaluation.base.files import is_disk_full
-from accelerated_evaluation.base.tables import listed
+from accelerated_evaluation.base.tables import names_in_words
 
 if TYPE_CHECKING:  # DuckDB is imported only when recordings are read, because the import takes a moment
     from duckdb import DuckDBPyConnection, DuckDBPyRelation
@@ -92,14 +92,14 @@ def header_of(path: Path, needed: Iterable[str]) -> list[str]:
         raise InputError(
             f"{path}, row 1",
             seen=f"{'no' if missing else 'more than one'} column {', '.join(missing or wrong)} among: "
-            f"{listed(header, wrong[0]) if header else 'none, the file is empty'}",
+            f"{names_in_words(header, wrong[0]) if header else 'none, the file is empty'}",
             expected=f"a comma-separated header with {', '.join(needed)}",
             change="Correct the header, or state the source that fits the files in data.source.",
         )
     return header
 
 
-def read_csv(
+def csv_relation(
     connection: "DuckDBPyConnection", path: Path, numbers: Iterable[str], texts: Iterable[str] = ()
 ) -> "DuckDBPyRelation":
     """Return a CSV file as a DuckDB relation; the file is read again each time the relation is used.
@@ -122,8 +122,9 @@ def literal(values: Iterable[object]) -> str:
 def whole(expression: str, column: str) -> str:
     """Return an SQL expression that converts a whole number of type DOUBLE to a BIGINT.
 
-    If the number is not whole or is too large, the query ends with an error, which `readable` converts to an
-    `InputError`. A plain cast would round the number or return NULL, and thereby merge vehicles or lose rows.
+    If the number is not whole or is too large, the query ends with an error, which `csv_errors` converts to
+    an `InputError`. A plain cast would round the number or return NULL, and thereby merge vehicles or lose
+    rows.
     NULL, NaN and infinity become NULL, like a cell without a number.
     """
     return (
@@ -135,7 +136,7 @@ def whole(expression: str, column: str) -> str:
 
 
 @contextmanager
-def readable(path: Path) -> Iterator[None]:
+def csv_errors(path: Path) -> Iterator[None]:
     """Convert a database error of the ``with`` block, if a CSV file is the cause, to an `InputError`."""
     import duckdb
 

@@ -12,14 +12,18 @@ from tqdm import tqdm
 from accelerated_evaluation.base.errors import InputError
 from accelerated_evaluation.records.recordings.cut_ins import require_agreement, require_lengths
 from accelerated_evaluation.records.recordings.database import (
+    csv_errors,
+    csv_relation,
     database,
     header_of,
-    read_csv,
-    readable,
     recording_files,
 )
 from accelerated_evaluation.records.recordings.own_distances import OwnColumns, compared
-from accelerated_evaluation.records.recordings.trajectories import agreement, changes_of_lane, cut_ins_of
+from accelerated_evaluation.records.recordings.trajectories import (
+    changes_of_lane,
+    cut_ins_of,
+    position_agreement,
+)
 
 if TYPE_CHECKING:
     from duckdb import DuckDBPyConnection
@@ -106,18 +110,21 @@ def _read_recording(
                 change="Add or rename it.",
             )
     rate = _frame_rate(connection, recording)
-    with readable(file):
+    with csv_errors(file):
         own = {form.own.ahead, form.own.gap, form.own.headway, form.own.ttc} & {*header}
         columns = dict.fromkeys([*form.numbers, *form.texts, *sorted(own)])
-        read_csv(connection, file, form.numbers, form.texts).project(", ".join(columns)).to_view("tracks")
+        csv_relation(connection, file, form.numbers, form.texts).project(", ".join(columns)).to_view("tracks")
         connection.execute(form.frames.format(rate=rate, own=form.own.sql(header), complete=form.complete))
-    with readable(meta):
-        read_csv(connection, meta, form.meta_numbers, ["class"]).to_view("meta_file")
+    with csv_errors(meta):
+        csv_relation(connection, meta, form.meta_numbers, ["class"]).to_view("meta_file")
         connection.execute(form.meta)
     _require_meta(connection, file, meta)
     _require_lengths(connection, file, form)
-    with readable(file):
-        ratio, (supported, warnings) = agreement(connection), compared(connection, form.readings, form.own)
+    with csv_errors(file):
+        ratio, (supported, warnings) = (
+            position_agreement(connection),
+            compared(connection, form.readings, form.own),
+        )
         what, key = form.speeds
         require_agreement(str(file), ratio, what=what, key=key)
         reading = supported or _usual_reading(connection, file, header, form)
@@ -197,8 +204,8 @@ def _require_lengths(connection: "DuckDBPyConnection", file: Path, form: Format)
 
 def _frame_rate(connection: "DuckDBPyConnection", file: Path) -> float:
     """Return the frame rate of a recording [1/s]."""
-    with readable(file):
-        rates = read_csv(connection, file, ["frameRate"]).project("frameRate").fetchall()
+    with csv_errors(file):
+        rates = csv_relation(connection, file, ["frameRate"]).project("frameRate").fetchall()
     if len(rates) != 1 or not 0 < (rates[0][0] or 0) <= LARGEST_RATE:
         raise InputError(
             f"{file}, column frameRate",

@@ -274,7 +274,7 @@ def changes_of_lane(
     return candidates, counts
 
 
-def agreement(connection: "DuckDBPyConnection") -> float:
+def position_agreement(connection: "DuckDBPyConnection") -> float:
     """Return the ratio of the changes of position to those that the velocities explain, NaN if unknown.
 
     It is the median of the ratios of the vehicles, each with the weight of its squared changes of position,

@@ -24,9 +24,9 @@ from accelerated_evaluation.records.recordings.database import database
 from accelerated_evaluation.records.recordings.osi_lanes import TraceLanes
 from accelerated_evaluation.records.recordings.osi_vehicles import LANE, Fleet
 from accelerated_evaluation.records.recordings.trajectories import (
-    agreement,
     changes_of_lane,
     cut_ins_of,
+    position_agreement,
     trajectory_keys,
 )
 from accelerated_evaluation.records.sources import source
@@ -120,7 +120,7 @@ def _require_units(connection: "DuckDBPyConnection", where: str, fleet: Fleet) -
     """Raise InputError if speeds contradict positions, or if lengths of vehicles are impossible."""
     require_agreement(
         where,
-        agreement(connection),
+        position_agreement(connection),
         what="changes of position and velocity times the time between frames",
         key="position [m], velocity [m/s] or timestamp of the messages",
     )

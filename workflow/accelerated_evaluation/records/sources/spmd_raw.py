@@ -22,10 +22,10 @@ from accelerated_evaluation.records.recordings.cut_ins import (
     with_names,
 )
 from accelerated_evaluation.records.recordings.database import (
+    csv_errors,
+    csv_relation,
     database,
     literal,
-    read_csv,
-    readable,
     recording_files,
     whole,
 )
@@ -163,7 +163,7 @@ def read(settings: Mapping[str, Any]) -> pd.DataFrame:
         _sort_into_parts(connection, targets, space / "targets", query, TARGET_COLUMNS)
         query = SELECT_HOST.format(tick=tick, parts=parts, speed=SPEED[settings["speed_unit"]])
         _sort_into_parts(connection, hosts, space / "host", query, HOST_COLUMNS)
-        with readable(Path(folder)):
+        with csv_errors(Path(folder)):
             found, counts = _work(connection, space, parts, settings)
     _require_types(folder, counts, settings["target_types"])
     warnings = _require_units(folder, counts, settings["speed_unit"])
@@ -189,8 +189,8 @@ def _sort_into_parts(
         desc=f"sort {folder.name}", total=size, unit="B", unit_scale=True, delay=1, disable=None
     ) as bar:
         for number, file in enumerate(files):
-            with readable(file):
-                rows: DuckDBPyRelation = read_csv(connection, file, columns)
+            with csv_errors(file):
+                rows: DuckDBPyRelation = csv_relation(connection, file, columns)
                 rows = rows.filter(USABLE_HOST) if "SpeedWsu" in columns else rows
                 target = folder / str(number)
                 target.mkdir(parents=True)

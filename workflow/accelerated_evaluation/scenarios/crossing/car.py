@@ -13,8 +13,8 @@ from accelerated_evaluation.scenarios.crossing import CrossingOutcomes
 from accelerated_evaluation.scenarios.crossing.kernel import (
     TICK,
     TRACED,
-    Car,
-    simulate_slice,
+    CarNumbers,
+    simulate_crossings,
     trace_run,
 )
 from accelerated_evaluation.scenarios.parameters import AccAebParameters, simulate_in_slices
@@ -62,7 +62,7 @@ class CrossingCar(AccAebParameters):
         names the first row, counted from 0, whose value is outside its limits.
         """
         starts = self.start(self.scenario.checked(*columns))
-        return simulate_in_slices(self.scenario, simulate_slice, starts, self.compiled())
+        return simulate_in_slices(self.scenario, simulate_crossings, starts, self.compiled())
 
     def trace(self, *encounter: float) -> pd.DataFrame:
         """Simulate one encounter, and return its states (`TRACE`), one for each tick and the end.
@@ -77,11 +77,11 @@ class CrossingCar(AccAebParameters):
         trace_run(start[:, 0].copy(), self.compiled(), states)
         return pd.DataFrame(states, columns=TRACE).astype({"emergency": int})
 
-    def compiled(self) -> Car:
+    def compiled(self) -> CarNumbers:
         """Return the parameters of the vehicle as numbers for the compiled simulation."""
         scaled = self.aeb and self.aeb_ttc is None
         constant = (self.aeb_ttc or 0.0) if self.aeb else 0.0  # with 0 the AEB never switches on
-        numbers = Car(
+        numbers = CarNumbers(
             headway=self.headway,
             kp=self.kp,
             ki_half_step=self.ki * TICK / 2,
@@ -102,4 +102,4 @@ class CrossingCar(AccAebParameters):
             side_slope=math.tan(math.pi / 8),
             most_ticks=math.ceil(self.longest_run / TICK),
         )
-        return Car._make(map(float, numbers))
+        return CarNumbers._make(map(float, numbers))

@@ -144,7 +144,7 @@ def _ttc(gap: float, closing: float) -> float:
 
 
 @compiled
-def start(driver: Driver, encounter: NDArray, index: int, state: NDArray, i: int) -> None:
+def start_encounter(driver: Driver, encounter: NDArray, index: int, state: NDArray, i: int) -> None:
     """Write the initial state of an encounter to column ``i`` (a lane) of the array ``state``.
 
     The encounter is given by lead speed [m/s], range [m] and closing speed [m/s], and by its ``index``, which
@@ -193,7 +193,7 @@ def skip(driver: Driver, state: NDArray, i: int) -> None:
 
 
 @compiled
-def watch(state: NDArray, count: int, driver: Driver) -> None:
+def watch_outcomes(state: NDArray, count: int, driver: Driver) -> None:
     """Update smallest range and TTC of the first ``count`` encounters of ``state``; mark those that are over.
 
     An encounter is over after a crash, at the end of the simulated time, or if there can be no danger any
@@ -241,7 +241,7 @@ def decide(state: NDArray, count: int, driver: Driver) -> None:
 
 
 @compiled
-def move(state: NDArray, count: int, driver: Driver) -> None:
+def move_cars(state: NDArray, count: int, driver: Driver) -> None:
     """Advance the first ``count`` encounters of the array ``state`` by 0.1 s; ended ones do not change."""
     for i in range(count):
         wanted, ramp, waited, speed = state[WANTED, i], state[RAMP, i], state[WAITED, i], state[SPEED, i]
@@ -275,7 +275,7 @@ def _follow_lead(state: NDArray, count: int, lead_speeds: NDArray, ahead: int) -
 
 @compiled
 def _reopen(state: NDArray, count: int, last: int, driver: Driver) -> None:
-    """Continue encounters without contact that `watch` ended before the step ``last``.
+    """Continue encounters without contact that `watch_outcomes` ended before the step ``last``.
 
     Until then the lead vehicle may change its speed, so that a host which does not close in can do so later.
     """
@@ -291,7 +291,7 @@ def observe(state: NDArray, count: int, driver: Driver, lead_speeds: NDArray) ->
     last = lead_speeds.shape[1] - 1
     if last > 0:
         _follow_lead(state, count, lead_speeds, 0)
-    watch(state, count, driver)
+    watch_outcomes(state, count, driver)
     if last > 0:
         _reopen(state, count, last, driver)
     decide(state, count, driver)
@@ -302,7 +302,7 @@ def advance(state: NDArray, count: int, driver: Driver, lead_speeds: NDArray) ->
     """Advance the first ``count`` encounters by 0.1 s, at the speeds at the end of the step."""
     if lead_speeds.shape[1] > 1:
         _follow_lead(state, count, lead_speeds, 1)
-    move(state, count, driver)
+    move_cars(state, count, driver)
 
 
 @compiled
@@ -342,7 +342,7 @@ def _exchange(
         if i < count:
             _finish(state, i, driver, outcomes)
         if upcoming < end:
-            start(driver, encounters[:, upcoming], upcoming, state, i)
+            start_encounter(driver, encounters[:, upcoming], upcoming, state, i)
             upcoming += 1
             count = max(count, i + 1)
             if not is_moving:

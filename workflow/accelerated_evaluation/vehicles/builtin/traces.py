@@ -64,7 +64,7 @@ def trace_driver(driver: Driver, encounter: Array, lead_speeds: Array | None = N
     state = np.empty((driver_kernel.FIELDS, 1))
     is_moving = lead_speeds is not None
     speeds = lead_speeds[None] if is_moving else encounter[:1]
-    driver_kernel.start(driver, encounter[:, 0], 0, state, 0)
+    driver_kernel.start_encounter(driver, encounter[:, 0], 0, state, 0)
     rows: list[tuple] = []
     while True:
         before = state[:, 0].copy()

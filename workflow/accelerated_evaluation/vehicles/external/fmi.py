@@ -27,7 +27,7 @@ LARGEST = 200_000_000  # largest number of bytes of all files of an FMU, which e
 REAL = {"2.0": "Real", "3.0": "Float64"}
 
 
-class State(NamedTuple):
+class HostAndLead(NamedTuple):
     """The state of host and lead vehicle: range [m], and both speeds [m/s]."""
 
     range: float
@@ -44,7 +44,7 @@ class State(NamedTuple):
         """Rate at which the range decreases [m/s]."""
         return self.host_speed - self.lead_speed
 
-    def after(self, acceleration: float, step: float, lead_speed: float) -> "State":
+    def after(self, acceleration: float, step: float, lead_speed: float) -> "HostAndLead":
         """Return the state after a step [s] with a constant acceleration of the host [m/s^2].
 
         The host does not drive backwards, and the lead speed [m/s] changes linearly to the given value.
@@ -52,11 +52,11 @@ class State(NamedTuple):
         speed = max(self.host_speed + acceleration * step, 0.0)
         lead = self.lead_speed if lead_speed == self.lead_speed else (self.lead_speed + lead_speed) / 2
         range_ = self.range + (lead - (self.host_speed + speed) / 2) * step
-        return State(range_, speed, lead_speed)
+        return HostAndLead(range_, speed, lead_speed)
 
 
 @dataclass(frozen=True)
-class Variable:
+class FmuVariable:
     """A variable of an FMU."""
 
     quantity: str
@@ -96,7 +96,7 @@ class Model:
         declared = getattr(of_slave, "fixedInternalStepSize", None) or getattr(experiment, "stepSize", None)
         return float(declared) if declared else None
 
-    def started(self, state: State) -> "Instance":
+    def started(self, state: HostAndLead) -> "Instance":
         """Return a new instance of the FMU that is initialised with a state and ready for its first step."""
         return Instance(self, state)
 
@@ -110,7 +110,7 @@ class Model:
 
     def _variable(
         self, where: str, quantity: str, mapped: Mapping[str, str], known: Mapping[str, Mapping[str, float]]
-    ) -> Variable:
+    ) -> FmuVariable:
         """Return the variable of a quantity, by its name and unit in the configuration."""
         self._require(where, quantity, known)
         where = f"{where}.{quantity}"
@@ -130,7 +130,7 @@ class Model:
         self._require(f"{where}.unit", unit, units)
         if declared in units and units[declared] != units[unit]:
             raise self._error(f"{where}.unit", unit, f"{declared}, as the FMU declares for {name}")
-        return Variable(quantity, variable.valueReference, units[unit])
+        return FmuVariable(quantity, variable.valueReference, units[unit])
 
     def _require(self, where: str, name: object, known: Iterable[str]) -> None:
         known = [*known]
@@ -149,7 +149,7 @@ class Model:
 class Instance:
     """An instance of an FMU for one encounter; it must not be used any more after an error."""
 
-    def __init__(self, model: Model, state: State) -> None:
+    def __init__(self, model: Model, state: HostAndLead) -> None:
         self._model = model
         with _naming_the_fmu("its start"):
             from fmpy import instantiate_fmu
@@ -163,7 +163,7 @@ class Instance:
             self._set(state)
             fmu.exitInitializationMode()
 
-    def advance(self, time: float, step: float, state: State) -> float:
+    def advance(self, time: float, step: float, state: HostAndLead) -> float:
         """Set the inputs of the FMU, make one step, and return the acceleration of the host [m/s^2].
 
         The step [s] begins at the given time and state. InputError is raised if the FMU refuses the step,
@@ -187,7 +187,7 @@ class Instance:
             self._fmu.terminate()
             self._fmu.freeInstance()
 
-    def _set(self, state: State) -> None:
+    def _set(self, state: HostAndLead) -> None:
         inputs = self._model.inputs
         values = [getattr(state, each.quantity) / each.factor for each in inputs]
         write = self._fmu.setReal if self._model.is_old else self._fmu.setFloat64

@@ -18,7 +18,7 @@ from accelerated_evaluation.scenarios.cut_in import CUT_IN, Outcomes
 from accelerated_evaluation.scenarios.parameters import check_number, parameter_error
 from accelerated_evaluation.vehicles.builtin.traces import COLUMNS
 from accelerated_evaluation.vehicles.external.checked import ForeignVehicle
-from accelerated_evaluation.vehicles.external.fmi import Model, State
+from accelerated_evaluation.vehicles.external.fmi import HostAndLead, Model
 from accelerated_evaluation.vehicles.moving import checked_lead_speeds
 from accelerated_evaluation.vehicles.protocol import VEHICLES
 
@@ -143,10 +143,10 @@ class Fmu(ForeignVehicle):
 
     def _states(
         self, lead_speed: float, range_: float, closing_speed: float, motion: Array | None = None
-    ) -> Iterator[tuple[float, State, float]]:
+    ) -> Iterator[tuple[float, HostAndLead, float]]:
         """Yield time, state and acceleration at the beginning of each step, and at the end."""
         speeds = np.array([lead_speed]) if motion is None else motion
-        state = State(range_, lead_speed + closing_speed, lead_speed)
+        state = HostAndLead(range_, lead_speed + closing_speed, lead_speed)
         instance, time = self._model.started(state), 0.0
         for step in range(round(self.duration / self.step)):
             time = step * self.step
