@@ -1,5 +1,7 @@
 """Joint laws of users as candidates for cut-ins: their scores, and their draws with recorded lead speeds."""
 
+from types import SimpleNamespace
+
 import numpy as np
 import pytest
 from accelerated_evaluation import Box, DrawnLaws
@@ -48,3 +50,23 @@ def test_draws_of_users_laws_get_recorded_lead_speeds(law):
     np.testing.assert_allclose(
         cut_ins.proposal.log_density(x), drawn.proposal.log_density(x[:, 1:]), rtol=1e-12
     )
+
+
+def test_draws_get_the_cap_of_another_law_with_the_probability_of_all_larger_closing_speeds(law):
+    """A campaign that drove its cut-ins under a law with a cap is reweighted to draws with the same cap."""
+    cap = 8.0
+    other = SimpleNamespace(strata={"all": None}, closing_speed_max=cap)
+    drawn = with_lead_speeds(DrawnLaws.of([law], ("one",), np.random.default_rng(2)), Empirical([10.0, 20.0]))
+    draws = drawn + drawn
+    capped = draws.with_cap_of(other)
+    x = np.array([[10.0, 20.0, 3.0], [20.0, 30.0, cap], [10.0, 60.0, cap]])
+    mean = MEAN[1] + CORRELATION * DEVIATION[1] * (x[:, 1] - MEAN[0]) / DEVIATION[0]
+    deviation = DEVIATION[1] * np.sqrt(1 - CORRELATION**2)
+    given = stats.truncnorm((0 - mean) / deviation, (TOP - mean) / deviation, mean, deviation)
+    exact = draws.log_densities(x)[0] + np.where(x[:, 2] < cap, 0.0, given.logsf(cap) - given.logpdf(cap))
+    np.testing.assert_allclose(capped.log_densities(x), [exact, exact], rtol=1e-6)
+    assert not np.allclose(draws.log_densities(x), exact, atol=0.1)  # without the cap
+    some = capped.draw(5_000, np.random.default_rng(3))
+    assert some[:, 2].max() == cap == capped.box.upper[2]
+    same = draws.with_cap_of(law)  # which has no strata, and therefore no cap
+    np.testing.assert_array_equal(same.log_densities(x), draws.log_densities(x))

@@ -8,7 +8,7 @@ from accelerated_evaluation.answer.explored import Plane, PlaneCells, explored_l
 from accelerated_evaluation.answer.explored_cut_ins import SPEEDS, CutInSections
 from accelerated_evaluation.answer.explored_slices import SlicedSections
 from accelerated_evaluation.base.errors import InputError
-from accelerated_evaluation.laws.draws import DrawnLaws
+from accelerated_evaluation.laws.draws import DrawnLaws, OneLaw
 from accelerated_evaluation.laws.joint.truncated import Normals
 from accelerated_evaluation.laws.joint.truncated_normals import TruncatedNormalMixture
 from accelerated_evaluation.laws.protocol import Box
@@ -47,7 +47,7 @@ def of_means(*means):
         np.full(len(means), 1 / len(means)),
         Normals(np.array(means), np.array([deviations] * len(means)), box),
     )
-    return DrawnLaws(laws, tuple(f"law {k}" for k in range(len(means))), base)
+    return DrawnLaws([OneLaw(law, f"law {k}") for k, law in enumerate(laws)], base)
 
 
 def short_and_slow(first, second, distance):

@@ -17,9 +17,9 @@ from accelerated_evaluation.laws.distributions import (
     Pareto,
     PiecewiseMixture,
 )
-from accelerated_evaluation.laws.draws import MixedDraws
 from accelerated_evaluation.laws.files import law_content, law_digest, signed
-from accelerated_evaluation.laws.lead_speeds import WithLeadSpeeds
+from accelerated_evaluation.laws.lead_speeds import WithLeadSpeeds, with_lead_speeds
+from accelerated_evaluation.laws.mixed import MixedLaws
 from accelerated_evaluation.laws.paper.models import IndependentLaw
 from accelerated_evaluation.records.segments import complete
 from accelerated_evaluation.records.verdict import Verdict
@@ -57,9 +57,7 @@ def drawn_laws(names):
 
 def draws_of(names, lead_speeds):
     """Return draws that have the lead speeds of cut-ins too."""
-    drawn = drawn_laws(names)
-    with_speeds = [WithLeadSpeeds(law, lead_speeds) for law in drawn.laws]
-    return replace(drawn, laws=with_speeds, proposal=WithLeadSpeeds(drawn.proposal, lead_speeds))
+    return with_lead_speeds(drawn_laws(names), lead_speeds)
 
 
 def strict(path):
@@ -85,7 +83,7 @@ def read_again(law, folder, records=ENCOUNTERS):
 
 def test_every_kind_of_law_has_a_test_of_its_file():
     smooth = {"dependent", "mean"}  # in the tests of these laws
-    assert {*LAWS} == {"independent", "with_lead_speeds", "draws", "mixed_draws", *JOINT} | smooth
+    assert {*LAWS} == {"independent", "with_lead_speeds", "draws", "mixed", *JOINT} | smooth
 
 
 @pytest.mark.parametrize(
@@ -143,7 +141,8 @@ def test_a_joint_law_comes_back_equal_and_needs_no_table(tmp_path, kind):
     [
         lambda speeds: WithLeadSpeeds(joint_law("kernel", CUT_IN_BOX), speeds),
         lambda speeds: draws_of(("one", "two"), speeds),
-        lambda speeds: MixedDraws([draws_of(("one", "two"), speeds), draws_of(("three",), speeds)]),
+        lambda speeds: draws_of(("one", "two"), speeds) + draws_of(("three",), speeds),
+        lambda speeds: MixedLaws([draws_of((name,), speeds).proposal for name in "ab"], np.array([0.3, 0.7])),
     ],
 )
 def test_laws_and_draws_with_lead_speeds_come_back_equal_with_their_table(tmp_path, make):

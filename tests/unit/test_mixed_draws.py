@@ -1,6 +1,6 @@
 """Draws that come in parts give a crash map the law of each draw, in the order of the parts."""
 
-from types import SimpleNamespace
+from dataclasses import dataclass, replace
 
 import numpy as np
 import pytest
@@ -9,7 +9,8 @@ from accelerated_evaluation.answer.joint_family import ClusteredRecords
 from accelerated_evaluation.base.errors import InputError
 from accelerated_evaluation.crash_map.maps import CrashMap
 from accelerated_evaluation.laws import LAWS, Box
-from accelerated_evaluation.laws.draws import DrawnLaws, MixedDraws, OneLaw
+from accelerated_evaluation.laws.draws import DrawnLaws, OneLaw
+from accelerated_evaluation.laws.mixed import MixedLaws
 
 BOX = Box(("range", "closing_speed"), (0.0, 0.0), (60.0, 40.0))
 POINTS = np.array([[10.0, 5.0], [30.0, 20.0], [50.0, 35.0]])
@@ -21,34 +22,70 @@ def law(seed):
     return LAWS["independent_variables"].fit(x, BOX, generator)
 
 
+@dataclass(frozen=True)
 class Points:
-    """Three points in place of the intervals of a crash map; the mass of a point is its density."""
+    """Three points in place of the intervals of a crash map; the mass of a point is its density.
+
+    Like the lines of a random vehicle, they have a weight for each draw.
+    """
+
+    weights: np.ndarray
 
     def of_draw(self, k):
-        return self
+        return replace(self, weights=self.weights[k])
+
+    def of_draws(self, first, end):
+        return replace(self, weights=self.weights[first:end])
 
     def masses_by_density(self, law):
-        return np.exp(law.log_density(POINTS))
+        return self.weights * np.exp(law.log_density(POINTS))
+
+
+class Smooth(OneLaw):
+    """A law with a name as the typical law."""
+
+    @property
+    def typical(self):
+        return self.name
 
 
 @pytest.fixture(scope="module")
 def mixed():
     laws = [law(seed) for seed in (1, 2, 3)]
     first = DrawnLaws.of(laws[:2], ("one", "two"), np.random.default_rng(3))
-    return MixedDraws([first, OneLaw(laws[2])])
+    return first + OneLaw(laws[2])
 
 
-def test_the_masses_are_those_of_each_draw_and_not_of_the_proposal(mixed):
-    masses = mixed.masses(Points())
-    np.testing.assert_allclose(masses, np.exp(mixed.log_densities(POINTS)), rtol=1e-12)
+def test_the_masses_are_those_of_each_draw_with_its_weights_and_not_of_the_proposal(mixed):
+    masses = mixed.masses(Points(np.array([1.0, 10.0, 100.0])))
+    densities = np.exp(mixed.log_densities(POINTS))
+    np.testing.assert_allclose(masses, densities * [[1.0], [10.0], [100.0]], rtol=1e-12)
     assert len(mixed.laws) == mixed.size == 3
-    assert not np.allclose(masses[0], Points().masses_by_density(mixed.proposal), rtol=1e-2)
+    assert not np.allclose(masses[0], np.exp(mixed.proposal.log_density(POINTS)), rtol=1e-2)
+
+
+def test_the_proposal_is_the_mixture_of_those_of_the_parts_by_their_numbers_of_draws(mixed):
+    first, second = (part.proposal for part in mixed.parts)
+    x = mixed.draw(20_000, np.random.default_rng(4))
+    density = (2 * np.exp(first.log_density(x)) + np.exp(second.log_density(x))) / 3
+    np.testing.assert_allclose(mixed.log_density(x), np.log(density), rtol=1e-12)
+    ratios = np.exp(mixed.log_ratios(x))  # an estimate of 1 for each draw, if x follows the proposal
+    assert (np.abs(ratios.mean(axis=1) - 1) < 5 * ratios.std(axis=1) / np.sqrt(len(x))).all()
+    wrong = np.exp(mixed.log_densities(x) - MixedLaws([first, second], np.full(2, 0.5)).log_density(x))
+    assert (np.abs(wrong.mean(axis=1) - 1) > 5 * wrong.std(axis=1) / np.sqrt(len(x))).any()
+
+
+def test_a_subset_has_the_chosen_draws_in_the_order_of_the_parts(mixed):
+    few = mixed.subset(np.array([1, 2]))
+    assert few.names == mixed.names[1:]
+    np.testing.assert_allclose(few.log_densities(POINTS), mixed.log_densities(POINTS)[1:], rtol=1e-12)
+    assert mixed.subset(np.array([2])).names == mixed.names[2:]
 
 
 def test_the_typical_law_is_that_of_the_first_part_that_has_one(mixed):
     assert mixed.typical is None
-    smooth = [SimpleNamespace(typical=name) for name in ("first smooth", "second smooth")]
-    assert MixedDraws([*mixed.parts, *smooth]).typical == "first smooth"
+    smooth = [Smooth(law(1), name) for name in ("first smooth", "second smooth")]
+    assert DrawnLaws([*mixed.parts, *smooth]).typical == "first smooth"
 
 
 def test_a_map_needs_records_with_the_limits_of_smooth_laws():

@@ -5,10 +5,8 @@ scored by the closing speed given the range, on contiguous blocks of held-out re
 """
 
 from collections.abc import Sequence
-from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
 from accelerated_evaluation.answer.joint_family import (
     Candidate,
@@ -18,17 +16,14 @@ from accelerated_evaluation.answer.joint_family import (
     without_each_block,
 )
 from accelerated_evaluation.answer.scores import BLOCKS, contiguous_blocks
-from accelerated_evaluation.answer.smooth_family import SmoothFamily, region
+from accelerated_evaluation.answer.smooth_family import region
 from accelerated_evaluation.base.arrays import Array
-from accelerated_evaluation.laws import Law, joint
+from accelerated_evaluation.laws import joint
 from accelerated_evaluation.laws.distributions import Empirical
-from accelerated_evaluation.laws.draws import Draws, MixedDraws
 from accelerated_evaluation.laws.joint import JointLaw
-from accelerated_evaluation.laws.lead_speeds import with_lead_speeds
-from accelerated_evaluation.laws.protocol import Box
+from accelerated_evaluation.laws.protocol import Box, density_over
 from accelerated_evaluation.laws.smooth.family import DistinctRecords
 
-NODES, NODE_WEIGHTS = np.polynomial.legendre.leggauss(32)
 AT_ONCE = 100_000  # number of records at once, which limits the memory to about 200 MB
 
 
@@ -54,7 +49,7 @@ def added_family(
     for k, out, held in without_each_block(cut_ins, block, added, laws, generator):
         log_scores[k, out] = held.log_density(x[out])
         near_scores[k, out] = conditional_scores(held, x[out], boundary[out])
-    return JointFamily(cut_ins, added, laws, log_scores, near_scores)
+    return JointFamily(cut_ins, added, laws, log_scores, near_scores, Empirical(records.lead_speed))
 
 
 def conditional_scores(law: JointLaw, x: Array, boundary: Array) -> Array:
@@ -70,57 +65,8 @@ def conditional_scores(law: JointLaw, x: Array, boundary: Array) -> Array:
 def _conditional_scores(law: JointLaw, x: Array, boundary: Array) -> Array:
     top = law.box.upper[1]
     limit = np.minimum(boundary, top)
-    below = _integral(law, x[:, 0], np.zeros(len(x)), limit)
-    above = _integral(law, x[:, 0], limit, np.full(len(x), top))
+    below = density_over(law, 1, x, np.zeros(len(x)), limit)
+    above = density_over(law, 1, x, limit, np.full(len(x), top))
     with np.errstate(divide="ignore", invalid="ignore"):
         density = law.log_density(x) - np.log(below + above)
         return np.where(x[:, 1] > boundary, density, np.log(below) - np.log(below + above))
-
-
-def _integral(law: JointLaw, range_: Array, low: Array, high: Array) -> Array:
-    """Return the integral of a density over the closing speed from low to high [m/s], all of shape (n,)."""
-    speeds = (low + high)[:, None] / 2 + (high - low)[:, None] / 2 * NODES
-    points = np.column_stack([np.repeat(range_, NODES.size), speeds.ravel()])
-    return (high - low) / 2 * (np.exp(law.log_density(points)).reshape(speeds.shape) @ NODE_WEIGHTS)
-
-
-@dataclass(frozen=True)
-class Together:
-    """The smooth laws and added laws as one family of candidates."""
-
-    smooth: SmoothFamily
-    added: JointFamily  # of range and closing speed
-
-    @property
-    def names(self) -> tuple[str, ...]:
-        """Names of all candidates, the smooth laws first."""
-        return (*self.smooth.names, *self.added.names)
-
-    @property
-    def built_in(self) -> SmoothFamily:
-        """The smooth laws."""
-        return self.smooth
-
-    def law(self, name: str) -> Law:
-        """Return a smooth law, fitted to all records."""
-        return self.smooth.law(name)
-
-    @property
-    def scores(self) -> Array:
-        """Held-out log score of each candidate on each record, shape (M, n)."""
-        return np.vstack([self.smooth.scores, self.added.scores])
-
-    @property
-    def resampled(self) -> NDArray[np.bool_]:
-        """Flags of the records that the bootstrap resamples."""
-        return self.smooth.resampled
-
-    def draws(self, chosen: NDArray[np.intp], generator: np.random.Generator) -> Draws:
-        """Draw the chosen candidates, shape (K,), each with parameters from their posterior."""
-        first, parts = len(self.smooth.names), []
-        if (own := chosen[chosen < first]).size:
-            parts.append(self.smooth.draws(own, generator))
-        if (others := chosen[chosen >= first] - first).size:
-            lead_speeds = Empirical(self.smooth.records.lead_speed)
-            parts.append(with_lead_speeds(self.added.draws(others, generator), lead_speeds))
-        return parts[0] if len(parts) == 1 else MixedDraws(parts)

@@ -18,8 +18,10 @@ from accelerated_evaluation.answer.scores import BLOCKS
 from accelerated_evaluation.base.arrays import Array
 from accelerated_evaluation.base.errors import InputError
 from accelerated_evaluation.laws import LAWS, Box
+from accelerated_evaluation.laws.distributions import Empirical
 from accelerated_evaluation.laws.draws import DrawnLaws
 from accelerated_evaluation.laws.joint import JointLaw
+from accelerated_evaluation.laws.lead_speeds import with_lead_speeds
 
 NEAR = 0.1  # share of the records that are near the event: those with the smallest scores
 POOL = 20_000  # number of points with which the probability of the region near the event is estimated
@@ -133,6 +135,8 @@ class JointFamily:
     laws: Sequence[JointLaw]  # each candidate fitted to all records
     log_scores: Array  # held-out log density of each candidate at each record, shape (M, n)
     near_scores: Array  # the same for records near the event; elsewhere the log probability of not being near
+    # Recorded lead speeds, which complete laws of range and closing speed to laws of cut-ins.
+    lead_speeds: Empirical | None = None
 
     @classmethod
     def of(
@@ -171,11 +175,6 @@ class JointFamily:
         return tuple(candidate.name for candidate in self.candidates)
 
     @property
-    def built_in(self) -> Self:
-        """The family itself."""
-        return self
-
-    @property
     def scores(self) -> Array:
         """Held-out log score of each candidate near the event, summed over each cluster, (M, clusters)."""
         return self._by_cluster(self.near_scores)
@@ -191,7 +190,8 @@ class JointFamily:
         for k in tqdm(chosen, desc="draws of the law", disable=None):
             known = {"weights": self.records.resampled(generator), "start": self.laws[k]}
             laws.append(self.candidates[k].fit(self.records, generator, **known))
-        return DrawnLaws.of(laws, [self.names[k] for k in chosen], generator)
+        drawn = DrawnLaws.of(laws, [self.names[k] for k in chosen], generator)
+        return drawn if self.lead_speeds is None else with_lead_speeds(drawn, self.lead_speeds)
 
     def law(self, name: str) -> JointLaw:
         """Return the law of one candidate, fitted to all records."""

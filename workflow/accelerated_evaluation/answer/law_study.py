@@ -4,7 +4,7 @@ import math
 import operator
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
-from functools import partial
+from functools import partial, reduce
 from pathlib import Path
 from typing import Any, Protocol, Self
 
@@ -13,7 +13,7 @@ import pandas as pd
 from fewruns.problems import Response
 from numpy.typing import NDArray
 
-from accelerated_evaluation.answer.cut_in_family import Together, added_candidates, added_family
+from accelerated_evaluation.answer.cut_in_family import added_candidates, added_family
 from accelerated_evaluation.answer.fitted_records import FittedRecords
 from accelerated_evaluation.answer.joint_family import JointFamily, Respond
 from accelerated_evaluation.answer.scores import bootstrapped_weights
@@ -42,12 +42,8 @@ class Family(Protocol):
     scores: Array  # log score of each candidate on each unit (a record, or a cluster of records), (M, units)
     resampled: NDArray[np.bool_]  # the units that the Bayesian bootstrap resamples, shape (units,)
 
-    @property
-    def built_in(self) -> "Family":
-        """The candidates that come with the library, without those that users have added."""
-
     def law(self, name: str) -> Law:
-        """Return the law of one built-in candidate, fitted to all records."""
+        """Return the law of one candidate, fitted to all records."""
 
     def draws(self, chosen: NDArray[np.intp], generator: np.random.Generator) -> Draws:
         """Draw the chosen candidates, shape (K,), each with parameters from their posterior."""
@@ -67,6 +63,8 @@ class LawStudy:
         The fitted candidates with their scores.
     weights
         K draws of the weights of the M candidates, shape (K, M), with rows that sum to 1.
+    added
+        Fitted candidates that users have added for cut-ins, which follow the others; None if there are none.
 
     Examples
     --------
@@ -80,6 +78,7 @@ class LawStudy:
 
     family: Family
     weights: Array
+    added: Family | None = None
 
     @classmethod
     @checked(
@@ -116,11 +115,10 @@ class LawStudy:
             vehicle = load_vehicle(records.scenario.default_vehicle, records.scenario)
             family = JointFamily.of(records.data, _responder(records.scenario, vehicle), streams("fit"))
             return cls.of_family(family, size, streams("weigh"))
-        family = _smooth_family(records, store, closing_speed_max)
-        if added := added_candidates():
-            others = added_family(records.data, added, closing_speed_max, streams("fit"))
-            family = Together(family, others)
-        return cls.of_family(family, size, streams("weigh"))
+        family, others = _smooth_family(records, store, closing_speed_max), None
+        if candidates := added_candidates():
+            others = added_family(records.data, candidates, closing_speed_max, streams("fit"))
+        return cls.of_family(family, size, streams("weigh"), others)
 
     @classmethod
     def of_smooth(
@@ -130,19 +128,22 @@ class LawStudy:
         return cls.of_family(_smooth_family(records, store), size, streams("weigh"))
 
     @classmethod
-    def of_family(cls, family: Family, size: int, generator: np.random.Generator) -> Self:
-        """Draw the weights of the candidates of a family ``size`` times."""
-        return cls(family, bootstrapped_weights(family.scores, family.resampled, size, generator))
+    def of_family(
+        cls, family: Family, size: int, generator: np.random.Generator, added: Family | None = None
+    ) -> Self:
+        """Draw the weights of the candidates of a family, and of those that were added, ``size`` times."""
+        scores = family.scores if added is None else np.vstack([family.scores, added.scores])
+        return cls(family, bootstrapped_weights(scores, family.resampled, size, generator), added)
 
     @property
     def names(self) -> tuple[str, ...]:
         """Names of the M candidates."""
-        return self.family.names
+        return (*self.family.names, *(() if self.added is None else self.added.names))
 
     @property
     def smooth(self) -> SmoothFamily:
-        """The smooth laws among the candidates; a study of other records than cut-ins has none."""
-        return self.family.built_in
+        """The smooth laws among the candidates for cut-ins; a study of other records has none."""
+        return self.family
 
     @property
     def mean_weights(self) -> Array:
@@ -156,8 +157,7 @@ class LawStudy:
 
     def law(self) -> Law:
         """Return the law with the largest weight, for cut-ins without the laws that users have added."""
-        built_in = self.family.built_in
-        return built_in.law(self.only(built_in.names).heaviest)
+        return self.family.law(self.only(self.family.names).heaviest)
 
     @checked(generator=A_GENERATOR)
     def draws(self, generator: np.random.Generator | int) -> Draws:
@@ -169,7 +169,12 @@ class LawStudy:
         size, ends = len(self.weights), np.cumsum(self.weights, axis=1)
         u = (generator.permutation(size) + generator.random(size)) / size
         chosen = np.minimum((u[:, None] > ends).sum(axis=1), len(self.names) - 1)
-        return self.family.draws(chosen, generator)
+        first = len(self.family.names)
+        own, others = chosen[chosen < first], chosen[chosen >= first] - first
+        parts = [
+            family.draws(k, generator) for family, k in ((self.family, own), (self.added, others)) if k.size
+        ]
+        return reduce(operator.add, parts)
 
     def only(self, names: Sequence[str]) -> Self:
         """Return the study in which only the named candidates have weight, relative to each other.

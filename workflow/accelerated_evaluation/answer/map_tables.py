@@ -29,7 +29,7 @@ from accelerated_evaluation.base.arrays import Array
 from accelerated_evaluation.crash_map.lines import CrashLines
 from accelerated_evaluation.crash_map.maps import CrashMap
 from accelerated_evaluation.laws import Box, Law
-from accelerated_evaluation.laws.draws import DrawnLaws, Draws
+from accelerated_evaluation.laws.draws import DrawnLaws, Draws, OneLaw
 from accelerated_evaluation.laws.smooth.family import DistinctRecords, Member
 from accelerated_evaluation.scenarios.protocol import Event, Scenario
 from accelerated_evaluation.vehicles.protocol import CRASH, Outcomes, Vehicle
@@ -309,5 +309,8 @@ class Restricted:
 
 def restricted(draws: DrawnLaws, holds: Holds, generator: np.random.Generator) -> DrawnLaws:
     """Return draws of joint laws given that a condition holds."""
-    laws = [Restricted.of(law, holds, generator) for law in draws.laws]
-    return DrawnLaws(laws, draws.names, draws.proposal, draws.description)
+    parts = [
+        OneLaw(Restricted.of(law, holds, generator), name)
+        for law, name in zip(draws.laws, draws.names, strict=True)
+    ]
+    return replace(draws, parts=parts)

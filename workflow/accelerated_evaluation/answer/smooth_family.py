@@ -110,11 +110,6 @@ class SmoothFamily:
         return tuple(member.name for member in self.members)
 
     @property
-    def built_in(self) -> Self:
-        """The family itself."""
-        return self
-
-    @property
     def resampled(self) -> NDArray[np.bool_]:
         """Flags of the records in the region of critical cut-ins, whose scores the bootstrap resamples."""
         return self.records.closing_speed > region(self.records) * self.records.range_

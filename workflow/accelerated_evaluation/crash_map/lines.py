@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from accelerated_evaluation.base.arrays import Array
 from accelerated_evaluation.crash_map.maps import LINES_PER_CELL, CrashMap, Lines
-from accelerated_evaluation.laws.protocol import Law
+from accelerated_evaluation.laws.protocol import NODE_WEIGHTS, NODES, Law, density_over
 from accelerated_evaluation.laws.smooth.conditional import Given, Places, SpeedLaw
 from accelerated_evaluation.laws.smooth.draws import SmoothDraws
 from accelerated_evaluation.laws.smooth.family import LawFamily, Member
@@ -25,7 +25,6 @@ from accelerated_evaluation.scenarios.cut_in import SPEED_LIMIT
 from accelerated_evaluation.scenarios.protocol import Event
 from accelerated_evaluation.vehicles.protocol import CRASH, Vehicle
 
-NODES, NODE_WEIGHTS = np.polynomial.legendre.leggauss(32)
 STEPS = 200  # number of closing speeds in an interval at which a density is evaluated to draw one of them
 AT_ONCE = 1_000_000  # number of closing speeds of which the hazards, with all temporary arrays, need 100 MB
 EVEN = 0.05  # share of the kept lines that are selected independently of their probability
@@ -174,6 +173,10 @@ class CrashLines(Lines):
         """
         return self if self.weights is None else replace(self, share=self.share * self.weights[draw])
 
+    def of_draws(self, first: int, end: int) -> "CrashLines":
+        """Return the lines with the weights, if any, of the draws from ``first`` to before ``end``."""
+        return self if self.weights is None else replace(self, weights=self.weights[first:end])
+
     def thinned(self, mass: Array, size: int, generator: np.random.Generator) -> "CrashLines":
         """Return a systematic sample of about ``size`` lines.
 
@@ -246,11 +249,12 @@ def _over_speeds(
 
     By default the end is that of the law, whose closing speeds are bounded.
     """
-    end = np.full(range_.size, law.box.upper[2]) if end is None else end
-    half = (end - start)[:, None] / 2
-    speeds = half * NODES + (start + end)[:, None] / 2
-    x = np.column_stack([np.repeat(lead_speed, NODES.size), np.repeat(range_, NODES.size), speeds.ravel()])
-    return half[:, 0] * (np.exp(law.log_density(x)).reshape(speeds.shape) @ NODE_WEIGHTS)
+    x = np.column_stack([lead_speed, range_, np.empty(range_.size)])
+    low, high = (
+        np.broadcast_to(start, range_.shape),
+        np.full(range_.size, law.box.upper[2]) if end is None else end,
+    )
+    return density_over(law, 2, x, low, high)
 
 
 def divided_at(lines: CrashLines, limits: Iterable[Array]) -> tuple[CrashLines, NDArray[np.intp]]:

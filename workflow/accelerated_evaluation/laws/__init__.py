@@ -28,4 +28,27 @@ FITS: Registry[Callable[[pd.DataFrame, FitSettings], Law]] = Registry(
     "fitted law", __name__, __path__, contract=[Callable]
 )
 
-__all__ = ["FITS", "LAWS", "Box", "Factors", "FitSettings", "Law", "StratifiedLaw", "Stratum"]
+__all__ = [
+    "FITS",
+    "LAWS",
+    "Box",
+    "Factors",
+    "FitSettings",
+    "Law",
+    "StratifiedLaw",
+    "Stratum",
+    "content_of",
+    "law_of",
+]
+
+
+def content_of(law: Law) -> dict[str, Any]:
+    """Return what a file says of a law that is a part of another law; `law_of` builds an equal law."""
+    header = {"kind": law.kind, "description": law.description, "variables": law.box.content()}
+    return header | law.content()
+
+
+def law_of(content: Mapping[str, Any], records: pd.DataFrame | None) -> Law:
+    """Return the law with a content, with values from the records if it needs them."""
+    box = Box.from_content(content["variables"])
+    return LAWS[content["kind"]].from_content(content, box, records)

@@ -57,7 +57,7 @@ def law_content(law: Law, records: pd.DataFrame | None) -> dict[str, Any]:
     """Return what a law file says of a law; it also has a checksum, and may have a verdict on the records."""
     header = {"format": FORMAT, "version": VERSION, "kind": law.kind, "description": law.description}
     header |= {"variables": law.box.content()}
-    if getattr(law, "proposal", law).needs_records:  # draws need the table if their proposal does
+    if law.uses_records:
         header |= {"records": _described(records)}
     return header | law.content()
 

@@ -11,10 +11,10 @@ from fewruns.problems import normal_score_quantile
 
 from accelerated_evaluation.base.arrays import Array
 from accelerated_evaluation.base.files import value_digest
-from accelerated_evaluation.laws import LAWS
+from accelerated_evaluation.laws import LAWS, content_of, law_of
 from accelerated_evaluation.laws.distributions import Empirical
 from accelerated_evaluation.laws.draws import DrawnLaws
-from accelerated_evaluation.laws.protocol import Box, Law
+from accelerated_evaluation.laws.protocol import Box, Law, density_over
 from accelerated_evaluation.laws.strata import VARIABLES
 
 
@@ -26,6 +26,7 @@ class WithLeadSpeeds(Law):
     needs_records: ClassVar[bool] = True
     law: Law  # of range [m] and closing speed [m/s]
     lead_speeds: Empirical = field(repr=False)
+    closing_speed_max: float = math.inf  # cap [m/s]; the upper limit of the law is no cap
 
     @property
     def description(self) -> str:
@@ -34,21 +35,34 @@ class WithLeadSpeeds(Law):
 
     @property
     def box(self) -> Box:
-        """The limits of the law of range and closing speed; those of the lead speed are not stated."""
-        return Box(VARIABLES, (0.0, *self.law.box.lower), (math.inf, *self.law.box.upper))
+        """The limits of range and closing speed, with the cap; those of the lead speed are not stated."""
+        farthest, fastest = self.law.box.upper
+        upper = math.inf, farthest, min(fastest, self.closing_speed_max)
+        return Box(VARIABLES, (0.0, *self.law.box.lower), upper)
 
     def from_normal_scores(self, z: Array) -> Array:
         """Map normal scores to cut-ins, both of shape (n, 3)."""
         lead_speed = normal_score_quantile(self.lead_speeds, z[:, 0])
-        return np.column_stack([lead_speed, self.law.from_normal_scores(z[:, 1:])])
+        x = np.column_stack([lead_speed, self.law.from_normal_scores(z[:, 1:])])
+        return np.minimum(x, self.box.upper)
 
     def log_density(self, x: Array) -> Array:
         """Return the log density of range and closing speed at cut-ins x, shape (n, 3).
 
-        It is -inf at the largest closing speed, which has no probability. Laws with a cap there state the
-        probability of the cap in place of a density, and the two must not be added.
+        At the cap, the density is integrated over all larger closing speeds. Without a cap of its own, the
+        result at the largest closing speed is -inf, because other laws state a probability there in place of
+        a density, and the two must not be added.
         """
-        return np.where(x[:, 2] >= self.law.box.upper[1], -math.inf, self.law.log_density(x[:, 1:]))
+        density, cap = self.law.log_density(x[:, 1:]), self.box.upper[2]
+        capped = x[:, 2] >= cap
+        ends = (np.full(capped.sum(), end) for end in (cap, self.law.box.upper[1]))
+        with np.errstate(divide="ignore"):
+            density[capped] = np.log(density_over(self.law, 1, x[capped, 1:], *ends))
+        return density
+
+    def with_cap_of(self, law: Law) -> Self:
+        """Return the law with the cap on the closing speed of another law with strata."""
+        return replace(self, closing_speed_max=law.closing_speed_max) if law.strata else self
 
     @property
     def digest(self) -> str:
@@ -57,18 +71,14 @@ class WithLeadSpeeds(Law):
 
     def content(self) -> dict[str, Any]:
         """Return the content of the law file: that of the law of range and closing speed."""
-        own = {"kind": self.law.kind, "variables": self.law.box.content(), "description": self.description}
-        return {"law": own | self.law.content()}
+        return {"law": content_of(self.law)}
 
     @classmethod
     def from_content(cls, content: Mapping[str, Any], box: Box, records: pd.DataFrame) -> Self:
         """Build the law from the content of its file and the records, which supply the lead speeds."""
-        own = content["law"]
-        law = LAWS[own["kind"]].from_content(own, Box.from_content(own["variables"]), None)
-        return cls(law, Empirical(records["lead_speed"]))
+        return cls(law_of(content["law"], None), Empirical(records["lead_speed"]), box.upper[2])
 
 
 def with_lead_speeds(draws: DrawnLaws, lead_speeds: Empirical) -> DrawnLaws:
     """Return draws of laws of range and closing speed as draws of laws of cut-ins."""
-    laws = [WithLeadSpeeds(law, lead_speeds) for law in draws.laws]
-    return replace(draws, laws=laws, proposal=WithLeadSpeeds(draws.proposal, lead_speeds))
+    return draws.mapped(lambda law: WithLeadSpeeds(law, lead_speeds))

@@ -19,6 +19,8 @@ from accelerated_evaluation.base.arrays import Array
 from accelerated_evaluation.base.errors import InputError
 from accelerated_evaluation.base.files import value_digest
 
+NODES, NODE_WEIGHTS = np.polynomial.legendre.leggauss(32)
+
 
 @dataclass(frozen=True)
 class Box:
@@ -130,7 +132,7 @@ class Law(ABC):
     """
 
     kind: ClassVar[str]
-    needs_records: ClassVar[bool] = False  # whether a law file refers to the table of records for its values
+    needs_records: ClassVar[bool] = False  # whether all laws of this kind take values from the records
     has_draws: ClassVar[bool] = False  # whether the law is the proposal of draws, which come with it
     box: Box
     description: str
@@ -178,6 +180,15 @@ class Law(ABC):
         """
         return self
 
+    def with_cap_of(self, law: "Law") -> "Law":
+        """Return the law with the cap on the closing speed of another law; most laws have no cap."""
+        return self
+
+    @property
+    def uses_records(self) -> bool:
+        """Whether the law takes values from the table of records, which its file then belongs to."""
+        return self.needs_records
+
     @abstractmethod
     def content(self) -> dict[str, Any]:
         """Return the parameters of the law, for JSON."""
@@ -200,3 +211,16 @@ class SlicedLaw(Protocol):
         upper limit, the result is the log density of the other variables, and the difference of two results
         is the log of a conditional probability. It is accurate in far tails.
         """
+
+
+def density_over(law: Law, k: int, x: Array, low: Array, high: Array) -> Array:
+    """Integrate the density of a law over the variable with index k from low to high, shape (n,).
+
+    The other variables are those of the points x, shape (n, d). The Gauss-Legendre rule has 32 nodes, so that
+    the density should be smooth between the ends, which have the shape (n,).
+    """
+    half = (high - low)[:, None] / 2
+    values = half * NODES + (low + high)[:, None] / 2
+    points = np.repeat(x, NODES.size, axis=0)
+    points[:, k] = values.ravel()
+    return half[:, 0] * (np.exp(law.log_density(points)).reshape(values.shape) @ NODE_WEIGHTS)
