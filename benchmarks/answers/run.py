@@ -52,7 +52,7 @@ def by_map(name: str, config: dict, records: FittedRecords, draws: Draws) -> Arr
     vehicle, generator = vehicle_named(name, config), partial(child_generator, ROOT, "answers")
     crashes = map_crashes(vehicle, grid, [], generator("map", name))
     problem = Problem(CUT_IN, vehicle, law=draws.proposal)
-    answer = Map(crashes, records.data).answer(problem, draws, (), generator("lines", name))
+    answer = Map(crashes, records).answer(problem, draws, (), generator("lines", name))
     return answer.posterior.probabilities
 
 

@@ -1,7 +1,9 @@
 """Draws that come in parts give a crash map the law of each draw, in the order of the parts."""
 
 from dataclasses import dataclass, replace
+from types import SimpleNamespace
 
+import accelerated_evaluation as ae
 import numpy as np
 import pytest
 from accelerated_evaluation.answer.by_map import Map
@@ -88,7 +90,15 @@ def test_the_typical_law_is_that_of_the_first_part_that_has_one(mixed):
     assert DrawnLaws([*mixed.parts, *smooth]).typical == "first smooth"
 
 
-def test_a_map_needs_records_with_the_limits_of_smooth_laws():
-    records = ClusteredRecords.of(POINTS, ["a", "b", "b"], BOX)
-    with pytest.raises(InputError, match="expected records of cut-ins"):
-        Map(CrashMap.__new__(CrashMap), records)
+def test_a_map_needs_points_of_the_variables_of_cut_ins():
+    crash_map = CrashMap.__new__(CrashMap)
+    x = np.array([[10.0, 30.0, 2.0], [20.0, 50.0, 1.0]])
+    np.testing.assert_array_equal(Map(crash_map, SimpleNamespace(x=x)).records, x)
+    for others in (
+        ClusteredRecords.of(POINTS, ["a", "b", "b"], BOX),
+        x[0],
+        "cut_in",
+        ae.read_records("left_turn"),
+    ):
+        with pytest.raises(InputError, match=r"argument records: seen .* expected records of cut-ins"):
+            Map(crash_map, others)

@@ -15,8 +15,8 @@ from accelerated_evaluation.crash_map.checked import sample_crashes
 from accelerated_evaluation.crash_map.lines import CrashLines, crash_places, divided_at, with_impacts
 from accelerated_evaluation.crash_map.maps import CrashMap
 from accelerated_evaluation.laws.draws import Draws
-from accelerated_evaluation.laws.smooth.family import DistinctRecords
 from accelerated_evaluation.methods.problem import Problem
+from accelerated_evaluation.scenarios.cut_in import CUT_IN
 from accelerated_evaluation.scenarios.protocol import Event
 from accelerated_evaluation.vehicles.protocol import CRASH, RandomVehicle, Vehicle
 
@@ -24,28 +24,34 @@ LINES = 2500  # number of lines of a map that are kept for the integrals
 GUIDES = 10  # number of draws of the law that determine which lines are kept
 
 
-def _within_limits(records: Any) -> DistinctRecords:  # noqa: ANN401
-    data = getattr(records, "data", records)
-    if getattr(data, "support", None) is None:
-        raise TypeError
-    return data
+def _points(records: Any) -> Array:  # noqa: ANN401
+    """Return recorded cut-ins as points, shape (n, 3); TypeError or ValueError if they are none."""
+    if getattr(records, "scenario", CUT_IN).names != CUT_IN.names:
+        raise ValueError
+    x = np.asarray(getattr(records, "x", records), dtype=float)
+    if x.ndim != 2 or x.shape[1] != CUT_IN.dimension:
+        raise ValueError
+    return x
 
 
 @checked(
     crash_map=one_of(CrashMap, words="a crash map", change="map_crashes makes one."),
-    records=Argument("records of cut-ins", _within_limits, "Read them with read_records."),
+    records=Argument("records of cut-ins", _points, "Read them with read_records."),
 )
 @dataclass(frozen=True)
 class Map:
     """The way to an answer by a crash map, for fast vehicles in cut-ins.
+
+    The draws of a law only need to give the probability of intervals of the closing speed (`Draws.masses`).
 
     Parameters
     ----------
     crash_map
         Crash map of the vehicle, with the events of which the answer shall give the probability.
     records
-        The records of cut-ins, which are replayed: if their crashes contradict the map, its crashes are drawn
-        at random in place of an adaptive scan, which may overlook narrow stripes.
+        The records of cut-ins, or an array of them, shape (n, 3). They give the distribution of the lead
+        speed, and are replayed: if their crashes contradict the map, its crashes are drawn at random in place
+        of an adaptive scan, which may overlook narrow stripes.
 
     Examples
     --------
@@ -63,14 +69,14 @@ class Map:
     """
 
     crash_map: CrashMap
-    records: DistinctRecords
+    records: Array
 
     def answer(
         self, problem: Problem, draws: Draws, events: Sequence[Event], generator: np.random.Generator
     ) -> Answer:
         """Return the probability of the events of a problem under each draw of the law."""
         vehicle, scan = problem.vehicle, "refined"
-        replayed = Replayed.of(problem, self.records.x)
+        replayed = Replayed.of(problem, self.records)
         lines = self._lines(self.crash_map, problem.event, vehicle, draws, generator)
         if not replayed.supports(draws.masses(lines).sum(axis=1).mean()):
             lines, scan = self._random_lines(problem.event, vehicle, draws, generator), "random"
@@ -84,7 +90,7 @@ class Map:
                 lines = self._lines(self.crash_map, event, vehicle, draws, generator)
             if event == CRASH and (law := draws.typical) is not None:
                 lines, impact_speed = with_impacts(lines, vehicle, law)
-                limits = speed_limits(self.records.x, lines.places.lead_speed, lines.places.range_)
+                limits = speed_limits(self.records, lines.places.lead_speed, lines.places.range_)
                 lines, part = divided_at(lines, limits.values())
                 masses = draws.masses(lines)
                 crashes = MapCrashes(lines.inside, impact_speed[part], masses, lines, draws)
@@ -103,7 +109,7 @@ class Map:
         generator: np.random.Generator,
     ) -> CrashLines:
         """Return the lines of a map that matter for an event."""
-        lines = CrashLines.of(crash_map, self.records.lead_speed, event, self.records.support)
+        lines = CrashLines.of(crash_map, self.records[:, 0], event, draws.support)
         return thinned_lines(lines, vehicle, draws, generator)
 
     def _random_lines(

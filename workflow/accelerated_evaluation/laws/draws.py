@@ -22,6 +22,7 @@ from accelerated_evaluation.laws import LAWS, content_of, law_of
 from accelerated_evaluation.laws.joint.truncated_normals import TruncatedNormalMixture
 from accelerated_evaluation.laws.mixed import MixedLaws
 from accelerated_evaluation.laws.protocol import Box, Law
+from accelerated_evaluation.laws.smooth.splines import Support
 
 COMPONENTS = 8  # number of components of the mixture that approximates the mean of the draws
 POINTS = 8_000  # number of points to which this mixture is fitted
@@ -104,6 +105,11 @@ class Draws(ABC):
     def masses(self, lines: EventLines) -> Array:
         """Return the probability of each interval of a crash map under each draw, shape (K, intervals)."""
         return np.array([lines.of_draw(k).masses_by_density(law) for k, law in enumerate(self.laws)])
+
+    @property
+    def support(self) -> Support:
+        """The limits of the places of a crash map, of which smooth laws need more than the largest range."""
+        return Support(range_max=self.proposal.box.upper[1])
 
     @property
     def typical(self) -> Any:  # noqa: ANN401
@@ -270,6 +276,11 @@ class DrawnLaws(Draws, Law):
     def laws(self) -> Sequence[Any]:
         """The law of each draw, in the order of the parts."""
         return [law for part in self.parts for law in part.laws]
+
+    @property
+    def support(self) -> Support:
+        """That of the first part, as smooth laws come first."""
+        return self.parts[0].support
 
     @property
     def typical(self) -> Any:  # noqa: ANN401

@@ -213,6 +213,11 @@ class MeanLaw(Draws, SmoothLaw):
         return self
 
     @property
+    def support(self) -> Support:
+        """Limits of the records to which the draws were fitted."""
+        return self.draws.support
+
+    @property
     def names(self) -> tuple[str, ...]:
         """Name of the member of the family of each draw."""
         return self.draws.names
