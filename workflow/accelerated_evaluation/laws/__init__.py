@@ -37,18 +37,18 @@ __all__ = [
     "Law",
     "StratifiedLaw",
     "Stratum",
-    "content_of",
-    "law_of",
+    "nested_content",
+    "nested_law",
 ]
 
 
-def content_of(law: Law) -> dict[str, Any]:
-    """Return what a file says of a law that is a part of another law; `law_of` builds an equal law."""
+def nested_content(law: Law) -> dict[str, Any]:
+    """Return what a file says of a law that is a part of another law; `nested_law` builds an equal law."""
     header = {"kind": law.kind, "description": law.description, "variables": law.box.content()}
     return header | law.content()
 
 
-def law_of(content: Mapping[str, Any], records: pd.DataFrame | None) -> Law:
+def nested_law(content: Mapping[str, Any], records: pd.DataFrame | None) -> Law:
     """Return the law with a content, with values from the records if it needs them."""
     box = Box.from_content(content["variables"])
     return LAWS[content["kind"]].from_content(content, box, records)

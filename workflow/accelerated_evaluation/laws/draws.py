@@ -18,7 +18,7 @@ from scipy.special import logsumexp
 
 from accelerated_evaluation.base.arrays import Array
 from accelerated_evaluation.base.files import value_digest
-from accelerated_evaluation.laws import LAWS, content_of, law_of
+from accelerated_evaluation.laws import LAWS, nested_content, nested_law
 from accelerated_evaluation.laws.joint.truncated_normals import TruncatedNormalMixture
 from accelerated_evaluation.laws.mixed import MixedLaws
 from accelerated_evaluation.laws.protocol import Box, Law
@@ -133,7 +133,7 @@ class Draws(ABC):
 
     def content_as_part(self) -> dict[str, Any]:
         """Return the content of the draws as a part of others."""
-        return content_of(self)
+        return nested_content(self)
 
     @abstractmethod
     def subset(self, chosen: NDArray[np.intp]) -> Self:
@@ -204,7 +204,7 @@ class OneLaw(Draws):
 
     def content_as_part(self) -> dict[str, Any]:
         """Return the content of the law with its name."""
-        return {"name": self.name} | content_of(self.proposal)
+        return {"name": self.name} | nested_content(self.proposal)
 
 
 @LAWS.add("draws")
@@ -347,15 +347,15 @@ class DrawnLaws(Draws, Law):
 
     def content(self) -> dict[str, Any]:
         """Return the content of the law file: the proposal, unless it is the mixture, and all parts."""
-        own = {} if self.own is None else {"proposal": content_of(self.own)}
+        own = {} if self.own is None else {"proposal": nested_content(self.own)}
         return own | {"draws": [part.content_as_part() for part in self.parts]}
 
     @classmethod
     def from_content(cls, content: Mapping[str, Any], box: Box, records: pd.DataFrame | None) -> Self:
         """Build the draws from the content of their file, their limits, and the records."""
-        laws = [(law_of(part, records), part.get("name")) for part in content["draws"]]
+        laws = [(nested_law(part, records), part.get("name")) for part in content["draws"]]
         parts = [law if name is None else OneLaw(law, name) for law, name in laws]
-        own = law_of(content["proposal"], records) if "proposal" in content else None
+        own = nested_law(content["proposal"], records) if "proposal" in content else None
         return cls(parts, own, content["description"])
 
 

@@ -11,7 +11,7 @@ from fewruns.problems import normal_score_quantile
 
 from accelerated_evaluation.base.arrays import Array
 from accelerated_evaluation.base.files import value_digest
-from accelerated_evaluation.laws import LAWS, content_of, law_of
+from accelerated_evaluation.laws import LAWS, nested_content, nested_law
 from accelerated_evaluation.laws.distributions import Empirical
 from accelerated_evaluation.laws.draws import DrawnLaws
 from accelerated_evaluation.laws.protocol import Box, Law, density_over
@@ -71,12 +71,12 @@ class WithLeadSpeeds(Law):
 
     def content(self) -> dict[str, Any]:
         """Return the content of the law file: that of the law of range and closing speed."""
-        return {"law": content_of(self.law)}
+        return {"law": nested_content(self.law)}
 
     @classmethod
     def from_content(cls, content: Mapping[str, Any], box: Box, records: pd.DataFrame) -> Self:
         """Build the law from the content of its file and the records, which supply the lead speeds."""
-        return cls(law_of(content["law"], None), Empirical(records["lead_speed"]), box.upper[2])
+        return cls(nested_law(content["law"], None), Empirical(records["lead_speed"]), box.upper[2])
 
 
 def with_lead_speeds(draws: DrawnLaws, lead_speeds: Empirical) -> DrawnLaws:

@@ -10,7 +10,7 @@ from scipy.special import logsumexp, ndtr, ndtri
 
 from accelerated_evaluation.base.arrays import Array, numbers_in
 from accelerated_evaluation.base.files import value_digest
-from accelerated_evaluation.laws import LAWS, content_of, law_of
+from accelerated_evaluation.laws import LAWS, nested_content, nested_law
 from accelerated_evaluation.laws.protocol import Box, Law
 
 
@@ -65,10 +65,10 @@ class MixedLaws(Law):
 
     def content(self) -> dict[str, Any]:
         """Return the weights and the content of the laws."""
-        return {"weights": list(map(float, self.weights)), "laws": [content_of(law) for law in self.laws]}
+        return {"weights": list(map(float, self.weights)), "laws": [nested_content(law) for law in self.laws]}
 
     @classmethod
     def from_content(cls, content: Mapping[str, Any], box: Box, records: pd.DataFrame | None) -> Self:
         """Build the mixture from its content, its limits, and the records."""
-        laws = [law_of(part, records) for part in content["laws"]]
+        laws = [nested_law(part, records) for part in content["laws"]]
         return cls(laws, numbers_in(content["weights"]), content["description"])
