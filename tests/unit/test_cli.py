@@ -372,3 +372,28 @@ def test_the_version_is_that_of_the_package(capsys):
         cli.main(["--version"])
     assert ended.value.code == 0
     assert capsys.readouterr().out == f"accelerated-evaluation {version('accelerated-evaluation')}\n"
+
+
+BAR = """
+import sys
+from types import SimpleNamespace
+from accelerated_evaluation import cli
+
+def run(arguments):
+    from tqdm import tqdm
+    list(tqdm([1], desc="a bar"))
+
+toy = SimpleNamespace(help="toy", description="Toy.", add_arguments=lambda command: None, run=run)
+cli.COMMANDS = {"toy": toy}
+sys.argv = ["accelerated-evaluation", "toy"]
+"""
+
+
+@pytest.mark.parametrize(("call", "bars"), [("cli.main()", 0), ("run(None)", 1)])
+def test_a_log_contains_no_progress_bars(call, bars):
+    code = f"{BAR}\n{call}"
+    environment = {name: value for name, value in os.environ.items() if not name.startswith("TQDM")}
+    done = subprocess.run(
+        [sys.executable, "-c", code], check=True, capture_output=True, text=True, env=environment
+    )
+    assert ("a bar" in done.stderr) == bool(bars)

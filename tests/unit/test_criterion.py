@@ -187,7 +187,7 @@ def test_the_table_of_criteria():
     assert table["replayed_upper95"][0] == pytest.approx(1 - 0.05 ** (1 / 299))
     lines = [criterion_in_words(row) for row in table.to_dict("records")]
     assert "shown to be met" in lines[0]
-    assert "75%" in lines[0]
+    assert "75 %" in lines[0]
     assert "not known" in lines[1]
     undecided = SimpleNamespace(verdict=UNDECIDED, probability=0.5)
     row = table.iloc[0].to_dict() | vars(undecided)

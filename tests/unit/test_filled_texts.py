@@ -55,6 +55,21 @@ def test_a_share_of_the_draws_is_all_of_them_only_if_it_is(share, written):
     assert fill("{{ share | of_draws }}", {"share": share}).replace("\N{NO-BREAK SPACE}", " ") == written
 
 
+@pytest.mark.parametrize(
+    ("placeholder", "written"),
+    [
+        ("0.99996 | percent", "more than 99 %"),
+        ("0.004 | percent", "less than 1 %"),
+        ("0.00004 | percent(2)", "less than 0.01 %"),
+        ("1.0 | percent", "100 %"),
+        ("0.0 | percent(1)", "0.0 %"),
+        ("0.004 | percent(0, '+')", "+0 %"),  # a change, and no share
+    ],
+)
+def test_a_share_is_rounded_to_nothing_or_everything_only_if_it_is(placeholder, written):
+    assert fill(f"{{{{ {placeholder} }}}}", {}).replace("\N{NO-BREAK SPACE}", " ") == written
+
+
 def test_conditions_and_lists_leave_no_empty_lines():
     text = "{% for name, n in runs.items() %}\n- {{ name }}: {{ n }}\n{% else %}\nnone\n{% endfor %}\n"
     assert fill(text, {"runs": {"a": 1, "b": 2}}) == "- a: 1\n- b: 2\n"

@@ -1,6 +1,7 @@
 """The command ``accelerated-evaluation``; its subcommands: modules of `accelerated_evaluation.commands`."""
 
 import argparse
+import os
 import re
 import sys
 from collections.abc import Sequence
@@ -33,6 +34,8 @@ def main(argv: Sequence[str] | None = None) -> int:
     argcomplete.autocomplete(own)  # if the shell asks for completions, this prints them and ends
     given = sys.argv[1:] if argv is None else argv
     arguments = own.parse_args(given)
+    if argv is None and not sys.stderr.isatty():
+        os.environ.setdefault("TQDM_DISABLE", "1")  # a log would contain every state of a progress bar
     try:
         _require_values(given)
         arguments.run(arguments)

@@ -32,11 +32,13 @@ function interval(low, high) {
   return `${isShared ? first.replace(power[0], "") : first} – ${last}`;
 }
 
-const oneIn = (value) => Number((1 / value).toPrecision(2)).toLocaleString("en-US", { maximumSignificantDigits: 2 });
+// The number of encounters with one event on average, such as 170,000, with two significant digits.
+const oneIn = (value) => (1 / value).toLocaleString("en-US", { maximumSignificantDigits: 2 });
 
 function percent(value) {
-  if (value > 0.995) return "over 99 %";
-  return value < 0.005 ? "under 1 %" : `${Math.round(100 * value)} %`;
+  const rounded = Math.round(100 * value); // 0 or 100 only if the share is 0 or 1
+  if (rounded === 100 && value < 1) return "more than 99 %";
+  return rounded === 0 && value > 0 ? "less than 1 %" : `${rounded} %`;
 }
 
 // Intervals of 50, 80 and 95 % with the median, one row for each {name, colour, quantiles}, on a logarithmic axis.
@@ -224,7 +226,7 @@ function drawChart(title, times, lines, now, width) {
   const ticks = [low, 0, high].filter((value, k, all) => value === 0 || Math.abs(y(value) - y(0)) > 14);
   [...new Set(ticks)].forEach((value) => {
     parts.push(`<line x1="${left}" x2="${width - right}" y1="${y(value)}" y2="${y(value)}" stroke="var(--line)"/>
-      <text class="quiet" x="${left - 5}" y="${y(value) + 4}" text-anchor="end">${Number(value.toPrecision(2))}</text>`);
+      <text class="quiet" x="${left - 5}" y="${y(value) + 4}" text-anchor="end">${readable(value)}</text>`);
   });
   lines.forEach((line) => {
     const points = line.values.map((value, k) => `${x(times[k]).toFixed(1)},${y(value).toFixed(1)}`).join(" ");

@@ -18,6 +18,7 @@ from accelerated_evaluation.answer.injuries.curves import LEVELS
 from accelerated_evaluation.answer.posterior import UNITS, Posterior, Rate
 from accelerated_evaluation.base.arrays import Array
 from accelerated_evaluation.base.errors import InputError
+from accelerated_evaluation.base.percent import in_percent
 from accelerated_evaluation.scenarios.protocol import Scenario
 
 CONFIDENCE = 0.95  # probability from which on a criterion counts as met, or as not met
@@ -234,7 +235,9 @@ def criterion_in_words(row: Mapping[str, object]) -> str:
         UNDECIDED: "not shown, and not refuted",
     }
     beyond = row["beyond"]
-    rests = "" if np.isnan(beyond) else f"; {beyond:.0%} of this bound is extrapolated beyond the records"
+    rests = (
+        "" if np.isnan(beyond) else f"; {in_percent(beyond)} of this bound is extrapolated beyond the records"
+    )
     return (
         f"criterion {row['criterion']}: {words[row['verdict']]} (met with probability "
         f"{row['probability']:.2g}; one-sided 95% upper bound {row['upper95']:.2g}{rests})"

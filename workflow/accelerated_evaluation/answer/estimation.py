@@ -12,7 +12,6 @@ from pathlib import Path
 from typing import Any
 
 import pandas as pd
-from fewruns import Estimate
 from tqdm import tqdm
 
 from accelerated_evaluation.answer.answer import Answer, Way, evaluate
@@ -154,7 +153,7 @@ class Estimated:
         return [
             *self.verdict.stop_lines(),
             *(f"warning: {doubt}" for doubt in self.evidence.doubts),
-            *(self._not_converged(each.notes["estimate"]) for each in self.answers if not each.converged),
+            *(self._not_converged(number) for number, each in enumerate(self.answers) if not each.converged),
             *self._summary(ratios),
             *self._unseen(),
             *(
@@ -253,8 +252,9 @@ class Estimated:
         if not is_known.all():
             yield f"not known from these runs: {', '.join(table.loc[~is_known, 'event'])}"
 
-    def _not_converged(self, estimate: Estimate) -> str:
-        """Return the reason why an estimate has not converged, and what to do."""
+    def _not_converged(self, number: int) -> str:
+        """Return the reason why a replicate has not converged, and what to do."""
+        estimate = self.answers[number].notes["estimate"]
         if self.evidence.doubts:
             reason = "see the warning above"
         elif not math.isnan(bound := estimate.diagnostics.get("unseen_lapses", math.nan)):
@@ -266,7 +266,8 @@ class Estimated:
                 "more simulations may change it, or may find further parts of the event; increase "
                 "surrogate.maximum_calls"
             )
-        return f"NOT CONVERGED: {reason}; --verbose prints more"
+        which = f" (replicate {number})" if len(self.answers) > 1 else ""
+        return f"NOT CONVERGED{which}: {reason}; --verbose prints more"
 
     def _simulated(self) -> list[str]:
         if (vehicle := self.vehicle) is None:

@@ -18,6 +18,7 @@ from accelerated_evaluation.answer.answer import Answer
 from accelerated_evaluation.answer.fitted_records import FittedRecords
 from accelerated_evaluation.answer.posterior import Posterior, summarise
 from accelerated_evaluation.base.arrays import Array
+from accelerated_evaluation.base.percent import in_percent
 from accelerated_evaluation.scenarios.protocol import Scenario
 
 ALL, RECORDED, NEAR, FAR = "all", "recorded", "near", "far"
@@ -204,14 +205,7 @@ def beyond_in_words(table: pd.DataFrame, scenario: Scenario) -> str:
     near, farthest = "are farther from every record than records usually are", "farther than any of them"
     if scenario.upper_set_in == "closing_speed":
         near, farthest = "close faster than any record at a similar range", "faster than any record at all"
-    return f"{_percent(beyond)} of the predicted events {near}, {_percent(far)} {farthest}"
-
-
-def _percent(share: float) -> str:
-    """Return a share in percent, which is rounded to 0 or 100 only if it is 0 or 1."""
-    if 0.995 <= share < 1:
-        return "more than 99 %"
-    return "less than 1 %" if 0 < share < 0.005 else f"{100 * share:.0f} %"
+    return f"{in_percent(beyond)} of the predicted events {near}, {in_percent(far)} {farthest}"
 
 
 def extrapolation_in_words(table: pd.DataFrame, scenario: Scenario) -> str:

@@ -7,6 +7,7 @@ import numpy as np
 import pandas as pd
 
 from accelerated_evaluation.answer.posterior import CHOICE, DATA, LEVELS
+from accelerated_evaluation.base.percent import in_percent
 
 Row = tuple[str, str, str]  # name of a result, its value, and a remark on it
 
@@ -97,5 +98,5 @@ def budget_in_words(budget: pd.DataFrame) -> list[str]:
     if shares.empty or shares.isna().any():
         return []
     sources = shares.drop("together").items()
-    parts = ", ".join(f"{source} {share:.0%}" for source, share in sources)
+    parts = ", ".join(f"{source} {in_percent(share)}" for source, share in sources)
     return [f"variance of the logarithm: {parts}; only the last becomes smaller with more simulations"]

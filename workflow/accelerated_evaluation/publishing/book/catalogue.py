@@ -28,6 +28,7 @@ from jinja2 import Environment, StrictUndefined
 from markupsafe import Markup
 
 from accelerated_evaluation.base.errors import InputError, StudyError
+from accelerated_evaluation.base.percent import in_percent
 from accelerated_evaluation.publishing.tables.display import as_markdown, readable, shell_of_notebook
 
 
@@ -91,24 +92,21 @@ def number(value: float, decimals: int = 0, sign: str = "") -> str:
 
 
 def percent(value: float, decimals: int = 0, sign: str = "") -> str:
-    """Write a share as a percentage, such as 12.3 %; with the sign ``"+"``, as +12.3 % if positive.
+    """Write a share as `in_percent` does; with the sign ``"+"`` a change, such as +12.3 %.
 
-    The space before the sign is a non-breaking one.
+    The spaces are non-breaking ones.
     """
     if not math.isfinite(value):
         return readable(float(value))
-    return f"{number(100 * value, decimals, sign)}\N{NO-BREAK SPACE}%"
+    written = f"{number(100 * value, decimals, sign)} %" if sign else in_percent(value, decimals)
+    return written.replace(" ", "\N{NO-BREAK SPACE}")
 
 
 def of_draws(share: float) -> str:
-    """Write in how many of the draws something is the case, such as "every draw" or "97 % of the draws".
-
-    A share that is not exactly 0 or 1 is never rounded to 0 or 100 %.
-    """
+    """Write in how many of the draws something is the case, such as "every draw" or "97 % of the draws"."""
     if share in (0, 1):
         return "every draw" if share else "no draw"
-    bound = "more than " if share > 0.99 else "less than " if share < 0.01 else ""
-    return f"{bound}{percent(min(max(share, 0.01), 0.99))} of the draws"
+    return f"{percent(share)} of the draws"
 
 
 def unbroken(value: Any, digits: int = 3) -> Any:  # noqa: ANN401

@@ -13,6 +13,7 @@ from matplotlib.patches import Patch
 from matplotlib.ticker import MaxNLocator, PercentFormatter
 
 from accelerated_evaluation.answer.extrapolation import CAPPED, FAR, NEAR, RECORDED
+from accelerated_evaluation.base.percent import in_percent
 from accelerated_evaluation.methods.coverage import LEVELS
 from accelerated_evaluation.methods.intervals import binomial_interval
 from accelerated_evaluation.publishing.figures.dot_chart import (
@@ -248,7 +249,7 @@ def fig37_extrapolation(
                 markersize=2.5,
                 markerfacecolor="none",
                 markeredgewidth=0.5,
-                label=f"crashes, {meaning}: {100 * shares.loc[part, 'share']:.0f} %",
+                label=f"crashes, {meaning}: {in_percent(shares.loc[part, 'share'])}",
             )
         if by_speed:
             look = {"color": "black", "linewidth": 0.6, "linestyle": ":"}

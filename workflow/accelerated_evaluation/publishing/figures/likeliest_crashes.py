@@ -6,6 +6,7 @@ import pandas as pd
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
+from accelerated_evaluation.base.percent import in_percent
 from accelerated_evaluation.publishing.figures.dot_chart import (
     FRAME,
     ROW,
@@ -46,7 +47,7 @@ def fig28_ways_to_crash(
     shown = crashes.sort_values("probability", ascending=False, kind="stable").head(CRASHES)
     share = shown["probability"] / crashes["probability"].sum()
     titles = [
-        f"({letter}) {100 * part:.0f} % of the crashes:\n{in_math(probability)} per cut-in"
+        f"({letter}) {in_percent(part)} of the crashes:\n{in_math(probability)} per cut-in"
         for letter, part, probability in zip(LETTERS, share, shown["probability"], strict=False)
     ]
     return _draw(shown, traces, titles, CRASHES, f"simulated under a law fitted to {source}")

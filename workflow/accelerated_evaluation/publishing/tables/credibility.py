@@ -7,6 +7,7 @@ import pandas as pd
 
 from accelerated_evaluation.answer.all_cut_ins import ALL, CLOSING_CUT_IN, KEEPS
 from accelerated_evaluation.answer.extrapolation import RECORDED
+from accelerated_evaluation.base.percent import in_percent
 from accelerated_evaluation.publishing.published import table
 from accelerated_evaluation.publishing.tables.display import readable
 from accelerated_evaluation.records.verdict import Verdict
@@ -15,10 +16,6 @@ DIGITS = 2
 UNDER_TEST = "under test"
 COLUMNS = ["question", "answer", "table"]
 UNKNOWN = "not known for this study"
-
-
-def _percent(share: float) -> str:
-    return f"{100 * share:.0f} %"
 
 
 def records_used(account: pd.DataFrame) -> str:
@@ -58,7 +55,7 @@ def shares_of(budget: pd.DataFrame) -> str:
     parts = budget[budget["source"] != "together"].dropna(subset="variance_share")
     parts = parts.sort_values("variance_share", ascending=False)
     shares = zip(parts["source"], parts["variance_share"], strict=True)
-    return ", ".join(f"{source} {_percent(share)}" for source, share in shares) or UNKNOWN
+    return ", ".join(f"{source} {in_percent(share)}" for source, share in shares) or UNKNOWN
 
 
 def beyond_records(extrapolation: pd.DataFrame) -> str:
@@ -66,7 +63,7 @@ def beyond_records(extrapolation: pd.DataFrame) -> str:
     if extrapolation.empty or (shares := extrapolation.set_index("part")["share"].dropna()).empty:
         return UNKNOWN  # the vehicle never crashes, or no crash is known
     share = 1 - shares.get(RECORDED, 0.0)
-    return f"{_percent(share)} of the probability belongs to events unlike any record"
+    return f"{in_percent(share)} of the probability belongs to events unlike any record"
 
 
 def steps_of(numerical_error: pd.DataFrame) -> str:

@@ -11,6 +11,7 @@ from scipy.special import ndtri, stdtrit
 from accelerated_evaluation.answer.extrapolation import ALL, CAPPED, FAR, NEAR, RECORDED
 from accelerated_evaluation.answer.far_records import EVERY_LAW
 from accelerated_evaluation.answer.variants import WITHOUT_CRASHES
+from accelerated_evaluation.base.percent import in_percent
 from accelerated_evaluation.methods.importance_sampling import crude_simulations
 from accelerated_evaluation.publishing.published import result_table
 from accelerated_evaluation.publishing.tables.display import readable
@@ -165,11 +166,11 @@ def rests_in_words(extrapolation: pd.DataFrame, data_quality: pd.DataFrame | Non
         return ""
     near, far = rows.loc[NEAR, "share"] + rows.loc[FAR, "share"], rows.loc[FAR, "share"]
     beyond = (
-        f"{100 * near:.0f} % of the predicted crashes close faster than any record at a similar range, and "
-        f"{100 * far:.0f} % faster than any record at all."
+        f"{in_percent(near)} of the predicted crashes close faster than any record at a similar range, and "
+        f"{in_percent(far)} faster than any record at all."
         if CAPPED in rows.index
-        else f"{100 * near:.0f} % of the predicted crashes are farther from the nearest record than 95 % of "
-        f"the records are from each other, and {100 * far:.0f} % farther than any record is."
+        else f"{in_percent(near)} of the predicted crashes are farther from the nearest record than 95 % of "
+        f"the records are from each other, and {in_percent(far)} farther than any record is."
     )
     whole = rows.loc[ALL]
     mean, inside = (readable(rows.loc[part, "probability"], DIGITS) for part in (ALL, RECORDED))
