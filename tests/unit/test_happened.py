@@ -1,7 +1,9 @@
 """What happens: ways to crash, nearest records, their figures; random closing speeds for narrow stripes."""
 
+import re
 import tracemalloc
 from dataclasses import replace
+from xml.etree import ElementTree
 
 import numpy as np
 import pandas as pd
@@ -34,6 +36,8 @@ from accelerated_evaluation.publishing.figures.likeliest_crashes import (
     fig28_ways_to_crash,
     fig29_nearest_records,
 )
+from accelerated_evaluation.publishing.figures.moving import LANE, SCALE, fig36_cut_in
+from accelerated_evaluation.publishing.figures.style import save_figure
 from accelerated_evaluation.publishing.tables.display import NAMES
 from accelerated_evaluation.records.segments import complete
 from accelerated_evaluation.vehicles import AccAeb, Outcomes
@@ -273,6 +277,39 @@ def test_figures_say_what_they_cannot_show():
     drawn, data = fig29_nearest_records(table, none, "made up")
     assert "not known" in drawn.axes[0].texts[0].get_text()
     assert traces_of(table, RateCar()).empty
+
+
+def test_the_moving_picture_ends_with_the_crash_of_the_trace(tmp_path):
+    table = happened(("crash",)).assign(probability=lambda rows: 1e-7 * rows["number"])
+    traces = traces_of(table, AccAeb())
+    drawn, scene = fig36_cut_in(table, traces, "made up")
+    likeliest = traces[traces["number"] == table["number"].max()]  # that of the largest probability
+    assert scene.loc[scene["time_s"] == 0, "range_m"].item() == likeliest["range_m"].iloc[0]
+    assert scene["range_m"].iloc[[0, -1]].tolist() == [pytest.approx(scene["range_m"].max()), 0]
+    before = scene[scene["time_s"] <= 0]
+    assert np.ptp(before["host_speed_m_per_s"]) == 0
+    assert scene["lead_lateral_m"].iloc[0] == pytest.approx(LANE)
+    for folder in ("one", "two"):
+        save_figure(drawn, scene, tmp_path / folder, "fig36_cut_in")
+    one, two = ((tmp_path / folder / "fig36_cut_in.svg").read_text() for folder in ("one", "two"))
+    assert one == two
+    assert len(one) < 300_000
+    frames = dict(re.findall(r"@keyframes (\w+) \{(.*)\}", one))
+    crossing = f"translate({SCALE * likeliest['range_m'].iloc[0]:.1f}px,{-SCALE * LANE / 2:.1f}px)"
+    assert f"transform:{crossing}" in one
+    assert crossing in frames["lead"]
+    assert frames["lead"].endswith(
+        "100% {transform: " + re.findall(r"transform: (.*?)\}", frames["lead"])[-2] + "}"
+    )
+    assert re.search(r"translate\(0\.0px", frames["lead"].split("%")[-1])
+    ElementTree.fromstring(one)
+
+
+def test_the_moving_picture_says_what_it_cannot_show(tmp_path):
+    for kind, words in (("record", "no crash"), ("crash", "not known")):
+        none = pd.DataFrame(columns=["kind", "number", "time_s", "range_m"])
+        drawn, _ = fig36_cut_in(happened((kind,)), none, "made up")
+        assert words in drawn.axes[0].texts[0].get_text()
 
 
 def test_the_figure_of_what_can_be_prevented(law, records):

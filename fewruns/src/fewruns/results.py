@@ -209,7 +209,7 @@ def reaches_prediction(progress: Progress, factor: float) -> bool:
 
 
 def _that_count(progress: Progress) -> Sequence[BatchEstimate]:
-    """Return the batches on which the estimate is based, without those of a cover."""
+    """Return the batches on which the estimate is based, except those that only exclude further parts."""
     return [batch for batch in counted(progress) if batch.runs]
 
 

@@ -180,7 +180,10 @@ def scanned_variable(scenario: Scenario, draws: Draws, change: str = CHANGE) -> 
 
 
 def _capable(problem: Problem, draws: Draws) -> tuple[int, Sequence[SlicedLaw]]:
-    """Return the index of the variable to scan, and the law of each draw; InputError says what is missing."""
+    """Return the index of the variable to scan, and the law of each draw.
+
+    InputError is raised if the scenario, the laws or the vehicle do not allow a scan.
+    """
     k = scanned_variable(problem.scenario, draws)
     if repeats_itself(problem.vehicle) is False:
         raise InputError(

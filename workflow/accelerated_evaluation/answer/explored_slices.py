@@ -27,7 +27,10 @@ class SlicedSections(Sections):
     levels = (0, 1, 2, 3, 4, 5, 6, 8, 10, 12, 14)
 
     def __init__(self, draws: Draws, scenario: Scenario) -> None:
-        """Take the draws of the answer; InputError if the scenario or a law has no slices."""
+        """Keep the draws of the answer, whose laws must give probabilities of intervals of one variable.
+
+        InputError is raised if the scenario names no such variable, or a law cannot do this.
+        """
         self.scanned = k = scanned_variable(scenario, draws, CHANGE)
         if scenario.dimension != 3:
             raise InputError(

@@ -185,7 +185,10 @@ class JointFamily:
         return np.ones(self.records.clusters, bool)
 
     def draws(self, chosen: NDArray[np.intp], generator: np.random.Generator) -> DrawnLaws:
-        """Fit the chosen candidates, shape (K,), each to another bootstrap sample of the clusters."""
+        """Return K random laws: the chosen candidates, each fitted to a bootstrap sample of its own.
+
+        ``chosen`` contains the indices of the candidates, shape (K,). Clusters of records are resampled.
+        """
         laws = []
         for k in tqdm(chosen, desc="draws of the law", disable=None):
             known = {"weights": self.records.resampled(generator), "start": self.laws[k]}

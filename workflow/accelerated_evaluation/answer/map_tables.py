@@ -295,7 +295,7 @@ class Restricted:
         return self.law.box
 
     def log_density(self, x: Array) -> Array:
-        """Return the log density at points x, shape (n, d); it is -inf where the condition does not hold."""
+        """Return the log density at points x, shape (n, d), or -inf at points that are not in the part."""
         return np.where(self.holds(x), self.law.log_density(x) - np.log(self.share), -np.inf)
 
     def draw(self, n: int, generator: np.random.Generator) -> Array:

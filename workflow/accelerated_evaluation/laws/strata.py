@@ -127,7 +127,10 @@ class Stratum(ABC):
         return self.lead_speed_share(lead_speed) * self.factors.first.interval_probability(*ends)
 
     def lead_speed_share(self, lead_speed: Array) -> Array:
-        """Return the share of the recorded v_L in each interval [low, high) [m/s], shape (n, 2)."""
+        """Return the share of the recorded v_L in each of n intervals.
+
+        ``lead_speed`` contains the ends of the intervals [low, high) [m/s], shape (n, 2).
+        """
         speeds = self.lead_speed.values
         return np.diff(np.searchsorted(speeds, lead_speed), axis=1)[:, 0] / speeds.size
 

@@ -286,7 +286,7 @@ def _score_above(name: str, scored_by: str, outcomes: Any) -> Array:  # noqa: AN
 
 
 class Simulating(Protocol):
-    """What a vehicle of any scenario has."""
+    """A vehicle of any scenario, which only needs to simulate encounters."""
 
     def simulate(self, *columns: Array) -> Any:  # noqa: ANN401
         """Return the outcomes of n encounters, given the scenario's variables, each of shape (n,)."""

@@ -36,7 +36,11 @@ Mixture = tuple[Array, Normals]
 
 @dataclass(frozen=True)
 class Fitted:
-    """Summary of a fit; the information criteria count K - 1 + K (d + d (d + 1) / 2) parameters."""
+    """Summary of the fit of a mixture.
+
+    The information criteria count the weights, means and covariances of K components of d variables, which
+    are K - 1 + K (d + d (d + 1) / 2) parameters.
+    """
 
     records: int
     log_likelihood: float  # of the records, with weights whose mean is 1

@@ -28,6 +28,7 @@ from sphinx.util.console import nocolor
 from accelerated_evaluation.base.errors import StudyError
 from accelerated_evaluation.base.files import PROJECT, file_digest
 from accelerated_evaluation.publishing.book.catalogue import fill, read_contents
+from accelerated_evaluation.publishing.figures.moving import is_moving
 from accelerated_evaluation.publishing.provenance import commit_of, page_of_code
 from accelerated_evaluation.publishing.published import FIGURES
 from accelerated_evaluation.publishing.study import TABLES, Study
@@ -169,11 +170,12 @@ class Parts:
         numbers = [] if name in self.added else re.findall(r"\d+", name)
         title = f"Figure {int(numbers[0])}" if numbers else name
         width = int.from_bytes((self.study.figures / f"{name}.png").read_bytes()[16:20], "big") // PIXELS
+        picture = f"{name}.svg" if is_moving(self.study.figures / f"{name}.svg") else f"{name}.png"
         # A click on the picture opens it alone, where a browser can enlarge it.
         return (
-            f"````{{figure}} figures/{name}.png\n:name: {label or name}\n:alt: {_plain(sentence)}\n"
+            f"````{{figure}} figures/{picture}\n:name: {label or name}\n:alt: {_plain(sentence)}\n"
             f":width: {width}px\n"
-            f":target: _images/{name}.png\n\n**{title}.** {' '.join(first.split())}\n\n"
+            f":target: _images/{picture}\n\n**{title}.** {' '.join(first.split())}\n\n"
             f"{' '.join(' '.join(rest).split())}\n\n{_links('figures', name, FIGURE_FILES)}\n\n"
             f"{self.origin(name)}\n````\n"
         )

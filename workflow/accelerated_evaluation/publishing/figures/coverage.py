@@ -187,6 +187,7 @@ BY_DISTANCE = {
     FAR: "farther away than any record is",
 }
 DRAWN_CRASHES = 1000  # largest number of crashes that is drawn
+SHOWN = 0.99  # share of the drawn crashes that lie within the limits of the axis
 CELLS = (50, 100)  # smallest and largest number of cells along each axis in which the records are counted
 LIGHTEST = 0.05  # number of records that would be white, so that a cell with one record can be seen
 
@@ -229,6 +230,8 @@ def fig37_extrapolation(
     cells = pd.DataFrame({across.name: middles[0][found[0]], up.name: middles[1][found[1]]})
     cells["records"] = counts[found].astype(int)
     shares, by_speed = extrapolation.set_index("part"), CAPPED in set(extrapolation["part"])
+    # A few crashes far above the others would flatten everything else.
+    top = 1.05 * max([largest, *crashes[up.name].quantile([SHOWN]).dropna()])
     with paper_style():
         drawn, axes = plt.subplots(figsize=(1.4 * COLUMN_WIDTH, 3.2))
         if small:
@@ -243,8 +246,9 @@ def fig37_extrapolation(
             (color, marker), rows = PARTS[part], crashes[crashes["part"] == part]
             handles += axes.plot(
                 rows[across.name],
-                rows[up.name],
+                rows[up.name].clip(upper=top),
                 marker,
+                clip_on=False,
                 color=color,
                 markersize=2.5,
                 markerfacecolor="none",
@@ -254,10 +258,13 @@ def fig37_extrapolation(
         if by_speed:
             look = {"color": "black", "linewidth": 0.6, "linestyle": ":"}
             handles.append(axes.axhline(largest, label="fastest record", **look))
-        ends = max([recorded[across.name].max(), *crashes[across.name]]), max([largest, *crashes[up.name]])
-        axes.set(xlim=(0, ends[0]), ylim=(0, 1.05 * ends[1]), ylabel=up.label, xlabel=across.label)
+        if higher := int((crashes[up.name] > top).sum()):
+            words = f"at the edge: {higher} of {len(crashes):,} crashes, up to {crashes[up.name].max():.0f}"
+            handles += axes.plot([], [], linestyle="none", label=words)
+        end = max([recorded[across.name].max(), *crashes[across.name]])
+        axes.set(xlim=(0, end), ylim=(0, top), ylabel=up.label, xlabel=across.label)
         if small:
-            ticks = [0, small, *(tick for tick in (1, 10, 100) if small < tick < ends[0])]
+            ticks = [0, small, *(tick for tick in (1, 10, 100) if small < tick < end)]
             axes.set_xticks(ticks, [f"{tick:g}" for tick in ticks], minor=False)
             axes.minorticks_off()
         axes.legend(handles=handles, loc="lower center", bbox_to_anchor=(0.5, 1.0), fontsize=6)

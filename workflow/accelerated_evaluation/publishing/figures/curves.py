@@ -98,10 +98,10 @@ class Curve:
 
 
 def histogram(x: Array, edges: Array, variable: PlottedVariable) -> pd.DataFrame:
-    """Count records in bins.
+    """Return a table of the numbers of records in bins, with a row for each bin.
 
-    ``x``: records, shape (n,). The density refers to all of them, including those outside the bins. A row for
-    each bin: curve (`RECORDS`), middle, width, count and density, count / (n width).
+    The columns are the name `RECORDS`, the middle and width of the bin, the count, and the density, which is
+    count / (n width). The n records ``x``, shape (n,), also include those outside of the bins.
     """
     count, width = np.histogram(x, edges)[0], np.diff(edges)
     columns = (variable.column, variable.width, "count", variable.density)

@@ -69,7 +69,10 @@ def fig01_concept(
 def _draw_densities(
     axis: Axes, laws: tuple[Distribution, Distribution], end: float, records: pd.DataFrame
 ) -> pd.DataFrame:
-    """Draw f and f* up to ``end`` [1/s], and return the rows of the records followed by those of f and f*."""
+    """Draw the densities f and f* up to ``end`` [1/s].
+
+    Return the rows of the data of the figure: those of the records, of f and of f*.
+    """
     parts = [records]
     for (name, (label, style)), law in zip(DENSITIES.items(), laws, strict=True):
         curve = Curve(law, style)

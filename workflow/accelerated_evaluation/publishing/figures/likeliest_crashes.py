@@ -23,6 +23,7 @@ from accelerated_evaluation.publishing.figures.style import (
     note_source,
     paper_style,
     say_no_crash,
+    say_unknown,
 )
 from accelerated_evaluation.publishing.published import figure
 from accelerated_evaluation.publishing.tables.display import vehicles_in_words
@@ -82,7 +83,7 @@ def _draw(
     with paper_style():
         if data.empty:
             drawn, axes = plt.subplots()
-            _say_unknown(axes) if rows else say_no_crash(axes)
+            say_unknown(axes) if rows else say_no_crash(axes)
             note_source(drawn, source)
             return drawn, data
         columns = COLUMNS[most]
@@ -149,11 +150,6 @@ def _draw_one(upper: Axes, lower: Axes, trace: pd.DataFrame, row: dict, title: s
     )
     end = f"impact {row['impact_speed']:.1f} m/s" if row["crash"] else f"range left {row['min_range']:.1f} m"
     upper.set_title(f"{title}\n{words}\n{end}", fontsize=6.5, loc="left")
-
-
-def _say_unknown(axes: Axes) -> None:
-    text = "the states of this vehicle are not known, only the outcomes"
-    axes.text(0.5, 0.5, text, transform=axes.transAxes, ha="center", va="center", color="#555555")
 
 
 GROUPS = {"closing": "cut-ins whose gap closes", "opening": "cut-ins whose gap opens"}

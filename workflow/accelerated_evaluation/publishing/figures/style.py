@@ -114,7 +114,16 @@ def note_source(figure: Figure, source: str) -> None:
 
 def say_no_crash(axes: Axes) -> None:
     """Write "no crash" into the middle of axes in which there is nothing to draw."""
-    axes.text(0.5, 0.5, "no crash", transform=axes.transAxes, ha="center", va="center", color="#555555")
+    _say(axes, "no crash")
+
+
+def say_unknown(axes: Axes) -> None:
+    """Write into the middle of axes that a vehicle reports no states over time."""
+    _say(axes, "the states of this vehicle are not known, only the outcomes")
+
+
+def _say(axes: Axes, text: str) -> None:
+    axes.text(0.5, 0.5, text, transform=axes.transAxes, ha="center", va="center", color="#555555")
 
 
 def save_figure(

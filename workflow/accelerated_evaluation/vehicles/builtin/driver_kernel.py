@@ -266,7 +266,10 @@ def move_cars(state: NDArray, count: int, driver: Driver) -> None:
 
 @compiled
 def _follow_lead(state: NDArray, count: int, lead_speeds: NDArray, ahead: int) -> None:
-    """Set the lead speeds of encounters that are not over to those ``ahead`` steps after their states."""
+    """Set the lead speed in the state of each encounter that is not over.
+
+    It becomes the lead speed ``ahead`` steps after the step that the state has reached.
+    """
     last = lead_speeds.shape[1] - 1
     for i in range(count):
         if state[OVER, i] == 0.0:
