@@ -66,7 +66,7 @@ class Constant:
         return np.ones((np.size(x), 1))
 
     def penalty(self) -> Array:
-        """Return the matrix of the roughness penalty, shape (1, 1), which is 0: a constant has no roughness."""
+        """Return the matrix of the roughness penalty, shape (1, 1): it is 0, as a constant has none."""
         return np.zeros((1, 1))
 
 
