@@ -20,7 +20,7 @@ RESOLVE := uv pip compile pyproject.toml --universal --python-version 3.11 --gen
   --no-emit-package fewruns
 export PATH := $(CURDIR)/.venv/bin:$(PATH)
 
-.PHONY: environment extras container study book article test test-slurm test-studies test-fewruns crate paper-figures lint format report smoke benchmark-samplers \
+.PHONY: environment extras container study book article test test-slurm test-studies test-fewruns crate paper-figures pages lint format report smoke benchmark-samplers \
   benchmark-public benchmark-recordings benchmark-vehicles world worlds claims lock clean help
 .DEFAULT_GOAL := help
 
@@ -60,6 +60,9 @@ smoke: ## a miniature of the whole study in under two minutes
 
 paper-figures: $(ENVIRONMENT) ## figures, tables and numbers of a finished study for a LaTeX paper: make paper-figures [STUDY=spmd] [FIGURE=fig12]
 	accelerated-evaluation paper $(STUDY) $(if $(FIGURE),--figure $(FIGURE))
+
+pages: $(ENVIRONMENT) ## the numbers in README, guides and pages of the benchmarks, filled in again from the published tables
+	python -m accelerated_evaluation.publishing.pages
 
 crate: $(EXTRAS) study ## run the study, then pack it with its provenance: results/STUDY.crate.zip
 	accelerated-evaluation crate $(STUDY)

@@ -3,7 +3,7 @@
 ``python benchmarks/scenario_seeds.py left_turn LAW.json CRUDE`` repeats the estimate of the crash probability
 under a joint law with 40 seeds, in at most 1,000 runs each, and compares it with CRUDE draws of the law. With
 ``--event impact_speed=1``, it is the probability of an impact at more than 1 m/s. The results are in
-``benchmarks/results/scenarios.csv``, from which ``python benchmarks/readme.py`` makes the table of the guide.
+``benchmarks/results/scenarios.csv``, from which ``make pages`` makes the table of the guide.
 ``results/<study>/laws/answer.json`` of a study is such a law.
 """
 

@@ -44,6 +44,9 @@ BENCHMARKS = (
     "samplers",
     "successors",
     "answers",
+    "chance",
+    "hidden",
+    "vehicles",
 )
 PARTS += tuple(f"benchmarks/results/{name}.csv" for name in BENCHMARKS)
 PARTS += ("article",)

@@ -1,20 +1,31 @@
 """A summary of the simulated motorways in words and tables, which `make world` shows at its end."""
 
 import argparse
+import re
 from pathlib import Path
 
 import pandas as pd
 from accelerated_evaluation.base.files import write_text
+from accelerated_evaluation.publishing.named_numbers import Tables
+from accelerated_evaluation.publishing.texts import FILLED, fill
 from chain import BLOCK, FEWEST_BLOCKS, FEWEST_RECORDS
-from tables import calibration_table, chain_table, counts_table, extraction_table
 from traffic import run_command
+
+README = Path(__file__).with_name("README.md")
+
+
+def tables(folder: Path) -> dict[str, str]:
+    """Return the tables of README in Markdown, made from the files in a folder, by the names of the files."""
+    names = {"results": Tables(folder)}
+    templates = (found[1] for found in FILLED.finditer(README.read_text(encoding="utf-8")))
+    return {re.search(r"results\.(\w+)", each)[1]: fill(each, names) for each in templates}
 
 
 def summary(folder: Path) -> str:
     """Return the summary of the tables in a folder."""
-    names = ("", "_chain", "_extraction", "_calibration")
-    counts, chain, extraction, traffic = (pd.read_csv(folder / f"motorway{name}.csv") for name in names)
-    crashes = counts["counted"].sum()
+    names = ("", "_chain", "_calibration")
+    counts, chain, traffic = (pd.read_csv(folder / f"motorway{name}.csv") for name in names)
+    crashes, made = counts["counted"].sum(), tables(folder)
     crashed = (
         f"The hosts crashed {crashes:,.0f} times." if crashes else "No host crashed: simulate more hours."
     )
@@ -24,8 +35,8 @@ def summary(folder: Path) -> str:
         text += "There were too few recorded cut-ins for a prediction with recorded lead motion.\n"
     within = f"{traffic['within'].sum()} of {len(traffic)} statistics of the traffic"
     text += f"{within} are within the limits of NGSIM.\n"
-    text += f"\n## Counted and predicted crashes\n\n{counts_table(counts)}"
-    text += f"\n## Cut-ins that extract found in the recordings\n\n{extraction_table(extraction)}"
+    text += f"\n## Counted and predicted crashes\n\n{made['motorway']}"
+    text += f"\n## Cut-ins that extract found in the recordings\n\n{made['motorway_extraction']}"
     text += "\n## In how many worlds the whole chain covers the count\n\n"
     missing = chain.loc[chain["median"].isna(), "world"].nunique()
     if missing:
@@ -35,8 +46,8 @@ def summary(folder: Path) -> str:
         )
         text += f"needs {FEWEST_RECORDS} closing cut-ins and {minutes}. Record more hours.\n"
     if chain["median"].notna().any():
-        text += f"{chain_table(chain)}"
-    text += f"\n## Traffic\n\n{calibration_table(traffic)}\n"
+        text += made["motorway_chain"]
+    text += f"\n## Traffic\n\n{made['motorway_calibration']}\n"
     return text + f"The tables and the figure motorway_cells are in {folder}.\n"
 
 

@@ -137,11 +137,28 @@ def slab(depth: float, width: float, end: Array, across: Array) -> Margin:
 # the rule about the last prediction (`constants.REACHED`) was added.
 DRAWN, SHOWN, LATER, LAST = range(100, 140), range(140, 193), range(200, 253), range(260, 420)
 UNSEEN = range(500, 620)
+RUNS = {
+    DRAWN: "",
+    SHOWN: ", that showed a fault",
+    LATER: ", run later",
+    LAST: ", run last",
+    UNSEEN: ", run after all but the last change",
+}
 
 
 def has_scores(problem: PublicProblem) -> bool:
     """Return whether the sampler sees scores."""
     return not problem.name.endswith("flags")
+
+
+def group_of(problem: PublicProblem) -> str:
+    """Return the kind of a random problem, whose results are shown together, or the name of another one."""
+    parts = problem.name.split("_")
+    if parts[0] != "drawn":
+        return problem.name
+    outcome, inputs = "scores" if has_scores(problem) else "flags", problem.event.dimension
+    run = next(words for numbers, words in RUNS.items() if int(parts[1]) in numbers)
+    return f"{outcome}, {'4 to 8' if inputs > 3 else '2 or 3'} inputs{run}"
 
 
 def hidden_problems() -> dict[str, PublicProblem]:

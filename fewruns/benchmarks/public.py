@@ -15,7 +15,7 @@ import pandas as pd
 from accelerated_evaluation.base.files import read_json, write_csv, write_json
 from accelerated_evaluation.base.randomness import child_generator
 from accelerated_evaluation.publishing.tables.display import reproducible
-from hidden_problems import hidden_problems
+from hidden_problems import group_of, hidden_problems
 from problems import Problem
 from public_problems import PublicProblem, probability_of, public_problems
 from run import ROOT, repeated
@@ -23,7 +23,17 @@ from summarise import summary
 from tqdm import tqdm
 
 COLLECTIONS = {"public": public_problems, "hidden": hidden_problems}
-COLUMNS = ["problem", "method", "dimension", "reference", "reference_se", "published", "seeds", "calls_mean"]
+COLUMNS = [
+    "problem",
+    "group",
+    "method",
+    "dimension",
+    "reference",
+    "reference_se",
+    "published",
+    "seeds",
+    "calls_mean",
+]
 COLUMNS += ["calls_p95", "error", "bias", "coverage80", "failed", "no_number", "claimed"]
 
 
@@ -47,7 +57,8 @@ def row(problem: PublicProblem, method: str, raw: Path, seeds: int) -> dict[str,
         runs = pd.concat([runs, repeated(plain, method, [seed])], ignore_index=True)
         write_csv(path, runs)
     probability, error = known(problem, raw)
-    labels = {"problem": problem.name, "method": method, "dimension": problem.event.dimension}
+    labels = {"problem": problem.name, "group": group_of(problem), "method": method}
+    labels |= {"dimension": problem.event.dimension}
     references = {"reference": probability, "reference_se": error, "published": problem.published}
     found = summary(runs, probability)
     return labels | references | found | {"no_number": runs["probability"].isna().mean()}

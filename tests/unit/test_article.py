@@ -13,8 +13,8 @@ from accelerated_evaluation import InputError, StudyError
 from accelerated_evaluation.base.files import write_json
 from accelerated_evaluation.publishing.article.pdf import Sources, compile_text, numbers_of, write_article
 from accelerated_evaluation.publishing.article.tables import TEXT, Tables, plain, shown_figures
-from accelerated_evaluation.publishing.book.catalogue import number, percent, unbroken
 from accelerated_evaluation.publishing.study import Study
+from accelerated_evaluation.publishing.texts import number, percent, unbroken
 from accelerated_evaluation.study.configuration import load
 from printed_figures import PUBLISHED, write_pdf
 from scipy.stats import poisson

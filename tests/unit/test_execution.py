@@ -13,7 +13,7 @@ import sys
 from accelerated_evaluation.publishing.book.execution import run_notebook
 run_notebook(sys.argv[1], {"number": 2}, sys.argv[1] + ".executed.ipynb")
 """
-FILLED = "from accelerated_evaluation.publishing.book import catalogue\ncatalogue.fill_in_notebooks()"
+FILLED = "from accelerated_evaluation.publishing import texts\ntexts.fill_in_notebooks()"
 SPAWN = """
 from multiprocessing import get_context
 get_context("spawn").Process(target=abs, args=[1]).start()

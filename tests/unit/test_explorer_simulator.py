@@ -11,8 +11,8 @@ from pathlib import Path
 import numpy as np
 import pandas as pd
 import pytest
-from accelerated_evaluation.publishing.book.catalogue import unbroken
 from accelerated_evaluation.publishing.explorer.vehicles import as_texts
+from accelerated_evaluation.publishing.texts import unbroken
 from accelerated_evaluation.scenarios.left_turn import LEFT_TURN
 from accelerated_evaluation.vehicles import load_vehicle
 from conftest import ROOT

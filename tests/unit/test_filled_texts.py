@@ -6,7 +6,7 @@ import numpy as np
 import pandas as pd
 import pytest
 from accelerated_evaluation.base.errors import StudyError
-from accelerated_evaluation.publishing.book.catalogue import fill
+from accelerated_evaluation.publishing.texts import fill
 
 
 @pytest.mark.parametrize(

@@ -42,7 +42,16 @@ PARTS = (
     "pyproject.toml",
 )
 PARTS += ("environment.txt", "README.md", "LICENSE", "CITATION.cff", "article")
-BENCHMARKS = ("worlds", "worlds_causes", "motorway", "motorway_chain", "samplers", "successors", "answers")
+BENCHMARKS = (
+    "worlds",
+    "worlds_beyond",
+    "worlds_causes",
+    "motorway",
+    "motorway_chain",
+    "samplers",
+    "successors",
+)
+BENCHMARKS += ("answers", "chance", "hidden", "vehicles")
 PARTS += tuple(f"benchmarks/results/{name}.csv" for name in BENCHMARKS)
 INSTALLED = "environment_installed.txt"
 SNAKEMAKE = "https://snakemake.github.io"

@@ -13,9 +13,10 @@ from accelerated_evaluation.base.files import read_json
 from accelerated_evaluation.crash_map.uncertainty import PAPER_INTERVAL
 from accelerated_evaluation.laws.files import read_law
 from accelerated_evaluation.laws.paper.models import IndependentLaw
-from accelerated_evaluation.publishing.book.catalogue import Contents, fill, fill_in_notebooks
+from accelerated_evaluation.publishing.book.catalogue import Contents
 from accelerated_evaluation.publishing.tables.display import as_markdown, display_in_notebooks, reproducible
 from accelerated_evaluation.publishing.tables.paper_claims import PREMISES
+from accelerated_evaluation.publishing.texts import fill, fill_in_notebooks
 from accelerated_evaluation.records.segments import read_encounters
 from accelerated_evaluation.records.sources import describe
 from accelerated_evaluation.records.verdict import Verdict, read_report, summary
@@ -187,7 +188,7 @@ class Study:
     """The finished results of a study; each is read when it is first used, and then cached.
 
     In a notebook, tables are displayed as `publishing.tables.display.as_html` writes them from then on, and
-    cells that begin with ``%%text`` as `publishing.book.catalogue.fill` fills them in.
+    cells that begin with ``%%text`` as `publishing.texts.fill` fills them in.
 
     The parameters of a figure or table are the names of the results that it uses: a parameter ``estimates``
     is read from the property ``estimates`` of this class (`publishing.published.show`). A file name with

@@ -1,4 +1,4 @@
-"""What each notebook reads and makes, from its metadata, and texts with placeholders for values.
+"""What each notebook reads and makes, from its metadata.
 
 The key ``study`` of a notebook's metadata lists the figures and tables that it publishes, and the results
 that it reads::
@@ -12,24 +12,15 @@ A part of a name in braces, as in ``cross_entropy/{method}_0.json``, represents 
 notebooks for which it makes all results in ``reads``, whatever its scenario and however slow its vehicle is.
 Each part in ``optional`` belongs to the notebook if the study makes all results of this part, too. When a
 notebook runs, `publishing.book.execution` compares this declaration with what the notebook did.
-
-A text with placeholders is a cell of code that begins with ``%%text``. It shows the text with the values that
-the variables have at this place, whoever runs the notebook: a reader in Jupyter, papermill or the study.
 """
 
 import json
-import math
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from itertools import chain
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
-from jinja2 import Environment, StrictUndefined
-from markupsafe import Markup
-
-from accelerated_evaluation.base.errors import InputError, StudyError
-from accelerated_evaluation.base.percent import in_percent
-from accelerated_evaluation.publishing.tables.display import as_markdown, readable, shell_of_notebook
+from accelerated_evaluation.base.errors import InputError
 
 
 class Contents(NamedTuple):
@@ -81,71 +72,3 @@ def require_captions(names: Iterable[str], folder: Path) -> None:
                 name, seen="two uses", expected="a single notebook that shows it", change="Show it once."
             )
         seen.add(name)
-
-
-def number(value: float, decimals: int = 0, sign: str = "") -> str:
-    """Write a number with a fixed number of decimals, such as 1,234.5.
-
-    NaN is written as a dash, and infinity as ∞. A ``"+"`` as sign writes the sign of positive numbers too.
-    """
-    return f"{value:{sign},.{decimals}f}" if math.isfinite(value) else readable(float(value))
-
-
-def percent(value: float, decimals: int = 0, sign: str = "") -> str:
-    """Write a share as `in_percent` does; with the sign ``"+"`` a change, such as +12.3 %.
-
-    The spaces are non-breaking ones.
-    """
-    if not math.isfinite(value):
-        return readable(float(value))
-    written = f"{number(100 * value, decimals, sign)} %" if sign else in_percent(value, decimals)
-    return written.replace(" ", "\N{NO-BREAK SPACE}")
-
-
-def of_draws(share: float) -> str:
-    """Write in how many of the draws something is the case, such as "every draw" or "97 % of the draws"."""
-    if share in (0, 1):
-        return "every draw" if share else "no draw"
-    return f"{percent(share)} of the draws"
-
-
-def unbroken(value: Any, digits: int = 3) -> Any:  # noqa: ANN401
-    """Write a number as `readable` does, with non-breaking spaces, so that it stays on one line."""
-    written = readable(value, digits)
-    return written.replace(" ", "\N{NO-BREAK SPACE}") if isinstance(written, str) else written
-
-
-def fill(text: str, names: Mapping[str, Any]) -> str:
-    """Return a Markdown text with its placeholders of Jinja filled in.
-
-    StudyError is raised if a placeholder uses an unknown name, or its expression fails.
-    """
-    try:
-        return _ENVIRONMENT.from_string(text).render(names)
-    except Exception as error:
-        # The message of a KeyError is only the key, so the type of the error is written too.
-        raise StudyError(f"{type(error).__name__}: {error}") from error
-
-
-def fill_in_notebooks() -> None:
-    """Let a notebook, if this is one, show cells that begin with ``%%text`` as Markdown, by `fill`."""
-    if (shell := shell_of_notebook()) is None:
-        return
-    from IPython.display import Markdown, display  # slow to import, and only notebooks need it
-
-    def text(_: str, cell: str) -> None:
-        """Show Markdown with placeholders for values of variables."""
-        display(Markdown(fill(cell, shell.user_ns).rstrip("\n")))
-
-    shell.register_magic_function(text, "cell")
-
-
-def _escaped(value: Any) -> Any:  # noqa: ANN401
-    """Escape a string, unless the filter ``safe`` has marked it."""
-    return value if isinstance(value, Markup) else as_markdown(value)
-
-
-_ENVIRONMENT = Environment(
-    undefined=StrictUndefined, finalize=_escaped, trim_blocks=True, lstrip_blocks=True, autoescape=False
-)
-_ENVIRONMENT.filters |= {"number": number, "percent": percent, "of_draws": of_draws, "readable": unbroken}

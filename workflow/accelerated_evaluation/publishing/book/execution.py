@@ -45,7 +45,7 @@ class ThisProcess(Engine):
         """Run the cells of a notebook in order, up to the first error.
 
         Papermill calls this method, saves the notebook, and raises the error afterwards. A cell that shows a
-        text (`publishing.book.catalogue`) is replaced by this text, as a cell of Markdown. The name of the
+        text (`publishing.texts`) is replaced by this text, as a cell of Markdown. The name of the
         kernel is ignored, because none is started.
         """
         # Figures that a cell shows without saving them are embedded in the notebook, as in a kernel.

@@ -3,7 +3,7 @@
 First, the sources are written to a temporary folder. Every notebook is a chapter: each of its figures gets a
 number, a caption, an alternative text and links to its files, and its tables are listed at its end. Every
 guide is a chapter too. The first and the last page are templates in ``workflow/book`` with placeholders, as
-in the texts of the notebooks (`publishing.book.catalogue`). Sphinx then makes the site. The site contains no
+in the texts of the notebooks (`publishing.texts`). Sphinx then makes the site. The site contains no
 date, so the same study always gives the same bytes.
 """
 
@@ -27,7 +27,7 @@ from sphinx.util.console import nocolor
 
 from accelerated_evaluation.base.errors import StudyError
 from accelerated_evaluation.base.files import PROJECT, file_digest
-from accelerated_evaluation.publishing.book.catalogue import fill, read_contents
+from accelerated_evaluation.publishing.book.catalogue import read_contents
 from accelerated_evaluation.publishing.figures.moving import is_moving
 from accelerated_evaluation.publishing.provenance import commit_of, page_of_code
 from accelerated_evaluation.publishing.published import FIGURES
@@ -36,6 +36,7 @@ from accelerated_evaluation.publishing.tables.claims import departure
 from accelerated_evaluation.publishing.tables.exact import contradictions
 from accelerated_evaluation.publishing.tables.paper_claims import PAPER_PROBABILITY
 from accelerated_evaluation.publishing.tables.spreads import rests_in_words
+from accelerated_evaluation.publishing.texts import fill
 
 # Packages whose versions the last page lists: those behind numbers, figures and pages. environment.txt pins
 # all.

@@ -1,0 +1,139 @@
+"""Texts with placeholders for numbers: of notebooks, README, guides, benchmarks, captions and the article.
+
+There is one language of placeholders, that of Jinja, with a filter for each notation of a number. `fill`
+fills it in. A page in Markdown keeps its placeholders in comments, each in front of the text that it makes::
+
+    The sampler takes <!--{{ results.samplers.calls_mean[0] | number }}-->178<!--/--> simulations.
+
+so that the file shows the numbers to every reader, and `refill` makes them again. In a cell of a table, the
+character in front of a filter has a backslash. A comment must not begin a line unless it contains complete
+lines, because Markdown takes such a line for HTML. `publishing.pages` fills all pages of the project.
+"""
+
+import math
+import re
+from collections.abc import Mapping
+from typing import Any
+
+import numpy as np
+from jinja2 import Environment, StrictUndefined, Undefined
+from markupsafe import Markup
+
+from accelerated_evaluation.base.errors import StudyError
+from accelerated_evaluation.base.percent import in_percent
+from accelerated_evaluation.publishing.tables.display import as_markdown, readable, shell_of_notebook
+
+FILLED = re.compile(r"<!--(?!/)((?:(?!-->).)*)-->((?:(?!<!--).)*)<!--/-->", re.DOTALL)
+
+
+def number(value: float, decimals: int = 0, sign: str = "") -> str:
+    """Write a number with a fixed number of decimals, such as 1,234.5.
+
+    NaN is written as a dash, and infinity as ∞. A ``"+"`` as sign writes the sign of positive numbers too.
+    """
+    return f"{value:{sign},.{decimals}f}" if math.isfinite(value) else readable(float(value))
+
+
+def percent(value: float, decimals: int = 0, sign: str = "") -> str:
+    """Write a share as `in_percent` does; with the sign ``"+"`` a change, such as +12.3 %.
+
+    The spaces are non-breaking ones.
+    """
+    if not math.isfinite(value):
+        return readable(float(value))
+    written = f"{number(100 * value, decimals, sign)} %" if sign else in_percent(value, decimals)
+    return written.replace(" ", "\N{NO-BREAK SPACE}")
+
+
+def of_draws(share: float) -> str:
+    """Write in how many of the draws something is the case, such as "every draw" or "97 % of the draws"."""
+    if share in (0, 1):
+        return "every draw" if share else "no draw"
+    return f"{percent(share)} of the draws"
+
+
+def counted(count: float) -> str:
+    """Write a count in a sentence: none, one or a number."""
+    return {0: "none", 1: "one"}.get(count) or number(count)
+
+
+def rounded(value: float, digits: int = 2) -> float:
+    """Round a number to so many significant digits."""
+    return float(f"{value:.{digits}g}")
+
+
+def unbroken(value: Any, digits: int = 3) -> Any:  # noqa: ANN401
+    """Write a number as `readable` does, with non-breaking spaces, so that it stays on one line."""
+    written = readable(value, digits)
+    return written.replace(" ", "\N{NO-BREAK SPACE}") if isinstance(written, str) else written
+
+
+def fill(text: str, names: Mapping[str, Any]) -> str:
+    """Return a Markdown text with its placeholders of Jinja filled in; a ratio to zero is unknown.
+
+    StudyError is raised if a placeholder uses an unknown name, or its expression fails.
+    """
+    try:
+        with np.errstate(all="ignore"):
+            return _ENVIRONMENT.from_string(text).render(names)
+    except Exception as error:
+        # The message of a KeyError is only the key, so the type of the error is written too.
+        raise StudyError(f"{type(error).__name__}: {error}") from error
+
+
+def evaluate(expression: str, names: Mapping[str, Any]) -> Any:  # noqa: ANN401
+    """Return the value of an expression in the language of the placeholders, or raise StudyError."""
+    try:
+        with np.errstate(all="ignore"):
+            value = _ENVIRONMENT.compile_expression(expression, undefined_to_none=False)(**names)
+        if isinstance(value, Undefined):
+            str(value)  # raises the error that says what is undefined
+    except StudyError:
+        raise
+    except Exception as error:
+        raise StudyError(f"{expression}: {type(error).__name__}: {error}") from error
+    return value
+
+
+def fill_in_notebooks() -> None:
+    """Let a notebook, if this is one, show cells that begin with ``%%text`` as Markdown, by `fill`."""
+    if (shell := shell_of_notebook()) is None:
+        return
+    from IPython.display import Markdown, display  # slow to import, and only notebooks need it
+
+    def text(_: str, cell: str) -> None:
+        """Show Markdown with placeholders for values of variables."""
+        display(Markdown(fill(cell, shell.user_ns).rstrip("\n")))
+
+    shell.register_magic_function(text, "cell")
+
+
+def refill(text: str, names: Mapping[str, Any]) -> str:
+    """Return a page in Markdown with the text behind each comment with placeholders made again."""
+
+    def part(found: re.Match[str]) -> str:
+        template = found[1]
+        made = fill(template.replace(r"\|", "|"), names)
+        if template.endswith("\n") and not made.endswith("\n"):  # Jinja removes the last end of a line
+            made += "\n"
+        return f"<!--{template}-->{made}<!--/-->"
+
+    return FILLED.sub(part, text)
+
+
+def _escaped(value: Any) -> Any:  # noqa: ANN401
+    """Escape a string, unless the filter ``safe`` has marked it."""
+    return value if isinstance(value, Markup) else as_markdown(value)
+
+
+_ENVIRONMENT = Environment(
+    undefined=StrictUndefined, finalize=_escaped, trim_blocks=True, lstrip_blocks=True, autoescape=False
+)
+_ENVIRONMENT.filters |= {
+    "counted": counted,
+    "number": number,
+    "of_draws": of_draws,
+    "percent": percent,
+    "readable": unbroken,
+    "rounded": rounded,
+}
