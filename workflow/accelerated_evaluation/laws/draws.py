@@ -136,10 +136,13 @@ class Draws(ABC):
         return nested_content(self)
 
     @abstractmethod
-    def subset(self, chosen: NDArray[np.intp]) -> Self:
-        """Return the draws with the given indices, shape (k,), under a proposal that covers these."""
+    def subset(self, chosen: NDArray[np.intp]) -> "Draws":
+        """Return the draws with the given indices, shape (k,), under a proposal that covers these.
 
-    def thinned(self, size: int) -> Self:
+        They are in the order of the indices, which may be repeated.
+        """
+
+    def thinned(self, size: int) -> "Draws":
         """Return at most ``size`` of the draws, at equal distances in their order."""
         return self.subset(np.unique(np.linspace(0, self.size - 1, min(size, self.size)).round().astype(int)))
 
@@ -198,9 +201,9 @@ class OneLaw(Draws):
         """Return the law with the cap on the closing speed of another law."""
         return replace(self, proposal=self.proposal.with_cap_of(law))
 
-    def subset(self, chosen: NDArray[np.intp]) -> Self:
-        """Return the law itself."""
-        return self
+    def subset(self, chosen: NDArray[np.intp]) -> Draws:
+        """Return the law itself, or repeated if there are several indices."""
+        return self if chosen.size == 1 else DrawnLaws([self] * chosen.size, self.proposal)
 
     def content_as_part(self) -> dict[str, Any]:
         """Return the content of the law with its name."""
@@ -334,11 +337,11 @@ class DrawnLaws(Draws, Law):
         return replace(self, parts=parts, own=change(self.own))
 
     def subset(self, chosen: NDArray[np.intp]) -> Self:
-        """Return the draws with the given indices, shape (k,), in the order of the parts."""
-        first, part = self._first, np.searchsorted(self._first, chosen, side="right") - 1
-        return replace(
-            self, parts=[self.parts[k].subset(chosen[part == k] - first[k]) for k in np.unique(part)]
-        )
+        """Return the draws with the given indices, shape (k,), in their order; an index may be repeated."""
+        part = np.searchsorted(self._first, chosen, side="right") - 1
+        runs = np.split(np.arange(chosen.size), np.flatnonzero(np.diff(part)) + 1)  # of the same part
+        own = [(part[run[0]], chosen[run]) for run in runs]
+        return replace(self, parts=[self.parts[k].subset(few - self._first[k]) for k, few in own])
 
     @cached_property
     def _first(self) -> NDArray[np.intp]:
