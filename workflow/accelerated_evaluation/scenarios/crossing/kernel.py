@@ -59,6 +59,8 @@ STAGES = np.array(
 TOLERANCE, SMALL = 1e-3, 1e-3  # relative tolerance, and smallest size of a state in a relative error
 
 
+# numba's cache on disk contains the name of this class. A cache that was made under another name cannot be
+# read, which ends in an AttributeError; it is found only by functions that are in the same line as before.
 class CarNumbers(NamedTuple):
     """Parameters of controller, actuator and contact, as floats in SI units."""
 
