@@ -114,15 +114,11 @@ def of_lead_motion(
     cut-ins, and contains the error of the simulation.
     """
     family, law, vehicle = study.smooth.family, study.smooth.speeds(study.heaviest), load_vehicle(name)
-    crash_map, generator = mapped(vehicle, grid), child_generator(load()["seed"], "europe", name)
+    generator = child_generator(load()["seed"], "europe", name)
+    problem = MovingProblem(vehicle, mapped(vehicle, grid), records, family.ranges, law)
 
     def factor(cut_ins: pd.DataFrame) -> float:
-        motion = Recorded.of(cut_ins)
-        return (
-            MovingProblem(vehicle, crash_map, records, family.ranges, law, motion)
-            .closing(generator)
-            .factor()[0]
-        )
+        return problem.closing(Recorded.of(cut_ins), generator).factor()[0]
 
     found = factor(followed)
     resampled = [

@@ -15,6 +15,7 @@ from accelerated_evaluation.answer.lead_motion import (
     mirrored,
     motion_budget,
     motion_table,
+    moving_problems,
 )
 from accelerated_evaluation.laws.motion import RAREST, STATES, STEP, draw_wide_inputs
 from accelerated_evaluation.laws.motion.recorded import Ngsim
@@ -92,7 +93,7 @@ def opening():
     return DistinctRecords(SPEEDS, np.linspace(3, 30, SPEEDS.size), -np.linspace(0, 2, SPEEDS.size))
 
 
-def problem(records, vehicle, motion=None, seed=1):
+def problem(records, vehicle, seed=1):
     """A problem with P(C > c) = exp(-c / MEAN) and P(R < r) = (r / 75)^SHAPE."""
     grid = Grid(
         lead_speed_min=20.0,
@@ -106,9 +107,7 @@ def problem(records, vehicle, motion=None, seed=1):
     )
     crash_map = map_crashes(vehicle, grid, [], np.random.default_rng(seed))
     law = SpeedLaw(constant_hazard(speed_grid(), 1 / MEAN))
-    return MovingProblem(
-        vehicle, crash_map, records, constant_hazard(range_grid(), SHAPE), law, motion or Brakes()
-    )
+    return MovingProblem(vehicle, crash_map, records, constant_hazard(range_grid(), SHAPE), law)
 
 
 def by_quadrature(places=None, weights=1.0):
@@ -152,7 +151,7 @@ def asked(records):
 
 @pytest.fixture(scope="module")
 def replicates(asked):
-    return [asked.closing(np.random.default_rng([2, seed])) for seed in range(60)]
+    return [asked.closing(Brakes(), np.random.default_rng([2, seed])) for seed in range(60)]
 
 
 def test_the_lines_of_the_map_have_the_probability(asked):
@@ -197,7 +196,9 @@ def test_estimates_of_several_laws_of_motion_are_those_of_each(asked):
 def test_an_estimator_without_the_tail_of_the_closing_speed_is_noticed(asked, monkeypatch):
     monkeypatch.setattr(module, "STRATA", 2)
     monkeypatch.setattr(module.np, "inf", 1.0)
-    mean, reach = mean_and_reach([asked.closing(np.random.default_rng([3, seed])) for seed in range(20)])
+    mean, reach = mean_and_reach(
+        [asked.closing(Brakes(), np.random.default_rng([3, seed])) for seed in range(20)]
+    )
     assert abs(mean - truth_of(asked.crash_map)) > 5 * reach
 
 
@@ -205,21 +206,23 @@ def test_an_estimator_without_the_weights_of_the_motions_is_noticed(asked, openi
     monkeypatch.setattr(
         module, "draw_wide_inputs", lambda *given: (draw_wide_inputs(*given)[0], np.ones(given[1]))
     )
-    mean, reach = mean_and_reach([asked.opening(opening, np.random.default_rng([3, k])) for k in range(10)])
+    mean, reach = mean_and_reach(
+        [asked.opening(opening, Brakes(), np.random.default_rng([3, k])) for k in range(10)]
+    )
     assert abs(mean - by_quadrature_opening(opening)) > 5 * reach
 
 
 def test_drivers_keep_their_inner_variables(records, opening):
     asked = problem(records, Drivers())
-    mean, _ = mean_and_reach([asked.closing(np.random.default_rng([4, seed])) for seed in range(8)])
+    mean, _ = mean_and_reach([asked.closing(Brakes(), np.random.default_rng([4, seed])) for seed in range(8)])
     # The lines have drawn drivers: about 1300 lines with a quarter of the drivers.
     assert mean == pytest.approx(by_quadrature() / 4, rel=0.15)
-    found = asked.opening(opening, np.random.default_rng(5))
+    found = asked.opening(opening, Brakes(), np.random.default_rng(5))
     assert abs(found.moved - by_quadrature_opening(opening) / 4) < 3.5 * found.error
 
 
 def test_opening_cut_ins_against_their_exact_shares(asked, opening):
-    found = [asked.opening(opening, np.random.default_rng([6, seed])) for seed in range(10)]
+    found = [asked.opening(opening, Brakes(), np.random.default_rng([6, seed])) for seed in range(10)]
     mean, reach = mean_and_reach(found)
     truth = by_quadrature_opening(opening)
     assert 0 < truth < 0.1
@@ -236,7 +239,7 @@ def test_mirrored_records_open_and_drive_forwards(records):
 
 def test_no_crash_has_a_limit_and_not_an_error_of_zero_alone(records):
     never = replace(records, range_=np.full(SPEEDS.size, 60.0), closing_speed=np.zeros(SPEEDS.size))
-    found = problem(records, Coasts()).opening(never, np.random.default_rng(7))
+    found = problem(records, Coasts()).opening(never, Brakes(), np.random.default_rng(7))
     assert (found.moved, found.error) == (0, 0)
     assert found.limit == pytest.approx(3 / 20_000)
     assert np.isnan(found.factor()[0])
@@ -248,7 +251,7 @@ def test_rare_crashes_are_estimated_without_bias(records, opening):
     asked, before = problem(records, Coasts()), module.PILOT
     truth = by_quadrature_opening(rare)
     module.PILOT = round(0.7 / truth / 5)
-    found = [asked.opening(rare, np.random.default_rng([10, seed])) for seed in range(100)]
+    found = [asked.opening(rare, Brakes(), np.random.default_rng([10, seed])) for seed in range(100)]
     module.PILOT = before
     sizes = {round(1 / each.limit) if not each.moved else 0 for each in found}
     mean, reach = mean_and_reach(found)
@@ -314,7 +317,8 @@ def test_the_table_has_the_recorded_opening_cut_ins_or_mirrored_ones(records, as
         "few": opening.only(np.arange(29)),
         "none": opening.only(np.arange(0)),
     }.items():
-        table = motion_table(vehicles, maps, study, recorded, np.random.default_rng(9)).set_index("gap")
+        problems = moving_problems(vehicles, maps, study)
+        table = motion_table(problems, recorded, np.random.default_rng(9)).set_index("gap")
         assert set(table["vehicle"]) == {"car"}
         shares[kind] = table.loc["opening", "cut_ins"]
         both = shares[kind] * table.loc["opening", "moving"]
@@ -324,8 +328,8 @@ def test_the_table_has_the_recorded_opening_cut_ins_or_mirrored_ones(records, as
         assert np.isfinite(factors).all()
         if kind == "own":
             stronger = [Ngsim(scale) for scale in (1.0, 2.0, 3.0)]
-            arguments = vehicles, maps, study, recorded, np.random.default_rng(9), Ngsim(), stronger
-            other = motion_table(*arguments).set_index("gap")
+            other = motion_table(problems, recorded, np.random.default_rng(9), Ngsim(), stronger)
+            other = other.set_index("gap")
             assert other.loc["closing", "moving"] == table.loc["closing", "moving"]
             assert np.isnan(other.loc["closing", "factor_half"])
             assert other.loc["closing", "factor_error"] > 2 * factors["factor_error"]
@@ -345,10 +349,9 @@ def test_a_map_that_misses_crashes_of_the_records_gives_no_exact_probability(rec
 
     vehicles = {"car": Coasts(), "stripes": Stripes()}
     maps = dict.fromkeys(vehicles, asked.crash_map)
-    table = motion_table(vehicles, maps, study, opening, np.random.default_rng(9)).set_index(
-        ["vehicle", "gap"]
-    )
-    exact = asked.closing(np.random.default_rng(9)).still
+    problems = moving_problems(vehicles, maps, study)
+    table = motion_table(problems, opening, np.random.default_rng(9)).set_index(["vehicle", "gap"])
+    exact = asked.closing(Brakes(), np.random.default_rng(9)).still
     assert table.loc[("car", "closing"), "exact"] == pytest.approx(exact, rel=0.3)
     assert np.isnan(table.loc[("stripes", "closing"), "exact"])
     assert table.loc[("stripes", "closing"), "constant"] > 0

@@ -23,7 +23,7 @@ are used.
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from copy import deepcopy
 from dataclasses import dataclass, replace
-from functools import partial
+from functools import cached_property
 
 import numpy as np
 import pandas as pd
@@ -111,18 +111,49 @@ class Means:
 
 @dataclass(frozen=True)
 class MovingProblem:
-    """A vehicle, a law of cut-ins and a law of lead motion, for which the crash probability is estimated."""
+    """A vehicle and a law of cut-ins, whose crash probability is estimated for any law of lead motion.
+
+    What does not depend on the motion, such as the probabilities of the places, is computed once.
+    """
 
     vehicle: MovingVehicle
     crash_map: CrashMap  # for a lead vehicle that keeps its speed
     records: DistinctRecords  # recorded closing cut-ins
     ranges: SmoothHazard  # of the range given the lead speed
     law: SpeedLaw  # of the closing speed given lead speed and range
-    motion: LeadMotion
 
-    def closing(self, generator: np.random.Generator) -> Means:
+    @cached_property
+    def exact(self) -> float:
+        """Crash probability of a closing cut-in with a constant lead speed, from the crash map.
+
+        It is NaN if the map does not explain how many records crash: a regular map misses thin intervals.
+        """
+        lines = CrashLines.of(self.crash_map, self.records.lead_speed, support=self.records.support)
+        exact = lines.probability(self.ranges, self.law)
+        replayed = Replayed.of(Problem(CUT_IN, self.vehicle), self.records.x)
+        return exact if replayed.supports(exact) else np.nan
+
+    @cached_property
+    def _lines(self) -> CrashLines:
+        first = with_first_crashes(self.crash_map)
+        return CrashLines.of(first, self.records.lead_speed, support=self.records.support)
+
+    @cached_property
+    def _place(self) -> Array:
+        """Probability of each line."""
+        return self._lines.share * self._lines.range_probability(self.ranges)
+
+    @cached_property
+    def _proposals(self) -> list[Array]:
+        """Probabilities with which lines are drawn, in equal parts."""
+        given = self.law.given(self._lines.places)
+        starts = [np.maximum(self._lines.start - shift, 0.0) for shift in SHIFTS]
+        proposals = [self._place, *(self._place * np.exp(-given.cumulative(start)) for start in starts)]
+        return [each / each.sum() for each in proposals if each.any()]
+
+    def closing(self, motion: LeadMotion, generator: np.random.Generator) -> Means:
         """Estimate the crash probability of a closing cut-in with a constant and a changing lead speed."""
-        (found,) = self.closing_with([self.motion], generator)
+        (found,) = self.closing_with([motion], generator)
         return found
 
     def closing_with(
@@ -134,15 +165,8 @@ class MovingProblem:
         number of drawn places is by default `PLACES`. All laws of motion have the same draws, so that only
         the simulations with a changing lead speed have to be made for each of them.
         """
-        size = places or PLACES
-        records = self.records
-        lines = CrashLines.of(with_first_crashes(self.crash_map), records.lead_speed, support=records.support)
-        given = self.law.given(lines.places)
-        place = lines.share * lines.range_probability(self.ranges)
-        starts = [np.maximum(lines.start - shift, 0.0) for shift in SHIFTS]
-        proposals = [place, *(place * np.exp(-given.cumulative(start)) for start in starts)]
-        proposals = [each / each.sum() for each in proposals if each.any()]
-        chance = np.mean(proposals, axis=0)
+        size, lines, place = places or PLACES, self._lines, self._place
+        chance = np.mean(self._proposals, axis=0)
         row = generator.choice(chance.size, size, p=chance)
         inputs, weights = draw_wide_inputs(motions[0], size, generator)
         weights *= place[row] / chance[row]
@@ -158,10 +182,10 @@ class MovingProblem:
             mass = -np.expm1(-width) * np.exp(-least)
             for term, crash in zip(terms, self._crashes(cut_ins, inputs, inner, motions), strict=True):
                 term += mass * crash
-        largest = LARGEST_WEIGHT * len(proposals) * place.sum()
+        largest = LARGEST_WEIGHT * len(self._proposals) * place.sum()
         return [Means.of(weights * terms[[0, which]], largest) for which in range(1, len(terms))]
 
-    def opening(self, recorded: DistinctRecords, generator: np.random.Generator) -> Means:
+    def opening(self, recorded: DistinctRecords, motion: LeadMotion, generator: np.random.Generator) -> Means:
         """Estimate the crash probability of an opening cut-in with a constant and a changing lead speed.
 
         Recorded cut-ins are drawn with replacement. A pilot decides how. If it has a crash, cut-ins with
@@ -169,12 +193,18 @@ class MovingProblem:
         crashes are so rare that only a limit can be found, and all terms have the same weight, because the
         limit is proportional to the largest weight. The pilot itself is not used, so that there is no bias.
         """
-        if self._opening_terms(recorded, PILOT, True, generator).any():
-            return Means.of(self._opening_terms(recorded, OPENING, True, generator), 2 * LARGEST_WEIGHT)
-        return Means.of(self._opening_terms(recorded, RARE, False, generator), 1.0)
+        if self._opening_terms(recorded, motion, PILOT, True, generator).any():
+            terms = self._opening_terms(recorded, motion, OPENING, True, generator)
+            return Means.of(terms, 2 * LARGEST_WEIGHT)
+        return Means.of(self._opening_terms(recorded, motion, RARE, False, generator), 1.0)
 
     def _opening_terms(
-        self, recorded: DistinctRecords, size: int, is_preferred: bool, generator: np.random.Generator
+        self,
+        recorded: DistinctRecords,
+        motion: LeadMotion,
+        size: int,
+        is_preferred: bool,
+        generator: np.random.Generator,
     ) -> Array:
         """Return weighted crashes of drawn opening cut-ins, shape (2, size); see `opening`."""
         nearness, parts = 1 / recorded.range_, []
@@ -185,9 +215,9 @@ class MovingProblem:
         for count in sizes:
             row = generator.choice(recorded.size, count, p=chance)
             if is_preferred:
-                inputs, weights = draw_wide_inputs(self.motion, count, generator)
+                inputs, weights = draw_wide_inputs(motion, count, generator)
             else:
-                inputs, weights = generator.random((count, self.motion.inputs)), np.ones(count)
+                inputs, weights = generator.random((count, motion.inputs)), np.ones(count)
             inner = np.empty((count, 0))
             if isinstance(self.vehicle, RandomVehicle):
                 inner = self.vehicle.draw_inner(count, generator)
@@ -199,7 +229,7 @@ class MovingProblem:
         for part in np.array_split(np.argsort(row, kind="stable"), len(sizes)):
             own = inner[part] if inner.shape[1] else None
             drawn = recorded_cut_ins[:, row[part]]
-            crashes[:, part] = list(self._crashes(drawn, inputs[part], own, [self.motion]))
+            crashes[:, part] = list(self._crashes(drawn, inputs[part], own, [motion]))
         return weights / (recorded.size * chance[row]) * crashes
 
     def _crashes(
@@ -242,10 +272,24 @@ COLUMNS += ["factor", "factor_error", "factor_half"]
 OPENING_PER_CLOSING = 403_581 / 173_692 - 1
 
 
+def moving_problems(
+    vehicles: Mapping[str, Vehicle], maps: Mapping[str, CrashMap], study: LawStudy
+) -> dict[str, MovingProblem]:
+    """Return the problem of each vehicle under the law of cut-ins with the largest weight.
+
+    Vehicles that cannot be simulated with a changing lead speed are left out.
+    """
+    records, ranges = study.smooth.records, study.smooth.family.ranges
+    law = study.smooth.speeds(study.heaviest)
+    return {
+        name: MovingProblem(vehicle, maps[name], records, ranges, law)
+        for name, vehicle in vehicles.items()
+        if takes_motion(vehicle)
+    }
+
+
 def motion_table(
-    vehicles: Mapping[str, Vehicle],
-    maps: Mapping[str, CrashMap],
-    study: LawStudy,
+    problems: Mapping[str, MovingProblem],
     opening: DistinctRecords,
     generator: np.random.Generator,
     motion: LeadMotion | None = None,
@@ -254,37 +298,28 @@ def motion_table(
     """Tabulate the crash probabilities of vehicles if the lead vehicle changes its speed.
 
     ``motion`` is the law of lead motion, by default `Ngsim`, and ``resampled`` are the laws that are fitted
-    to resampled profiles of speed. The law of cut-ins with the largest weight is used, and all vehicles and
-    resampled laws get the same random numbers. Vehicles that
-    cannot be simulated with a changing lead speed are left out. If there are fewer than `FEWEST` opening
-    cut-ins, closing ones with the opposite sign of the closing speed are used instead. The row of a vehicle
-    and kind of cut-in (``gap``) has the crash probability with a constant lead speed, ``exact`` (from the
-    crash map, only for closing cut-ins, and only if it explains how many records crash; a regular map misses
-    thin crash intervals) and ``constant`` (estimated); with a changing lead speed, ``moving``;
+    to resampled profiles of speed. All vehicles and resampled laws get the same random numbers. If there are
+    fewer than `FEWEST` opening cut-ins, closing ones with the opposite sign of the closing speed are used
+    instead. The row of a vehicle and kind of cut-in (``gap``) has the crash probability with a constant lead
+    speed, ``exact`` (from the crash map, only for closing cut-ins, see `MovingProblem.exact`) and
+    ``constant`` (estimated); with a changing lead speed, ``moving``;
     ``factor``, moving divided by constant; and ``factor_half``, the factor if all changes of speed are
     halved, which is known for `Ngsim` only. ``factor_error`` is the standard error of the factor. It contains
     the error of the simulation and, for closing cut-ins, the spread of the factors of the resampled laws.
     """
-    records, family = study.smooth.records, study.smooth.family
-    law = study.smooth.speeds(study.heaviest)
-    has_opening = opening.size >= FEWEST
-    ratio = opening.size / records.size if has_opening else OPENING_PER_CLOSING
-    share, recorded = ratio / (1 + ratio), opening if has_opening else mirrored(records)
     rows = []
-    for name, vehicle in vehicles.items():
-        if not takes_motion(vehicle):
-            continue
-        lines = CrashLines.of(maps[name], records.lead_speed, support=records.support)
-        exact = lines.probability(family.ranges, law)
-        is_known = Replayed.of(Problem(CUT_IN, vehicle), records.x).supports(exact)
-        exacts = {"closing": exact if is_known else np.nan}
-        still = partial(MovingProblem, vehicle, maps[name], records, family.ranges, law)
-        wholes = _kinds(still(motion or Ngsim()), recorded, share, deepcopy(generator))
+    for name, problem in problems.items():
+        records = problem.records
+        has_opening = opening.size >= FEWEST
+        ratio = opening.size / records.size if has_opening else OPENING_PER_CLOSING
+        share, recorded = ratio / (1 + ratio), opening if has_opening else mirrored(records)
+        exacts = {"closing": problem.exact}
+        wholes = _kinds(problem, motion or Ngsim(), recorded, share, deepcopy(generator))
         halves = {}
         if motion is None:
-            halves = _kinds(still(Ngsim(0.5)), recorded, share, deepcopy(generator))
+            halves = _kinds(problem, Ngsim(0.5), recorded, share, deepcopy(generator))
         fewer = PLACES // FEWER  # the spread of the factors is larger than their errors
-        spread = still(motion).closing_with(resampled, deepcopy(generator), fewer) if resampled else []
+        spread = problem.closing_with(resampled, deepcopy(generator), fewer) if resampled else []
         factors = [each.factor()[0] for each in spread]
         cut_ins = {"closing": 1 - share, "opening": share, "all": 1.0}
         for gap, found in wholes.items():
@@ -298,10 +333,15 @@ def motion_table(
 
 
 def _kinds(
-    problem: MovingProblem, recorded: DistinctRecords, share: float, generator: np.random.Generator
+    problem: MovingProblem,
+    motion: LeadMotion,
+    recorded: DistinctRecords,
+    share: float,
+    generator: np.random.Generator,
 ) -> dict[str, Means]:
     """Return the estimates for closing, opening and all cut-ins."""
-    closing, opening = problem.closing(generator), problem.opening(recorded, generator)
+    closing = problem.closing(motion, generator)
+    opening = problem.opening(recorded, motion, generator)
     return {"closing": closing, "opening": opening, "all": closing.together(opening, share)}
 
 
@@ -352,8 +392,9 @@ def motion_tables(
     """
     stream = generators("resampled profiles")
     resampled = [europe.resampled(stream) for _ in range(RESAMPLED)]
+    problems = moving_problems(vehicles, maps, study)
     tables = {
-        name: motion_table(vehicles, maps, study, opening, generators(), *motion)
+        name: motion_table(problems, opening, generators(), *motion)
         for name, motion in {"NGSIM": (), "Europe": (europe, resampled)}.items()
     }
     return {
