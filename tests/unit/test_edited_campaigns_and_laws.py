@@ -20,7 +20,7 @@ from hypothesis import strategies as st
 from law_folder import begin_campaign, write_law_folder
 
 often = settings(
-    max_examples=150,
+    max_examples=60,
     derandomize=True,
     deadline=None,
     database=None,

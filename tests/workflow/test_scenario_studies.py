@@ -24,7 +24,8 @@ surrogate: {{replicates: 1, maximum_calls: 100}}
 """
 
 
-@pytest.mark.parametrize("name", ["left_turn", pytest.param("pedestrian", marks=pytest.mark.studies)])
+@pytest.mark.studies
+@pytest.mark.parametrize("name", ["left_turn", "pedestrian"])
 def test_a_study_of_a_scenario_completes_and_a_second_run_does_nothing(project, name):
     """Both answer; one is followed to its book, which is made of the same notebooks.
 
