@@ -97,11 +97,12 @@ def counted_batches(batches: Sequence[BatchEstimate], usable: float = USABLE) ->
 
 
 def beginnings(batches: Sequence[BatchEstimate], usable: float = USABLE) -> Iterator[int | None]:
-    """Yield after each batch the first one on which the estimate is then based; None if it has not begun.
+    """Yield, after each batch, the index of the first batch that counts in the estimate.
 
-    It begins with a batch whose predicted coefficient of variation of a run is below ``usable`` and whose
-    predicted probability agrees with that of the batch before. It begins again if the prediction changes or
-    after an unexpected event, because averaging over earlier batches would conceal parts that they missed.
+    The index is None as long as the estimate has not begun. It begins with a batch whose predicted
+    coefficient of variation of a run is below ``usable`` and whose predicted probability agrees with that of
+    the batch before. It begins again if the prediction changes or after an unexpected event, because
+    averaging over earlier batches would conceal parts that they missed.
     """
     first, reference = None, 0.0
     for i, batch in enumerate(batches):

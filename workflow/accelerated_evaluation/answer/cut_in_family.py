@@ -1,4 +1,4 @@
-"""Joint laws that users have added, as candidates for cut-ins beside the smooth laws.
+"""Joint laws that users have added, as candidates for cut-ins in addition to the smooth laws.
 
 They are laws of range and closing speed; lead speeds are those of the records. Like the smooth laws, they are
 scored by the closing speed given the range, on contiguous blocks of held-out records.

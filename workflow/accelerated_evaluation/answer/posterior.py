@@ -132,7 +132,11 @@ class SampledPosterior(Posterior):
 
     @property
     def alone(self) -> Posterior:
-        """The posterior without sampling errors: estimates that are shrunk by their own errors."""
+        """The posterior without sampling errors.
+
+        If each draw has an error of its own, the estimates are shrunk towards each other by as much as these
+        errors spread them.
+        """
         known = self.probabilities if self.own is None else shrunk_estimates(self.probabilities, self.own)
         return Posterior(known, self.member)
 
@@ -161,7 +165,7 @@ class SampledPosterior(Posterior):
 
     @property
     def share_of_sampling(self) -> float:
-        """Relative increase of the width of the interval of the logarithm by the sampling error."""
+        """Share by which sampling errors widen the interval of the logarithm of the probability."""
         if 1 + self.deviation * stdtrit(self.batches - 1, 0.5 / NOISE) < LEAST:
             return math.inf
         (low, high), (low_alone, high_alone) = (part.interval(LEVEL) for part in (self.whole, self.alone))
@@ -306,9 +310,9 @@ class Rate:
         return float(np.exp(brentq(excess, *np.log(ends), xtol=1e-12)))
 
     def summary(self, probabilities: Array) -> dict[str, float]:
-        """Return mean, median and interval ends ``low50`` to ``high95`` of the rate of a sub-event.
+        """Return mean, median and interval ends ``low50`` to ``high95`` of the rate of an event.
 
-        The sub-event, such as a crash among the cut-ins, has the given draws of its probability.
+        ``probabilities`` are draws of its probability in an encounter, such as that of a crash in a cut-in.
         """
         row = {"mean": self.mean(probabilities), "median": self.quantile(0.5, probabilities)}
         for level in LEVELS:

@@ -55,7 +55,7 @@ def current() -> Extension | None:
     """Return the extension whose module is being executed; None if there is none.
 
     While an extension is imported, it may import modules of the library for the first time. Their members are
-    not its own. The innermost frame of a module tells whose code registers a member.
+    not its own. The innermost frame of a module shows whose code registers a member.
     """
     frame = sys._getframe(1)
     while _being_imported and frame.f_code.co_name != "<module>":

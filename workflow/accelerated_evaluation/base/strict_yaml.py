@@ -58,10 +58,10 @@ def load(text: str) -> Any:  # noqa: ANN401
 
 
 def restored(value: Any, read: Any) -> Any:  # noqa: ANN401
-    """Return a value that another program has read from YAML as `load` would have read it.
+    """Correct a value that another program has read from YAML, to what `load` would have read.
 
-    ``read`` is what `load` returns for the files of the value. A number such as 1e9, which YAML 1.1 reads as
-    a text, is a number if it is one in ``read``, and a date is a text.
+    Programs that follow YAML 1.1, such as Snakemake, read a number such as 1e9 as a text, and a text such as
+    2024-01-01 as a date. ``read`` is what `load` returns for the same files.
     """
     if isinstance(value, dict):
         known = read if isinstance(read, dict) else {}

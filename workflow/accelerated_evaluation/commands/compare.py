@@ -15,9 +15,9 @@ the settings that differ, and the numbers that differ in the tables that both ha
 
 The probabilities of the answer, with their 80 % intervals, and of the exact evaluation of the paper's law are
 printed. All cells that differ are written to OUT.csv: table, row, column, the cell in each study, and the
-ratio of the second to the first. The column half_widths tells an effect from noise: it is the difference of
-the logarithms, divided by half the width of the 80 % interval. Above 1 the second number lies outside of the
-interval of the first, if both intervals are equally wide; far below 1 the choice hardly matters, compared
+ratio of the second to the first. The column half_widths separates an effect from noise: it is the difference
+of the logarithms, divided by half the width of the 80 % interval. Above 1 the second number lies outside of
+the interval of the first, if both intervals are equally wide; far below 1 the choice hardly matters, compared
 with what the records leave uncertain. Numbers of random simulations differ within their sampling error, too.
 
 Run it in the folder in which the studies ran, for example

@@ -1,6 +1,6 @@
 """The interface of a law of encounters: a probability distribution of the variables of a scenario.
 
-All laws of all scenarios have this interface. Some laws offer more, and whoever needs more asks for it: a
+All laws of all scenarios have this interface. Some laws offer more, for functions that need it: a
 `StratifiedLaw` of `laws.strata` has strata whose distributions can be tilted, and gives the probability of
 an interval of the closing speed; a `JointLaw` of `laws.joint` can be fitted to any records; a `SlicedLaw`
 gives the probability of an interval of one variable for given others.

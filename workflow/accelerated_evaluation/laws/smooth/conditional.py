@@ -82,14 +82,14 @@ class Places:
         )
 
     def body(self, body: SmoothHazard) -> Cumulative:
-        """Return the cumulative hazards of the closing speed, one function for each pair.
+        """Return the cumulative hazard of the closing speed at the lead speed and range of each place.
 
         ``body`` is a smooth hazard of the closing speed given lead speed and range.
         """
         return body.cumulative(self.splines)
 
     def range_hazards(self, ranges: SmoothHazard) -> Cumulative:
-        """Return the cumulative hazards of log(R_max / R) given the lead speed, one function for each pair.
+        """Return the cumulative hazard of log(R_max / R) at the lead speed of each place.
 
         ``ranges`` is the smooth hazard of log(R_max / R), where R_max is the largest range.
         """
