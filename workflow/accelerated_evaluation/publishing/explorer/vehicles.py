@@ -22,7 +22,7 @@ from accelerated_evaluation.vehicles.builtin.kernel import Car
 from accelerated_evaluation.vehicles.protocol import Vehicle
 
 # Name of the simulation in `simulator.js` that reads each kind of numbers.
-KERNELS = {Car: "car", Driver: "driver", crossing.CarNumbers: "turn"}
+KERNELS = {Car: "car", Driver: "driver", crossing.CarParameters: "turn"}
 
 
 @dataclass(frozen=True)
@@ -156,7 +156,7 @@ def _require_own_numbers(name: str, sliders: Sequence[Mapping[str, Any]]) -> Non
         seen |= own
 
 
-def as_texts(numbers: Car | Driver | crossing.CarNumbers) -> dict[str, str]:
+def as_texts(numbers: Car | Driver | crossing.CarParameters) -> dict[str, str]:
     """Return a simulation's numbers by name, as texts from which JavaScript reads exactly the same floats."""
     return {
         name: "Infinity" if number == math.inf else repr(float(number))

@@ -13,7 +13,7 @@ from accelerated_evaluation.scenarios.crossing import CrossingOutcomes
 from accelerated_evaluation.scenarios.crossing.kernel import (
     TICK,
     TRACED,
-    CarNumbers,
+    CarParameters,
     simulate_crossings,
     trace_run,
 )
@@ -77,11 +77,11 @@ class CrossingCar(AccAebParameters):
         trace_run(start[:, 0].copy(), self.compiled(), states)
         return pd.DataFrame(states, columns=TRACE).astype({"emergency": int})
 
-    def compiled(self) -> CarNumbers:
+    def compiled(self) -> CarParameters:
         """Return the parameters of the vehicle as numbers for the compiled simulation."""
         scaled = self.aeb and self.aeb_ttc is None
         constant = (self.aeb_ttc or 0.0) if self.aeb else 0.0  # with 0 the AEB never switches on
-        numbers = CarNumbers(
+        numbers = CarParameters(
             headway=self.headway,
             kp=self.kp,
             ki_half_step=self.ki * TICK / 2,
@@ -102,4 +102,4 @@ class CrossingCar(AccAebParameters):
             side_slope=math.tan(math.pi / 8),
             most_ticks=math.ceil(self.longest_run / TICK),
         )
-        return CarNumbers._make(map(float, numbers))
+        return CarParameters._make(map(float, numbers))

@@ -19,7 +19,7 @@ the direction across the path. In this sector, host and target touch at the dist
 
 Most functions concern the time between two ticks. Their parameter ``path`` is the position of the target as a
 function of the time since the first of these ticks (`Path`), and their times t, ``begin`` and ``end`` are
-measured from this tick [s]. ``car`` has the parameters of the simulation (`CarNumbers`).
+measured from this tick [s]. ``car`` has the parameters of the simulation (`CarParameters`).
 
 All functions of the compiled code are in this file, because numba's cache on disk only notices changes of the
 file itself.
@@ -59,9 +59,7 @@ STAGES = np.array(
 TOLERANCE, SMALL = 1e-3, 1e-3  # relative tolerance, and smallest size of a state in a relative error
 
 
-# numba's cache on disk contains the name of this class. A cache that was made under another name cannot be
-# read, which ends in an AttributeError; it is found only by functions that are in the same line as before.
-class CarNumbers(NamedTuple):
+class CarParameters(NamedTuple):
     """Parameters of controller, actuator and contact, as floats in SI units."""
 
     headway: float
@@ -101,7 +99,7 @@ class Path(NamedTuple):
 
 
 @compiled
-def control(car: CarNumbers, range_: float, rate: float, speed: float, memory: tuple) -> tuple:
+def control(car: CarParameters, range_: float, rate: float, speed: float, memory: tuple) -> tuple:
     """Return the state of the controller (ACC and AEB) after a tick, from its state at the last tick.
 
     The state is the commanded acceleration [m/s^2], the error of the time headway [s], the time since the AEB
@@ -125,7 +123,7 @@ def control(car: CarNumbers, range_: float, rate: float, speed: float, memory: t
 
 
 @compiled
-def actuate(car: CarNumbers, command: float, acceleration: float) -> float:
+def actuate(car: CarParameters, command: float, acceleration: float) -> float:
     """Return the new acceleration [m/s^2], which follows the command within limits of friction and jerk.
 
     ``command`` and ``acceleration`` are the commanded and the present acceleration [m/s^2]. ``car`` contains
@@ -245,7 +243,7 @@ def adds_nothing(path: Path, end: float, reach: float, nearest: float) -> bool:
 
 
 @compiled
-def in_sector(car: CarNumbers, path: Path, t: float) -> bool:
+def in_sector(car: CarParameters, path: Path, t: float) -> bool:
     """Return whether the target is in the sector to the side of the host, t seconds after the tick.
 
     The sector is defined at the top of the module.
@@ -255,7 +253,7 @@ def in_sector(car: CarNumbers, path: Path, t: float) -> bool:
 
 
 @compiled
-def touches(car: CarNumbers, path: Path, t: float) -> bool:
+def touches(car: CarParameters, path: Path, t: float) -> bool:
     """Return whether host and target touch at time t [s] after the tick."""
     square = squared(path, t)
     side = square < car.side_contact * car.side_contact and in_sector(car, path, t)
@@ -263,7 +261,7 @@ def touches(car: CarNumbers, path: Path, t: float) -> bool:
 
 
 @compiled
-def closest_to_the_side(car: CarNumbers, path: Path, end: float) -> float:
+def closest_to_the_side(car: CarParameters, path: Path, end: float) -> float:
     """Return the time [s] before ``end`` at which the distance is smallest while the target is in the sector.
 
     The result is -1 if the target is not in the sector to the side at any of these times. The times at which
@@ -284,7 +282,7 @@ def closest_to_the_side(car: CarNumbers, path: Path, end: float) -> float:
 
 
 @compiled
-def _observe(car: CarNumbers, path: Path, end: float, outcome: NDArray) -> None:
+def _observe(car: CarParameters, path: Path, end: float, outcome: NDArray) -> None:
     """Update the outcomes of a run with the motion between a tick and the time ``end`` [s] after it.
 
     The updated elements of ``outcome`` are the smallest distance and the clearance [m], and the impact speed
@@ -323,7 +321,7 @@ def crossing(path: Path, end: float) -> float:
 
 
 @compiled
-def first_contact(car: CarNumbers, path: Path, within: float) -> float:
+def first_contact(car: CarParameters, path: Path, within: float) -> float:
     """Return the time [s] at which a contact began, by bisection; 0 if the contact exists at the tick.
 
     ``within`` is a time [s] at which host and target touch.
@@ -356,7 +354,7 @@ def ode45_increments(
 
 
 @compiled
-def first_step(car: CarNumbers, path: Path, speed: float, acceleration: float, rate: float) -> float:
+def first_step(car: CarParameters, path: Path, speed: float, acceleration: float, rate: float) -> float:
     """Return the length [s] of the first step that the solver ode45 tries.
 
     It follows from the relative derivatives of the states of the authors' simulation: speed, range, and the
@@ -399,7 +397,7 @@ def integrate(acceleration: float, rate: float, growth: float, tick: float, stat
 
 
 @compiled
-def run(encounter: NDArray, car: CarNumbers, state: NDArray, outcome: NDArray, trace: NDArray) -> None:
+def run(encounter: NDArray, car: CarParameters, state: NDArray, outcome: NDArray, trace: NDArray) -> None:
     """Simulate one encounter, and write its outcomes.
 
     A run ends when the host stops, when the time of the run is over, or when host and target cannot come
@@ -462,7 +460,9 @@ def run(encounter: NDArray, car: CarNumbers, state: NDArray, outcome: NDArray, t
 
 
 @compiled
-def simulate_crossings(encounters: NDArray, begin: int, end: int, car: CarNumbers, outcomes: NDArray) -> None:
+def simulate_crossings(
+    encounters: NDArray, begin: int, end: int, car: CarParameters, outcomes: NDArray
+) -> None:
     """Simulate the columns ``begin`` to ``end`` of ``encounters``, shape (7, n), independently of each other.
 
     The outcomes are written to ``outcomes``, shape (7, n). The rows of both arrays are listed in the module.
@@ -474,6 +474,6 @@ def simulate_crossings(encounters: NDArray, begin: int, end: int, car: CarNumber
 
 
 @compiled
-def trace_run(encounter: NDArray, car: CarNumbers, trace: NDArray) -> None:
+def trace_run(encounter: NDArray, car: CarParameters, trace: NDArray) -> None:
     """Simulate one encounter, shape (7,), and write its first n states to ``trace``, shape (n, 6)."""
     run(encounter, car, np.empty(3), np.empty(7), trace)
