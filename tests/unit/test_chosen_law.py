@@ -12,7 +12,7 @@ import pytest
 from accelerated_evaluation import cli
 from accelerated_evaluation.answer import estimation
 from accelerated_evaluation.answer.estimate_tables import estimate_tables
-from accelerated_evaluation.answer.settings import RecordSettings
+from accelerated_evaluation.answer.settings import support_of
 from motorway import CONFIGURATION, motorway_table
 
 LIMIT = 0.35  # [1/s]
@@ -182,7 +182,7 @@ def test_a_threshold_that_too_few_records_exceed_is_told(config):
     few = records.table.iloc[:: len(records.table) // 300]
     with pytest.raises(ae.InputError, match="fewer than ten of the"):
         ae.choose_draws(
-            "two kinds 0.995", ae.FittedRecords.of(ae.CUT_IN, few, RecordSettings.of(config).support), config
+            "two kinds 0.995", ae.FittedRecords.of(ae.CUT_IN, few, support_of(ae.CUT_IN, config)), config
         )
 
 

@@ -23,7 +23,6 @@ from accelerated_evaluation.records.segments import (
     tau_interval,
     write_encounters,
 )
-from accelerated_evaluation.records.settings import CutInSettings
 from accelerated_evaluation.records.sources import describe, read_source, source, spmd, table
 from accelerated_evaluation.study.configuration import ConfigurationError, load
 from scipy.stats import binom, kendalltau
@@ -58,11 +57,16 @@ def csv_config(config, tmp_path):
     return write
 
 
+def sections(config):
+    """Return the sections of a configuration that `ingest` takes."""
+    return config["data"], config["filters"], config["segments"]["lead_speed_edges"]
+
+
 def ingested(config):
     """Return the encounter table and the account of a configuration's records."""
     raw = read_source(config["data"], np.random.default_rng())
     account = Account(len(raw))
-    return ingest(raw, CutInSettings.of(config), account), account.table()
+    return ingest(raw, *sections(config), account), account.table()
 
 
 def normal_pairs(generator, rows, rho):
@@ -158,7 +162,7 @@ def recorded():
     config["data"]["spmd"]["path"] = str(RECORDS)
     raw = read_source(config["data"], np.random.default_rng())
     account = Account(len(raw))
-    return config, raw, ingest(raw, CutInSettings.of(config), account), account.table()
+    return config, raw, ingest(raw, *sections(config), account), account.table()
 
 
 def test_records_are_those_of_the_published_file(recorded):
@@ -226,7 +230,7 @@ def test_recorded_repeated_rows_are_dropped_on_request(recorded):
     config, raw, _, _ = recorded
     config = copy.deepcopy(config)
     config["data"]["repeated_rows"] = "drop"
-    encounters = ingest(raw, CutInSettings.of(config), Account(len(raw)))
+    encounters = ingest(raw, *sections(config), Account(len(raw)))
     assert len(encounters) == 157_757 - 11_703
     assert not encounters.duplicated().any()
 
@@ -635,7 +639,7 @@ def test_when_no_row_is_left_the_file_and_the_counts_are_told_and_the_account_is
     with pytest.raises(
         InputError, match=rf"events\.csv: seen {len(raw)} rows, none of which passed the filters \({reported}"
     ):
-        ingest(raw, CutInSettings.of(config), account)
+        ingest(raw, *sections(config), account)
     assert account.table()["rows_dropped"].sum() == len(raw)
 
 
@@ -675,14 +679,14 @@ def test_opening_cut_ins_are_kept_within_the_limits_of_the_closing_ones(csv_conf
     rows = "10,40,-3\n20,50,0\n30,60,-31\n4,40,-1\n36,40,-1\n20,76,-1\n10,40,-3\n"
     config = csv_config(GOOD_ROWS + rows + "10,40,-3\n")
     raw = read_source(config["data"], np.random.default_rng(1))
-    opening = opening_cut_ins(raw, CutInSettings.of(config))
+    opening = opening_cut_ins(raw, config["data"], config["filters"])
     assert list(opening.columns) == list(NUMBERS)
     assert (
         opening[["lead_speed", "range", "closing_speed"]].to_numpy().tolist()
         == [[10, 40, -3], [20, 50, 0], [10, 40, -3], [10, 40, -3]][: len(opening)]
     )
     assert len(opening) == (3 if config["data"]["repeated_rows"] == "drop" else 4)
-    closing = ingest(raw, CutInSettings.of(config), Account.of(raw))
+    closing = ingest(raw, *sections(config), Account.of(raw))
     assert (closing["closing_speed"] > 0).all()
     raw = read_source(csv_config(GOOD_ROWS)["data"], np.random.default_rng(1))
-    assert opening_cut_ins(raw, CutInSettings.of(config)).empty
+    assert opening_cut_ins(raw, config["data"], config["filters"]).empty

@@ -106,10 +106,12 @@ def test_the_table_divides_the_answer():
     assert table["recorded"].to_dict() == {ALL: 1, RECORDED: 1, NEAR: 0, FAR: 0}
     assert table.loc[ALL, "replay_low95"] == pytest.approx(1.7e-7, rel=0.03)  # 0.0253 / 146,054
     assert table.loc[ALL, "replay_high95"] == pytest.approx(5.572 / 146_054, rel=1e-3)
-    assert "88 % of the predicted events" in extrapolation_in_words(table.reset_index(), CUT_IN)
+    assert "88 % of the predicted events" in extrapolation_in_words(table.reset_index())
     nearly_all = table.assign(share=[1.0, 0.003, 0.993, 0.004]).reset_index()
-    assert "more than 99 % of the predicted events" in extrapolation_in_words(nearly_all, CUT_IN)
-    assert "less than 1 % faster than any record at all" in extrapolation_in_words(nearly_all, CUT_IN)
+    assert "more than 99 % of the predicted events" in extrapolation_in_words(nearly_all)
+    assert "less than 1 % farther than any of them" in extrapolation_in_words(nearly_all)
+    by_speed = pd.concat([nearly_all, nearly_all[:1].assign(part=HOST_UNSEEN)])
+    assert "less than 1 % faster than any record at all" in extrapolation_in_words(by_speed)
     assert extrapolation_table(parts, weights, 10)["recorded"].isna().all()
 
 

@@ -19,7 +19,6 @@ from accelerated_evaluation.laws.distributions import BoundedExponential, Bounde
 from accelerated_evaluation.laws.paper.piecewise import EXPONENTIAL, PieceFamily, fit_piecewise, usable_knots
 from accelerated_evaluation.records.ingest import Account, ingest
 from accelerated_evaluation.records.segments import require_rows
-from accelerated_evaluation.records.settings import CutInSettings
 from accelerated_evaluation.records.sources import read_source
 from accelerated_evaluation.scenarios.parameters import required_names
 from accelerated_evaluation.study.configuration import ConfigurationError, load, read_yaml, validate
@@ -60,8 +59,9 @@ def table(folder, content, invalid_rows="drop"):
 
 def taken(config):
     """Read, filter and check the records of a configuration."""
+    sections = config["data"], config["filters"], config["segments"]["lead_speed_edges"]
     raw = read_source(config["data"], np.random.default_rng(1))
-    encounters = ingest(raw, CutInSettings.of(config), account := Account(len(raw)))
+    encounters = ingest(raw, *sections, account := Account(len(raw)))
     require_rows(encounters)
     return encounters, account.table()
 

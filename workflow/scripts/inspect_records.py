@@ -5,10 +5,9 @@ import sys
 from accelerated_evaluation.base.files import write_csv
 from accelerated_evaluation.base.randomness import child_generator
 from accelerated_evaluation.records.checks import inspect_records
-from accelerated_evaluation.records.settings import CutInSettings
 from accelerated_evaluation.records.verdict import Verdict, report_in_words
 from accelerated_evaluation.scenarios import SCENARIOS
-from accelerated_evaluation.scenarios.record_table import records_for_checks
+from accelerated_evaluation.scenarios.record_table import named_records_of
 from accelerated_evaluation.study.jobs import job
 from accelerated_evaluation.vehicles.external.slow import loaded_for
 
@@ -17,14 +16,9 @@ if __name__ == "__main__":
         params = dict(snakemake.params.items())
         settings, scenario = params["simulations"], SCENARIOS[params["scenario"]["name"]]
         with loaded_for(params["vehicle"], settings | {"workers": snakemake.threads}, scenario) as vehicle:
-            records = records_for_checks(
-                scenario,
-                params["scenario"]["records"],
-                CutInSettings.of(params),
-                child_generator(params["seed"], "sample"),
-                vehicle.simulate if params["replays"] else None,
-            )
-            report = inspect_records(records)
+            records = named_records_of(scenario, params)
+            raw = records.read(child_generator(params["seed"], "sample"))
+            report = inspect_records(records.for_checks(raw, vehicle.simulate if params["replays"] else None))
         print(report_in_words(report), file=sys.stderr)
         write_csv(snakemake.output.report, report)
         for line in Verdict.of(report).lines():

@@ -13,7 +13,6 @@ from accelerated_evaluation.crash_map.maps import read_crash_map
 from accelerated_evaluation.laws.motion.recorded import Recorded
 from accelerated_evaluation.laws.smooth.family import DistinctRecords
 from accelerated_evaluation.records.ingest import opening_cut_ins
-from accelerated_evaluation.records.settings import CutInSettings
 from accelerated_evaluation.records.sources import read_source
 from accelerated_evaluation.scenarios.cut_in import CUT_IN
 from accelerated_evaluation.study.jobs import job
@@ -24,7 +23,7 @@ if __name__ == "__main__":
         files, params = snakemake.input, snakemake.params
         records = stored_records(CUT_IN, files.encounters, params.support, read_json(files.exposure))
         raw = read_source(params.data, child_generator(params.seed, "sample"))
-        kept = opening_cut_ins(raw, CutInSettings.of(dict(params.items())))
+        kept = opening_cut_ins(raw, params.data, params.filters)
         opening = DistinctRecords.of(kept, records.data.support)
         stream = partial(child_generator, params.seed, "laws")
         generator = partial(child_generator, params.seed, "lead motion")

@@ -1,5 +1,7 @@
 """The law that a user names: all laws by their weights, one candidate, a kind of law, or a law file."""
 
+from collections.abc import Callable
+from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
 
@@ -10,7 +12,6 @@ from threadpoolctl import threadpool_limits
 from accelerated_evaluation.answer.fitted_records import FittedRecords
 from accelerated_evaluation.answer.joint_family import Candidate
 from accelerated_evaluation.answer.law_study import LawStudy
-from accelerated_evaluation.answer.settings import LawSettings
 from accelerated_evaluation.answer.smooth_family import SmoothFamily, named
 from accelerated_evaluation.base.errors import InputError
 from accelerated_evaluation.laws import FITS, LAWS, FitSettings
@@ -24,6 +25,18 @@ ANSWER, PAPER = "answer", "paper"
 FILE = ".json"
 
 
+@dataclass(frozen=True)
+class LawSettings:
+    """How laws are fitted to records, weighted and drawn."""
+
+    draws: int
+    closing_speed_max: float  # cap on the closing speed of laws of cut-ins [m/s]
+    store: Path  # file in which the fit of smooth laws is kept
+    paper: str  # name of the paper's law that the study uses
+    fitting: FitSettings  # of the laws in `FITS`
+    streams: Callable[..., np.random.Generator]  # random generator of a step, as in the jobs of a study
+
+
 def paper_law_named(name: str, encounters: pd.DataFrame, settings: FitSettings) -> IndependentLaw:
     """Fit the paper's laws to an encounter table, and return one by its name."""
     limits = settings.range_max, settings.description, settings.closing_speed_max
@@ -32,16 +45,6 @@ def paper_law_named(name: str, encounters: pd.DataFrame, settings: FitSettings) 
 
 for _name in PAPER_LAWS:
     FITS.add(_name)(partial(paper_law_named, _name))
-
-
-def law_study(records: FittedRecords, settings: LawSettings) -> LawStudy:
-    """Return the study of the laws of records.
-
-    The fit of smooth laws is read from the file of the study, or written to it, so it is made once.
-    """
-    own = settings.draws, settings.streams, settings.store, settings.closing_speed_max
-    with threadpool_limits(1, "blas"):  # as in the jobs of the study, so that the digits are the same
-        return LawStudy.of(records, *own)
 
 
 def draws_named(choice: str, records: FittedRecords, settings: LawSettings) -> Draws:
@@ -69,11 +72,15 @@ def draws_named(choice: str, records: FittedRecords, settings: LawSettings) -> D
             raise InputError("--law", seen=f"no file {choice}", expected="a law file", change=change)
         return as_draws(read_law_of(records.scenario, choice, records.table))
     if choice == ANSWER:
-        return law_study(records, settings).draws(generator)
+        # As in the jobs of the study: one thread, so that the digits are the same, and the file of its fit.
+        own = settings.draws, settings.streams, settings.store, settings.closing_speed_max
+        with threadpool_limits(1, "blas"):
+            study = LawStudy.of(records, *own)
+        return study.draws(generator)
     is_smooth = records.support is not None
     if is_smooth and choice in named():
         with threadpool_limits(1, "blas"):
-            return _one_member(choice, records, settings).draws(generator)
+            return _one_member(choice, records, settings.draws, settings.closing_speed_max).draws(generator)
     if is_smooth and choice in (PAPER, *FITS):
         fit = FITS[settings.paper if choice == PAPER else choice]
         return OneLaw(fit(records.table, settings.fitting))
@@ -90,7 +97,7 @@ def draws_named(choice: str, records: FittedRecords, settings: LawSettings) -> D
     )
 
 
-def _one_member(name: str, records: FittedRecords, settings: LawSettings) -> LawStudy:
+def _one_member(name: str, records: FittedRecords, draws: int, closing_speed_max: float) -> LawStudy:
     """Fit one smooth law, without scores."""
     members = tuple(dict.fromkeys((Member(), named()[name])))
     fitter = Fitter(records.data, members)
@@ -103,7 +110,7 @@ def _one_member(name: str, records: FittedRecords, settings: LawSettings) -> Law
             change=f"Choose a law with a lower threshold, or {ANSWER}.",
         )
     scores = np.zeros((len(members), records.size))
-    smooth = SmoothFamily(fitter, family, scores, {}, records.table, settings.closing_speed_max)
-    weights = np.zeros((settings.draws, len(members)))
+    smooth = SmoothFamily(fitter, family, scores, {}, records.table, closing_speed_max)
+    weights = np.zeros((draws, len(members)))
     weights[:, members.index(named()[name])] = 1.0
     return LawStudy(smooth, weights)

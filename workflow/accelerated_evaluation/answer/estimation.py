@@ -11,6 +11,7 @@ from functools import cached_property
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import pandas as pd
 from tqdm import tqdm
 
@@ -32,7 +33,7 @@ from accelerated_evaluation.answer.evidence import Evidence, checked_answers
 from accelerated_evaluation.answer.extrapolation import beyond_in_words, extrapolation_in_words
 from accelerated_evaluation.answer.fitted_records import FittedRecords, records_of
 from accelerated_evaluation.answer.posterior import LEVEL
-from accelerated_evaluation.answer.settings import RecordSettings, Settings
+from accelerated_evaluation.answer.settings import Settings
 from accelerated_evaluation.answer.study_tables import injured_by_level, risks_table
 from accelerated_evaluation.answer.words import (
     aligned,
@@ -45,8 +46,15 @@ from accelerated_evaluation.answer.words import (
 from accelerated_evaluation.base.errors import InputError
 from accelerated_evaluation.base.files import write_csv
 from accelerated_evaluation.crash_map.mapping import map_crashes
+from accelerated_evaluation.crash_map.maps import Grid
 from accelerated_evaluation.laws.draws import Draws
-from accelerated_evaluation.laws.files import law_content, law_digest, read_verdict, write_law
+from accelerated_evaluation.laws.files import (
+    law_content,
+    law_digest,
+    names_records,
+    read_verdict,
+    write_law,
+)
 from accelerated_evaluation.methods.problem import Problem
 from accelerated_evaluation.methods.surrogate import (
     assumption_in_words,
@@ -58,7 +66,7 @@ from accelerated_evaluation.methods.surrogate import (
 )
 from accelerated_evaluation.records.checks import Records
 from accelerated_evaluation.records.verdict import Verdict, verdict_on
-from accelerated_evaluation.scenarios import Event
+from accelerated_evaluation.scenarios import Scenario
 from accelerated_evaluation.vehicles.external.slow import SlowVehicle, is_slow, loaded_for
 from accelerated_evaluation.vehicles.loading import load_vehicle, vehicles_of
 from accelerated_evaluation.vehicles.protocol import event_named
@@ -181,7 +189,7 @@ class Estimated:
             if number == 0:
                 rows += map(ratio_row, ratios)
             if answer.crashes is not None:
-                rows.append(("beyond", beyond_in_words(self._beyond(number), scenario), ""))
+                rows.append(("beyond", beyond_in_words(self._beyond(number)), ""))
             counts = f"{estimate.simulations:,} simulations, {estimate.events:,} of them with the event"
             if number == 0:
                 counts += f"; {self.evidence.replays.replayed:,} replays of records"
@@ -223,7 +231,7 @@ class Estimated:
         if verbose:
             yield from self._probabilities(answer)
             if answer.crashes is not None:
-                yield extrapolation_in_words(self._beyond(number), scenario)
+                yield extrapolation_in_words(self._beyond(number))
             yield from budget_in_words(answer.budget())
             yield f"law of {scenario.noun}s: {answer.draws.proposal.description}"
             if answer.converged and assumptions and not estimate.diagnostics["counted"]:
@@ -292,8 +300,12 @@ def estimate_event(settings: Settings, request: Request) -> Estimated:
     ]
     wanted = [each.reference for each in criteria if each.reference]
     references = {
-        name: reference_section(name, settings) for name in dict.fromkeys([*request.reference, *wanted])
+        name: {"name": name, "parameters": {}, "files": [], "deterministic": None}
+        | settings.compared_vehicles.get(name, {})
+        for name in dict.fromkeys([*request.reference, *wanted])
     }
+    for name, section in references.items():
+        require_fast(name, section, settings.simulations, scenario)
     for other in request.compare:
         require_estimate(other)
     verdicts: list[Verdict] = []
@@ -303,7 +315,13 @@ def estimate_event(settings: Settings, request: Request) -> Estimated:
     ):
         begin("reading and checking the records")
         records = records_of(
-            settings.records, lambda checked: verdicts.append(_verdict(checked, request, settings.records))
+            scenario,
+            settings.records,
+            settings.sample(),
+            settings.support,
+            lambda found: verdicts.append(
+                _verdict(found, settings.records.name, request.law, settings.accepted)
+            ),
         )
         begin("fitting the laws of the records")
         draws = draws_named(request.law, records, settings.laws)
@@ -324,62 +342,55 @@ def estimate_event(settings: Settings, request: Request) -> Estimated:
         answers, evidence = checked_answers(
             problem, draws, records, way, settings.events, settings.laws.streams, request.replicates
         )
-    compared = {
-        name: reference_answer(name, section, event, draws, records, settings)
-        for name, section in references.items()
-    }
+    compared = {}
+    for name, section in references.items():
+        with loaded_for(section, settings.simulations, scenario) as other:
+            own = Problem(scenario, other, event), draws, records, settings.many, settings.grid
+            compared[name] = reference_answer(*own, settings.laws.streams("references", name))
     slow = vehicle if isinstance(vehicle, SlowVehicle) else None
     return Estimated(answers, records, verdicts[0], slow, compared, request, evidence, criteria)
 
 
-def _verdict(records: Records, request: Request, settings: RecordSettings) -> Verdict:
-    """Return the verdict on the records, or on those of a law file that contains a verdict.
+def _verdict(records: Records, name: str, law: str, accepted: Sequence[str]) -> Verdict:
+    """Return the verdict on the records, or that of a law file which does not name its records.
 
-    Raises InputError if a check has the verdict ``stop`` that the settings do not accept.
+    Raises InputError if a check has the verdict ``stop`` that ``accepted`` does not name.
     """
-    if request.law.endswith(FILE) and not settings.scenario.has_sources:
-        return read_verdict(request.law, settings.accepted)
-    return verdict_on(records, settings.named, settings.accepted)
+    if law.endswith(FILE) and Path(law).is_file() and not names_records(law):
+        return read_verdict(law, accepted)
+    return verdict_on(records, name, accepted)
 
 
-def reference_section(name: str, settings: Settings) -> dict[str, Any]:
-    """Return the section that describes a vehicle which is fast to simulate, by its name.
-
-    Raises InputError if there is no such vehicle, or if it is slow.
-    """
-    section = {"name": name, "parameters": {}, "files": [], "deterministic": None}
-    section |= settings.compared_vehicles.get(name, {})
-    scenario = settings.scenario
+def require_fast(
+    name: str, section: Mapping[str, Any], simulations: Mapping[str, Any], scenario: Scenario
+) -> None:
+    """Raise InputError if there is no such vehicle to compare with, or if it is slow to simulate."""
     vehicles = vehicles_of(scenario)
     if ":" not in section["name"] and section["name"] not in vehicles:
         known = ", ".join(vehicles)
         expected = f"one of {known}, or path/to/file.py:ClassName"
         raise InputError("--reference", seen=repr(name), expected=expected, change="Correct the name.")
-    if is_slow(section["name"], settings.simulations, scenario):
+    if is_slow(section["name"], simulations, scenario):
         change = "Estimate this vehicle under the same law, and compare the two estimates by --compare."
         raise InputError(
             "--reference", seen=name, expected="a vehicle that is fast to simulate", change=change
         )
     load_vehicle(section["name"], scenario, **section["parameters"])  # raises an error for an unknown class
-    return section
 
 
 def reference_answer(
-    name: str,
-    section: Mapping[str, Any],
-    event: Event,
+    problem: Problem,
     draws: Draws,
     records: FittedRecords,
-    settings: Settings,
+    simulations: int,
+    grid: Grid | None,
+    generator: np.random.Generator,
 ) -> Answer:
-    """Return the answer of a fast vehicle, by its section, under the same draws of the law."""
-    generator = settings.laws.streams("references", name)
-    scenario = settings.scenario
-    with loaded_for(section, settings.simulations, scenario) as vehicle:
-        way: Way = Simulations(settings.many)
-        if settings.grid is not None:
-            way = Map(map_crashes(vehicle, settings.grid, [event], generator), records)
-        return evaluate(Problem(scenario, vehicle, event), draws, way, generator=generator)
+    """Return the answer of a fast vehicle: from its crash map if there is a grid, or from simulations."""
+    way: Way = Simulations(simulations)
+    if grid is not None:
+        way = Map(map_crashes(problem.vehicle, grid, [problem.event], generator), records)
+    return evaluate(problem, draws, way, generator=generator)
 
 
 @contextmanager

@@ -19,7 +19,6 @@ from accelerated_evaluation.answer.fitted_records import FittedRecords
 from accelerated_evaluation.answer.posterior import Posterior, summarise
 from accelerated_evaluation.base.arrays import Array
 from accelerated_evaluation.base.percent import in_percent
-from accelerated_evaluation.scenarios.protocol import Scenario
 
 ALL, RECORDED, NEAR, FAR = "all", "recorded", "near", "far"
 DISJOINT = (RECORDED, NEAR, FAR)
@@ -198,20 +197,20 @@ def exact_interval(count: int, size: int, level: float = 0.95) -> tuple[float, f
     return low, float(beta.isf(outside, count + 1, size - count)) if count < size else 1.0
 
 
-def beyond_in_words(table: pd.DataFrame, scenario: Scenario) -> str:
-    """Return how many of the predicted events lie beyond the records, as text."""
+def beyond_in_words(table: pd.DataFrame) -> str:
+    """Return how many of the predicted events lie beyond the records, as text, for either kind of parts."""
     rows = table.set_index("part")
     beyond, far = rows["share"][NEAR] + rows["share"][FAR], rows["share"][FAR]
     near, farthest = "are farther from every record than records usually are", "farther than any of them"
-    if scenario.upper_set_in == "closing_speed":
+    if HOST_UNSEEN in rows.index:  # the parts are those of `parts_by_speed`
         near, farthest = "close faster than any record at a similar range", "faster than any record at all"
     return f"{in_percent(beyond)} of the predicted events {near}, {in_percent(far)} {farthest}"
 
 
-def extrapolation_in_words(table: pd.DataFrame, scenario: Scenario) -> str:
+def extrapolation_in_words(table: pd.DataFrame) -> str:
     """Return a line of text that says how much of an answer lies beyond the records."""
     rows = table.set_index("part")["probability"]
     return (
-        f"beyond the records: {beyond_in_words(table, scenario)}; without them the mean would be "
+        f"beyond the records: {beyond_in_words(table)}; without them the mean would be "
         f"{rows[RECORDED]:.2g} instead of {rows[ALL]:.2g}"
     )

@@ -2,14 +2,13 @@
 
 import os
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import Any, Self
 
 import numpy as np
 import pandas as pd
 
 from accelerated_evaluation.answer.joint_family import ClusteredRecords
-from accelerated_evaluation.answer.settings import RecordSettings
 from accelerated_evaluation.base.arrays import Array
 from accelerated_evaluation.base.errors import InputError
 from accelerated_evaluation.base.tables import read_parquet, write_parquet
@@ -17,16 +16,14 @@ from accelerated_evaluation.laws import Box
 from accelerated_evaluation.laws.smooth.family import DistinctRecords
 from accelerated_evaluation.laws.smooth.splines import Support
 from accelerated_evaluation.records.checks import Records
-from accelerated_evaluation.records.ingest import Account, ingest
-from accelerated_evaluation.records.segments import read_encounters, require_rows, write_encounters
-from accelerated_evaluation.records.sources import read_source
+from accelerated_evaluation.records.named import NamedRecords
+from accelerated_evaluation.records.segments import read_encounters, write_encounters
+from accelerated_evaluation.records.sources import UNKNOWN
 from accelerated_evaluation.scenarios.protocol import CLUSTER, FITTED, Scenario
-from accelerated_evaluation.scenarios.record_table import read_scenario_records, records_to_check
 from accelerated_evaluation.vehicles.loading import load_vehicle
 
 FEWEST = 50  # smallest number of records, so that the region near the event, with a tenth of them, has a few
 TIED = 1e-9  # relative size of the residuals of a variable that is a linear function of others
-UNKNOWN: Mapping[str, float | None] = {"kilometres": None, "hours": None}
 
 
 @dataclass(frozen=True)
@@ -92,28 +89,26 @@ class FittedRecords:
         return None if kilometres is None else self.size / kilometres
 
 
-def records_of(settings: RecordSettings, check: Callable[[Records], None] | None = None) -> FittedRecords:
-    """Read records, and filter and segment cut-ins.
+def records_of(
+    scenario: Scenario,
+    named: NamedRecords,
+    generator: np.random.Generator,
+    support: Support | None = None,
+    check: Callable[[Records], None] | None = None,
+) -> FittedRecords:
+    """Read records, and filter and segment cut-ins; the generator draws a sample if one is asked for.
 
-    ``check`` gets the records as the checks of records need them, and may raise an error. The lead speeds of
-    cut-ins and the vehicle that is known to the scenario are used, never the vehicle under test.
+    ``support`` is the limits of cut-ins for smooth laws. ``check`` gets the records as the checks of records
+    need them, and may raise an error. Records without a support are replayed with the vehicle that is known
+    to the scenario, and no records with the vehicle under test.
     """
-    scenario = settings.scenario
-    if not scenario.has_sources:
-        table = read_scenario_records(scenario, settings.table)
-        if check is not None:
-            known = load_vehicle(scenario.default_vehicle, scenario)
-            check(records_to_check(scenario, table, known.simulate))
-        return FittedRecords.of(scenario, table)
-    cut_ins = settings.cut_ins
-    raw = read_source(cut_ins.data, settings.generator)
+    raw = named.read(generator)
     if check is not None:
-        check(Records.of(raw, cut_ins.filters, cut_ins.edges))
-    account = Account.of(raw)
-    encounters = ingest(raw, cut_ins, account)
-    require_rows(encounters)
-    data = DistinctRecords.of(encounters, settings.support)
-    return FittedRecords(scenario, encounters, data, raw.attrs["exposure"], account.table())
+        known = None if support is not None else load_vehicle(scenario.default_vehicle, scenario).simulate
+        check(named.for_checks(raw, known))
+    accounts: list[pd.DataFrame] = []
+    records = FittedRecords.of(scenario, named.encounters(raw, accounts.append), support, named.exposure(raw))
+    return replace(records, account=accounts[0])
 
 
 def stored_records(

@@ -1,6 +1,6 @@
 """What a configuration says about an answer, as values: made once, at the top of a command or script."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
@@ -8,97 +8,20 @@ from typing import Any, Self
 
 import numpy as np
 
+from accelerated_evaluation.answer.choice import LawSettings
 from accelerated_evaluation.base.randomness import child_generator
 from accelerated_evaluation.crash_map.maps import Grid
 from accelerated_evaluation.laws import FitSettings
 from accelerated_evaluation.laws.smooth.splines import Support
 from accelerated_evaluation.methods import Stopping
 from accelerated_evaluation.methods.surrogate import Surrogate
-from accelerated_evaluation.records.settings import CutInSettings
+from accelerated_evaluation.records.named import NamedRecords
 from accelerated_evaluation.records.sources import describe
 from accelerated_evaluation.scenarios import SCENARIOS, Event, Scenario
+from accelerated_evaluation.scenarios.record_table import named_records_of
 from accelerated_evaluation.vehicles.protocol import events_of
 
 LIMITS = ("lead_speed_min", "lead_speed_max", "range_max")  # limits of a crash map
-
-
-@dataclass(frozen=True)
-class RecordSettings:
-    """Which records are read, and how those of cut-ins are filtered."""
-
-    scenario: Scenario
-    table: str | None  # file of the records of a scenario without sources; None for those of the project
-    cut_ins: CutInSettings  # how records of cut-ins are read
-    support: Support | None  # limits of the laws of cut-ins; None for other scenarios
-    accepted: Sequence[str]  # checks whose verdict "stop" the user accepts
-    seed: int
-
-    @classmethod
-    def of(cls, config: Mapping[str, Any]) -> Self:
-        """Return the settings of a complete configuration."""
-        scenario = SCENARIOS[config["scenario"]["name"]]
-        return cls(
-            scenario,
-            config["scenario"]["records"],
-            CutInSettings.of(config),
-            Support.within(
-                config["filters"],
-                config["models"]["closing_speed_max"],
-                config["segments"]["lead_speed_edges"],
-            )
-            if "smooth laws" in scenario.stages
-            else None,
-            config["data"]["accepted_warnings"],
-            config["seed"],
-        )
-
-    @property
-    def generator(self) -> np.random.Generator:
-        """Generator that draws a sample of the records, as in the jobs of a study."""
-        return child_generator(self.seed, "sample")
-
-    @property
-    def named(self) -> str:
-        """The file or folder of the records; a description if the records come with the project."""
-        data = self.cut_ins.data
-        if self.scenario.has_sources:
-            return str(data[data["source"]]["path"])
-        return str(self.table or f"records of the scenario {self.scenario.name} in the project")
-
-
-@dataclass(frozen=True)
-class LawSettings:
-    """How laws are fitted to records, weighted and drawn."""
-
-    seed: int
-    draws: int
-    closing_speed_max: float  # cap on the closing speed of laws of cut-ins [m/s]
-    store: Path  # file in which the fit of smooth laws is kept
-    paper: str  # name of the paper's law that the study uses
-    fitting: FitSettings  # of the laws in `FITS`
-
-    @classmethod
-    def of(cls, config: Mapping[str, Any]) -> Self:
-        """Return the settings of a complete configuration."""
-        stages = SCENARIOS[config["scenario"]["name"]].stages
-        return cls(
-            config["seed"],
-            config["answer" if "smooth laws" in stages else "scenario"]["draws"],
-            config["answer"]["grid"]["closing_speed_max"],
-            Path("results", config["study"], "laws", "family.npz"),
-            config["models"]["inverse_range"]["variant"],
-            FitSettings(
-                config["models"],
-                config["filters"]["range_max"],
-                config["models"]["closing_speed_max"],
-                describe(config["data"]),
-            ),
-        )
-
-    @property
-    def streams(self) -> partial:
-        """Function that returns the random generator of a step, as in the jobs of a study."""
-        return partial(child_generator, self.seed, "laws")
 
 
 @dataclass(frozen=True)
@@ -109,7 +32,9 @@ class Settings:
     event: str
     events: Sequence[Event]  # further events
     criteria: Sequence[str | Mapping[str, Any]]
-    records: RecordSettings
+    records: NamedRecords
+    support: Support | None  # limits of the laws of cut-ins; None for other scenarios
+    accepted: Sequence[str]  # checks whose verdict "stop" the user accepts
     laws: LawSettings
     vehicle: Mapping[str, Any]  # its section: name, parameters, files
     compared_vehicles: Mapping[str, Mapping[str, Any]]
@@ -118,19 +43,22 @@ class Settings:
     batch_size: int
     many: int  # number of simulations of a fast vehicle
     grid: Grid | None  # of crash maps; None for scenarios without
+    sample: Callable[[], np.random.Generator]  # returns the generator that draws a sample of the records
 
     @classmethod
     def of(cls, config: Mapping[str, Any]) -> Self:
         """Return the settings of a complete configuration."""
-        records, answer = RecordSettings.of(config), config["answer"]
-        scenario, limits = records.scenario, {key: config["filters"][key] for key in LIMITS}
+        scenario, answer = SCENARIOS[config["scenario"]["name"]], config["answer"]
+        limits = {key: config["filters"][key] for key in LIMITS}
         return cls(
             scenario,
             config["scenario"]["event"],
             events_of(scenario, answer["events"]),
             config["criteria"],
-            records,
-            LawSettings.of(config),
+            named_records_of(scenario, config),
+            support_of(scenario, config),
+            config["data"]["accepted_warnings"],
+            law_settings(scenario, config),
             config["vehicle"],
             config["compared_vehicles"] if scenario.references else {},
             config["simulations"],
@@ -138,4 +66,30 @@ class Settings:
             config["surrogate"]["batch_size"],
             config["scenario"]["simulations"],
             Grid(**limits, **answer["grid"]) if "maps" in scenario.stages else None,
+            partial(child_generator, config["seed"], "sample"),
         )
+
+
+def support_of(scenario: Scenario, config: Mapping[str, Any]) -> Support | None:
+    """Return the limits of smooth laws in a configuration; None for a scenario without these laws."""
+    if "smooth laws" not in scenario.stages:
+        return None
+    edges = config["segments"]["lead_speed_edges"]
+    return Support.within(config["filters"], config["models"]["closing_speed_max"], edges)
+
+
+def law_settings(scenario: Scenario, config: Mapping[str, Any]) -> LawSettings:
+    """Return how a configuration asks for laws of a scenario to be fitted, weighted and drawn."""
+    return LawSettings(
+        config["answer" if "smooth laws" in scenario.stages else "scenario"]["draws"],
+        config["answer"]["grid"]["closing_speed_max"],
+        Path("results", config["study"], "laws", "family.npz"),
+        config["models"]["inverse_range"]["variant"],
+        FitSettings(
+            config["models"],
+            config["filters"]["range_max"],
+            config["models"]["closing_speed_max"],
+            describe(config["data"]),
+        ),
+        partial(child_generator, config["seed"], "laws"),
+    )

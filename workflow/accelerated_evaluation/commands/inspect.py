@@ -59,10 +59,9 @@ class Inspect:
         from accelerated_evaluation.base.randomness import child_generator
         from accelerated_evaluation.records.checks import STOP, inspect_records
         from accelerated_evaluation.records.limits import limits_in_words
-        from accelerated_evaluation.records.settings import CutInSettings
         from accelerated_evaluation.records.verdict import report_in_words
         from accelerated_evaluation.scenarios import SCENARIOS
-        from accelerated_evaluation.scenarios.record_table import records_for_checks
+        from accelerated_evaluation.scenarios.record_table import named_records_of
         from accelerated_evaluation.study.configuration import load, resolved
         from accelerated_evaluation.vehicles.external.slow import loaded_for
 
@@ -78,9 +77,9 @@ class Inspect:
             cap = config["models"]["closing_speed_max"]
             print(limits_in_words(config["filters"], config["segments"]["lead_speed_edges"], cap))
         with loaded_for(vehicle, config["simulations"], scenario) as car:
-            named = scenario, config["scenario"]["records"], CutInSettings.of(config)
-            stream = child_generator(config["seed"], "sample")
-            report = inspect_records(records_for_checks(*named, stream, car.simulate))
+            records = named_records_of(scenario, config)
+            raw = records.read(child_generator(config["seed"], "sample"))
+            report = inspect_records(records.for_checks(raw, car.simulate))
         print(report_in_words(report))
         if arguments.report is not None:
             write_csv(arguments.report, report)

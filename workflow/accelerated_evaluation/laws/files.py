@@ -131,8 +131,20 @@ def read_law(path: str | os.PathLike, records: pd.DataFrame | None = None) -> La
         json.dumps(law.content(), allow_nan=False)  # raises ValueError if a number is NaN or infinite
         return law
     except (ArithmeticError, AttributeError, LookupError, TypeError, ValueError) as error:
-        seen = f"{type(error).__name__}: {error}"
-        raise InputError(str(path), seen=seen, expected="a complete law file", change=CHANGE) from error
+        raise _incomplete(path, error) from error
+
+
+def _incomplete(path: str | os.PathLike, error: Exception) -> InputError:
+    seen = f"{type(error).__name__}: {error}"
+    return InputError(str(path), seen=seen, expected="a complete law file", change=CHANGE)
+
+
+def names_records(path: str | os.PathLike) -> bool:
+    """Return whether a law file names the encounter table to which its law was fitted."""
+    try:
+        return "records" in _read(path)
+    except (AttributeError, TypeError, ValueError) as error:
+        raise _incomplete(path, error) from error
 
 
 def read_verdict(path: str | os.PathLike, accepted: Iterable[str] = ()) -> Verdict:

@@ -18,10 +18,10 @@ from accelerated_evaluation.publishing.tables.display import as_markdown, displa
 from accelerated_evaluation.publishing.tables.paper_claims import PREMISES
 from accelerated_evaluation.publishing.texts import fill, fill_in_notebooks
 from accelerated_evaluation.records.segments import read_encounters
-from accelerated_evaluation.records.sources import describe
 from accelerated_evaluation.records.verdict import Verdict, read_report, summary
 from accelerated_evaluation.scenarios import DEFAULT, SCENARIOS
 from accelerated_evaluation.scenarios.protocol import Scenario
+from accelerated_evaluation.scenarios.record_table import named_records_of
 from accelerated_evaluation.study.configuration import load_modules
 from accelerated_evaluation.study.limits import value_of
 
@@ -288,10 +288,7 @@ class Study:
     @property
     def source(self) -> str:
         """The description of the data."""
-        if not self.scenario.has_sources:
-            return f"records of the scenario {self.scenario.name.replace('_', ' ')}"
-        data = self.config["data"]
-        return describe(data)
+        return named_records_of(self.scenario, self.config).description
 
     @property
     def scenario(self) -> Scenario:

@@ -1,7 +1,7 @@
 """Compute the encounter table from a source of records, with filters and an account of the dropped rows."""
 
-from collections.abc import Iterable, Mapping
-from typing import Self
+from collections.abc import Iterable, Mapping, Sequence
+from typing import Any, Self
 
 import numpy as np
 import pandas as pd
@@ -9,7 +9,6 @@ import pandas as pd
 from accelerated_evaluation.base.errors import InputError
 from accelerated_evaluation.base.tables import cut, is_empty, number_fault
 from accelerated_evaluation.records.segments import COLUMNS, QUANTITIES, assign_segments, complete
-from accelerated_evaluation.records.settings import CutInSettings
 
 NAMED_ROWS = 5  # number of example rows that the account and the messages show
 FASTEST = 300.0  # [m/s]; a larger speed is a wrong unit or a code for a missing value
@@ -175,19 +174,24 @@ def _describe(raw: pd.DataFrame, mask: pd.Series, reason: str) -> str:
     return f"{reason} in row {named}{more}"
 
 
-def ingest(raw: pd.DataFrame, settings: CutInSettings, account: Account) -> pd.DataFrame:
+def ingest(
+    raw: pd.DataFrame,
+    data: Mapping[str, Any],
+    filters: Mapping[str, float],
+    edges: Sequence[float],
+    account: Account,
+) -> pd.DataFrame:
     """Validate, filter and segment the records of a source, and return the encounter table.
 
-    The records have the columns of `segments.complete`, and an index ``row`` from 1. The account
-    contains the dropped rows even if an error is raised later. InputError is raised if the settings refuse
-    invalid rows and there is one, if no row remains, if a segment is empty, or if an outlier row named in the
-    settings does not exist.
+    The records have the columns of `segments.complete`, and an index ``row`` from 1; ``data``, ``filters``
+    and ``edges`` are those of `CutInRecords`. The account contains the dropped rows even if an error is
+    raised later. InputError is raised if ``data`` refuses invalid rows and there is one, if no row remains,
+    if a segment is empty, or if an outlier row named in ``data`` does not exist.
     """
-    data = settings.data
     source = data[data["source"]]
     encounters = drop_invalid(raw, account, policy=data["invalid_rows"], where=source["path"])
     encounters = drop_repeated(encounters, account, policy=data["repeated_rows"])
-    encounters = apply_filters(encounters, account, settings.filters)
+    encounters = apply_filters(encounters, account, filters)
     if encounters.empty:
         raise InputError(
             source["path"],
@@ -195,7 +199,7 @@ def ingest(raw: pd.DataFrame, settings: CutInSettings, account: Account) -> pd.D
             expected="at least one row that passes the filters",
             change=f"Check the columns and units of data.{data['source']}, and the limits in filters.",
         )
-    encounters = assign_segments(encounters, settings.edges)
+    encounters = assign_segments(encounters, edges)
     if max(source["outlier_rows"], default=0) > len(encounters):
         raise InputError(
             f"data.{data['source']}.outlier_rows",
@@ -206,15 +210,15 @@ def ingest(raw: pd.DataFrame, settings: CutInSettings, account: Account) -> pd.D
     return encounters[list(COLUMNS)].reset_index(drop=True)
 
 
-def opening_cut_ins(raw: pd.DataFrame, settings: CutInSettings) -> pd.DataFrame:
+def opening_cut_ins(raw: pd.DataFrame, data: Mapping[str, Any], filters: Mapping[str, float]) -> pd.DataFrame:
     """Return the cut-ins whose closing speed is 0 or negative, within the limits of lead speed and range.
 
     The paper leaves these cut-ins out, because they cannot end in a crash while the lead vehicle keeps its
     speed. Records with a negative host speed (lead speed plus closing speed) are left out here. The table is
     empty if the source has only closing cut-ins, like the published lane changes of the paper.
     """
-    data, account = settings.data, Account.of(raw)
+    account = Account.of(raw)
     found = drop_invalid(raw, account, policy=data["invalid_rows"], where=data[data["source"]]["path"])
     found = drop_repeated(found, account, policy=data["repeated_rows"])
     opening = (found["closing_speed"] <= 0) & (found["closing_speed"] >= -found["lead_speed"])
-    return apply_limits(found[opening], account, settings.filters).reset_index(drop=True)
+    return apply_limits(found[opening], account, filters).reset_index(drop=True)

@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 
 from accelerated_evaluation.base.arrays import Array
 from accelerated_evaluation.base.registry import Registry
+from accelerated_evaluation.records.named import CutInRecords
 from accelerated_evaluation.records.segments import read_encounters
 from accelerated_evaluation.scenarios import SCENARIOS
 from accelerated_evaluation.scenarios.prescribed import PrescribedTest
@@ -153,7 +154,7 @@ CUT_IN = SCENARIOS.add("cut_in")(
         reported_rules=_reported_rules,
         noun="cut-in",
         upper_set_in="closing_speed",
-        has_sources=True,
+        named_records=CutInRecords.of,
         has_injuries=True,
         stages=frozenset(("segments", "smooth laws", "maps", "replays", "explorer")),
         has_scenario_files=True,

@@ -18,6 +18,7 @@ from numpy.typing import ArrayLike, NDArray
 from accelerated_evaluation.base.arrays import Array
 from accelerated_evaluation.base.errors import InputError
 from accelerated_evaluation.base.tables import CLUSTER as CLUSTER
+from accelerated_evaluation.records.named import NamedRecords
 from accelerated_evaluation.scenarios.prescribed import PrescribedTest
 
 FLAG = "0 or 1"  # unit of an outcome that is true or false
@@ -399,9 +400,9 @@ class Scenario:
     scanned: str | None = None
     has_scenario_files: bool = False  # whether OpenSCENARIO files of its encounters can be written
     has_injuries: bool = False  # whether curves of the risk of injury are known for its crashes
-    has_sources: bool = (
-        False  # whether records come from the sources of the section `data` of a configuration
-    )
+    # Returns the records that a configuration names; None if they are one table with the variables, which
+    # `record_table.TableRecords` reads.
+    named_records: Callable[[Mapping[str, Any]], NamedRecords] | None = None
     # Parts of the workflow that only some scenarios have: "segments" of the lead speed, "smooth laws" of a
     # closing speed, crash "maps" with the paper's methods, "replays" of simulated crashes, the "explorer".
     stages: frozenset[str] = frozenset()
@@ -409,6 +410,11 @@ class Scenario:
     panels: Sequence[Panel] = ()
     cluster: str = "driver"
     prescribed: Sequence[PrescribedTest] = ()
+
+    @property
+    def has_sources(self) -> bool:
+        """Whether records come from sources such as recordings, and not as one table with the variables."""
+        return self.named_records is not None
 
     @property
     def one(self) -> str:

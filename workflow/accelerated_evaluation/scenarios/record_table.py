@@ -1,17 +1,27 @@
 """Tables of records of a scenario: reading, checks, and flags for the rows to which laws are fitted."""
 
 import os
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
+from typing import Any, Self
 
 import numpy as np
 import pandas as pd
 
 from accelerated_evaluation.base.errors import InputError
 from accelerated_evaluation.base.files import project_file
-from accelerated_evaluation.base.tables import column_of_numbers, read_csv, read_parquet, require_file
+from accelerated_evaluation.base.tables import (
+    column_of_numbers,
+    read_csv,
+    read_parquet,
+    require_file,
+    write_parquet,
+)
 from accelerated_evaluation.records.checks import Records, Simulate
-from accelerated_evaluation.records.settings import CutInSettings
-from accelerated_evaluation.records.sources import read_source
+from accelerated_evaluation.records.named import NamedRecords
+from accelerated_evaluation.records.sources import UNKNOWN
 from accelerated_evaluation.scenarios.protocol import CLUSTER, FITTED, Scenario
 
 REPEATED, OUTSIDE = "repeated", "outside"  # columns of flags for the two reasons why a row is left out
@@ -62,23 +72,53 @@ def read_scenario_records(scenario: Scenario, path: str | os.PathLike | None = N
     return table
 
 
-def records_for_checks(
-    scenario: Scenario,
-    source: str | None,
-    cut_ins: CutInSettings,
-    generator: np.random.Generator,
-    simulate: Simulate | None = None,
-) -> Records:
-    """Return the records of any scenario in the form for the checks of records.
+@dataclass(frozen=True)
+class TableRecords:
+    """Records of a scenario that are one table with its variables."""
 
-    The records are those of ``cut_ins`` if the scenario has sources of records; a sample of them is drawn by
-    the generator. Otherwise they are the file ``source``, as in `read_scenario_records`. Without
-    ``simulate``, the check that replays the records is skipped.
-    """
-    if scenario.has_sources:
-        raw = read_source(cut_ins.data, generator)
-        return Records.of(raw, cut_ins.filters, cut_ins.edges, simulate)
-    return records_to_check(scenario, read_scenario_records(scenario, source), simulate)
+    scenario: Scenario
+    path: str | None  # of the table; None for the records that come with the project
+
+    @classmethod
+    def of(cls, scenario: Scenario, config: Mapping[str, Any]) -> Self:
+        """Return the records that the section ``scenario`` of a configuration names."""
+        return cls(scenario, config["scenario"]["records"])
+
+    @property
+    def name(self) -> str:
+        """The file of the records; a description if they come with the project."""
+        return str(self.path or f"records of the scenario {self.scenario.name} in the project")
+
+    @property
+    def description(self) -> str:
+        """Text that describes the records in tables and figures."""
+        return f"records of the scenario {self.scenario.name.replace('_', ' ')}"
+
+    def read(self, _: np.random.Generator) -> pd.DataFrame:
+        """Read the table, as `read_scenario_records` does; no sample is drawn."""
+        return read_scenario_records(self.scenario, self.path)
+
+    def for_checks(self, raw: pd.DataFrame, simulate: Simulate | None = None) -> Records:
+        """Return the table in the form for the checks of records."""
+        return records_to_check(self.scenario, raw, simulate)
+
+    def encounters(self, raw: pd.DataFrame, keep: Callable[[pd.DataFrame], None]) -> pd.DataFrame:
+        """Return the table, which has flags for the rows to which no laws are fitted."""
+        keep(records_account(self.scenario, raw))
+        return raw
+
+    def exposure(self, _: pd.DataFrame) -> Mapping[str, float | None]:
+        """Return unknown kilometres and hours, because a table does not state them."""
+        return UNKNOWN
+
+    def write(self, path: str | os.PathLike, encounters: pd.DataFrame) -> None:
+        """Write the table as a Parquet file."""
+        write_parquet(path, encounters)
+
+
+def named_records_of(scenario: Scenario, config: Mapping[str, Any]) -> NamedRecords:
+    """Return the records of a scenario that a configuration names."""
+    return (scenario.named_records or partial(TableRecords.of, scenario))(config)
 
 
 def records_to_check(scenario: Scenario, table: pd.DataFrame, simulate: Simulate | None = None) -> Records:

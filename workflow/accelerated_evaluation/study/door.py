@@ -8,12 +8,14 @@ from accelerated_evaluation.answer import choice as choices
 from accelerated_evaluation.answer import estimation, fitted_records
 from accelerated_evaluation.answer.estimation import Estimated, Request
 from accelerated_evaluation.answer.fitted_records import FittedRecords
-from accelerated_evaluation.answer.settings import LawSettings, RecordSettings, Settings
+from accelerated_evaluation.answer.settings import Settings, law_settings, support_of
 from accelerated_evaluation.base.arguments import Argument, a_choice, checked, one_of
+from accelerated_evaluation.base.randomness import child_generator
 from accelerated_evaluation.laws.draws import Draws
 from accelerated_evaluation.laws.paper.models import PAPER_LAWS, IndependentLaw
 from accelerated_evaluation.records.checks import Records
 from accelerated_evaluation.scenarios import DEFAULT, SCENARIOS
+from accelerated_evaluation.scenarios.record_table import named_records_of
 from accelerated_evaluation.study import configuration
 
 Config = Mapping[str, Any] | str | os.PathLike
@@ -102,7 +104,9 @@ def read_records(config: Config, check: Callable[[Records], None] | None = None)
     >>> records.size, records.x.shape == (records.size, 3)
     (1028, True)
     """
-    return fitted_records.records_of(RecordSettings.of(config), check)
+    scenario = SCENARIOS[config["scenario"]["name"]]
+    named, stream = named_records_of(scenario, config), child_generator(config["seed"], "sample")
+    return fitted_records.records_of(scenario, named, stream, support_of(scenario, config), check)
 
 
 @checked(records=RECORDS, config=A_CONFIGURATION)
@@ -136,7 +140,8 @@ def choose_draws(choice: str, records: FittedRecords, config: Config | None = No
     >>> ae.choose_draws("independent_variables", ae.read_records("left_turn")).size
     1
     """
-    return choices.draws_named(choice, records, LawSettings.of(config or _complete(records.scenario.name)))
+    config = config or _complete(records.scenario.name)
+    return choices.draws_named(choice, records, law_settings(records.scenario, config))
 
 
 @checked(
@@ -169,7 +174,7 @@ def fit_paper_law(name: str, records: FittedRecords, config: Config = DEFAULT) -
     >>> law.box.names
     ('lead_speed', 'range', 'closing_speed')
     """
-    return choices.paper_law_named(name, records.table, LawSettings.of(config).fitting)
+    return choices.paper_law_named(name, records.table, law_settings(records.scenario, config).fitting)
 
 
 @checked(config=A_CONFIGURATION, request=one_of(Request, words="a request", change="Write Request(...)."))

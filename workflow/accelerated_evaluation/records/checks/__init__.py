@@ -94,7 +94,7 @@ class Records:
     ) -> "Records":
         """Return the records of cut-ins in the forms that the checks need.
 
-        The unfiltered records are as for `ingest`; ``filters`` and ``edges`` as in `CutInSettings`.
+        The unfiltered records are as for `ingest`; ``filters`` and ``edges`` as in `CutInRecords`.
         """
         account = Account(len(raw))
         valid = drop_invalid(raw, account, policy="drop", where="the records")
