@@ -335,7 +335,7 @@ def test_what_a_vehicle_prints_is_not_part_of_the_answer(monkeypatch, capfd, tmp
         return SimpleNamespace(write=lambda folder: None, content=lambda compared: {"answer": []})
 
     monkeypatch.chdir(tmp_path)
-    monkeypatch.setattr(estimation, "estimate", estimated)
+    monkeypatch.setattr(estimation, "estimate_event", estimated)
     assert cli.main(["estimate", "--scenario", "left_turn", "--json"]) == 0
     found = capfd.readouterr()
     assert json.loads(found.out) == {"answer": []}

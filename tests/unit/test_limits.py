@@ -59,10 +59,10 @@ def test_the_estimate_alone_has_the_limits_of_the_records(motorway, monkeypatch)
     seen = []
 
     def stop(settings, request):
-        seen.append(settings.records.cut_ins.filters)
+        seen.append(settings.records.filters)
         raise InputError("here", seen="enough", expected="no more", change="Nothing.")
 
-    monkeypatch.setattr(alone, "estimate", stop)
+    monkeypatch.setattr(alone, "estimate_event", stop)
     assert cli.main(["estimate", "--config", "motorway.yaml"]) == 2
     assert seen[0] == resolved(motorway)["filters"]
     assert AUTO not in seen[0].values()
