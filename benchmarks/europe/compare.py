@@ -11,9 +11,9 @@ import numpy as np
 import pandas as pd
 from accelerated_evaluation import read_records
 from accelerated_evaluation.answer.counted_crashes import HUNDRED_CAR_MILES, KILOMETRES_PER_MILE, cut_in_rate
+from accelerated_evaluation.answer.family_file import fit_or_read
 from accelerated_evaluation.answer.law_study import LawStudy
-from accelerated_evaluation.answer.lead_motion import MovingProblem
-from accelerated_evaluation.answer.smooth_family import fit_or_read
+from accelerated_evaluation.answer.moving_problem import MovingProblem
 from accelerated_evaluation.base.files import write_csv
 from accelerated_evaluation.base.randomness import child_generator
 from accelerated_evaluation.crash_map.lines import CrashLines
@@ -22,7 +22,7 @@ from accelerated_evaluation.crash_map.maps import CrashMap, Grid
 from accelerated_evaluation.laws.motion.recorded import Recorded
 from accelerated_evaluation.laws.smooth.conditional import Places, SpeedLaw
 from accelerated_evaluation.laws.smooth.family import DistinctRecords
-from accelerated_evaluation.laws.smooth.splines import Support
+from accelerated_evaluation.laws.smooth.support import Support
 from accelerated_evaluation.publishing.tables.display import reproducible
 from accelerated_evaluation.study.configuration import load
 from accelerated_evaluation.vehicles import Vehicle, load_vehicle

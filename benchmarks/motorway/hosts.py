@@ -7,7 +7,7 @@ the other car. The other car does not react to it, so this is the same as drivin
 import numpy as np
 import pandas as pd
 from accelerated_evaluation.base.arrays import Array
-from accelerated_evaluation.laws.smooth.splines import SUPPORT
+from accelerated_evaluation.laws.smooth.support import SUPPORT
 from accelerated_evaluation.vehicles import load_vehicle
 from accelerated_evaluation.vehicles.protocol import MovingVehicle
 from traffic import NAMES

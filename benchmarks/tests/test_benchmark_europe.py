@@ -8,7 +8,7 @@ import pandas as pd
 import pytest
 from accelerated_evaluation import read_records
 from accelerated_evaluation.laws.motion.recorded import Recorded
-from accelerated_evaluation.laws.smooth.splines import Support
+from accelerated_evaluation.laws.smooth.support import Support
 from accelerated_evaluation.study.configuration import load, resolved
 
 pytestmark = pytest.mark.studies

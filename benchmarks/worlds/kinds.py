@@ -11,7 +11,7 @@ from accelerated_evaluation.laws.paper.models import IndependentLaw
 from accelerated_evaluation.laws.smooth.conditional import Places, SpeedLaw
 from accelerated_evaluation.laws.smooth.family import DistinctRecords, LawFamily, Member
 from accelerated_evaluation.laws.smooth.shapes import Generalised
-from accelerated_evaluation.laws.smooth.splines import SUPPORT
+from accelerated_evaluation.laws.smooth.support import SUPPORT
 from numpy.typing import NDArray
 
 LEVEL = 0.95  # of the threshold of the worlds with an excess

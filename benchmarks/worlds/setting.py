@@ -17,7 +17,7 @@ from accelerated_evaluation.crash_map.maps import Grid
 from accelerated_evaluation.crash_map.sensitivity import Levels
 from accelerated_evaluation.laws.paper.models import IndependentLaw, fit_paper_laws
 from accelerated_evaluation.laws.smooth.family import DistinctRecords, Fitter, LawFamily, members_at
-from accelerated_evaluation.laws.smooth.splines import SUPPORT
+from accelerated_evaluation.laws.smooth.support import SUPPORT
 from accelerated_evaluation.records.segments import assign_segments
 from accelerated_evaluation.vehicles.builtin.acc_aeb import AccAeb
 from beyond import worlds_beyond

@@ -18,10 +18,10 @@ from accelerated_evaluation.answer.settings import LawSettings
 from accelerated_evaluation.base.files import write_csv
 from accelerated_evaluation.base.randomness import child_generator
 from accelerated_evaluation.commands.export import SAFE
-from accelerated_evaluation.crash_map.checked import sample_crashes
 from accelerated_evaluation.crash_map.exact import exact_probabilities
 from accelerated_evaluation.crash_map.mapping import map_crashes
 from accelerated_evaluation.crash_map.maps import CrashMap, Grid, read_crash_map, write_crash_map
+from accelerated_evaluation.crash_map.sampled import sample_crashes
 from accelerated_evaluation.laws import Law
 from accelerated_evaluation.methods.problem import Problem as CutInProblem
 from accelerated_evaluation.publishing.tables.display import reproducible

@@ -9,7 +9,7 @@ from accelerated_evaluation.answer.law_study import LawStudy
 from accelerated_evaluation.answer.smooth_family import SmoothFamily
 from accelerated_evaluation.laws.smooth.dependent import DependentLaw
 from accelerated_evaluation.laws.smooth.family import DistinctRecords, Member
-from accelerated_evaluation.laws.smooth.splines import Support
+from accelerated_evaluation.laws.smooth.support import Support
 from accelerated_evaluation.records.segments import complete
 from scipy.special import ndtri
 

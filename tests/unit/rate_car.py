@@ -2,7 +2,7 @@
 
 import numpy as np
 from accelerated_evaluation.laws.smooth.family import DistinctRecords
-from accelerated_evaluation.laws.smooth.splines import SUPPORT
+from accelerated_evaluation.laws.smooth.support import SUPPORT
 from accelerated_evaluation.vehicles import Outcomes
 
 RATE = 0.3  # [1/s]

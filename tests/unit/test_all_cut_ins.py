@@ -13,7 +13,7 @@ from accelerated_evaluation.answer.all_cut_ins import (
     opening_law,
     rates_table,
 )
-from accelerated_evaluation.answer.posterior import Rate
+from accelerated_evaluation.answer.rates import Rate
 from accelerated_evaluation.answer.total import SIZE
 
 PROBABILITIES = np.array([1e-6, 2e-6, 6e-6])

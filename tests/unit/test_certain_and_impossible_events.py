@@ -7,8 +7,8 @@ import numpy as np
 import pandas as pd
 import pytest
 from accelerated_evaluation import Grid, Stopping, map_crashes
-from accelerated_evaluation.crash_map.exact_variance import impact_speed_table, severity_table
 from accelerated_evaluation.crash_map.sensitivity import Levels, study_sensitivity
+from accelerated_evaluation.crash_map.severity import impact_speed_table, severity_table
 from accelerated_evaluation.crash_map.uncertainty import bootstrap_probabilities, uncertainty_budget
 from accelerated_evaluation.laws import Factors
 from accelerated_evaluation.laws.distributions import BoundedExponential

@@ -4,7 +4,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 import pytest
-from accelerated_evaluation.answer.map_tables import crash_shares
+from accelerated_evaluation.answer.crash_shares import crash_shares
 from accelerated_evaluation.scenarios import SCENARIOS
 
 PEDESTRIAN = replace(SCENARIOS["pedestrian"], divided_by=("pedestrian_speed_mps", (1.0, 3.0)))

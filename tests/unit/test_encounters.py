@@ -8,19 +8,16 @@ import pytest
 from accelerated_evaluation import SOURCES, InputError
 from accelerated_evaluation.base.sections import default_of, number
 from accelerated_evaluation.base.tables import read_csv
+from accelerated_evaluation.records.dependence import CONFIDENCE, dependence, similarity, tau_interval
 from accelerated_evaluation.records.ingest import Account, drop_invalid, ingest, opening_cut_ins
 from accelerated_evaluation.records.segments import (
     COLUMNS,
-    CONFIDENCE,
     NUMBERS,
     assign_segments,
     complete,
-    dependence,
     read_encounters,
     segment_counts,
     segment_names,
-    similarity,
-    tau_interval,
     write_encounters,
 )
 from accelerated_evaluation.records.sources import describe, read_source, source, spmd, table

@@ -2,7 +2,8 @@
 
 import numpy as np
 import pytest
-from accelerated_evaluation.answer.posterior import Posterior, Rate, exposure_table
+from accelerated_evaluation.answer.posterior import Posterior
+from accelerated_evaluation.answer.rates import Rate, exposure_table
 from scipy.stats import betaprime, gamma
 
 LEVELS = (0.025, 0.1, 0.5, 0.9, 0.975)

@@ -26,7 +26,7 @@ from accelerated_evaluation.answer.extrapolation import (
     rank_scores,
     speed_limits,
 )
-from accelerated_evaluation.answer.map_tables import dispersion, level_factors, near_miss_table
+from accelerated_evaluation.answer.near_misses import dispersion, level_factors, near_miss_table
 from accelerated_evaluation.crash_map.lines import CrashLines, divided_at
 from accelerated_evaluation.laws.smooth.conditional import Places
 from accelerated_evaluation.publishing.figures.coverage import fig37_extrapolation

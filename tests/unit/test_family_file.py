@@ -10,10 +10,11 @@ import numpy as np
 import pytest
 from accelerated_evaluation import InputError, LawStudy
 from accelerated_evaluation.answer import smooth_family as family_file
-from accelerated_evaluation.answer.smooth_family import SmoothFamily, fit_or_read, read_family, write_family
+from accelerated_evaluation.answer.family_file import fit_or_read, read_family, write_family
+from accelerated_evaluation.answer.smooth_family import SmoothFamily
 from accelerated_evaluation.base.extensions import VARIABLE
 from accelerated_evaluation.laws.smooth.family import DistinctRecords, members_at
-from accelerated_evaluation.laws.smooth.splines import SUPPORT
+from accelerated_evaluation.laws.smooth.support import SUPPORT
 
 SIZE = 800  # above the highest thresholds there are too few of them
 
@@ -57,7 +58,7 @@ def test_a_family_comes_back_equal(path, records, scored, tmp_path):
 
 HEADERS = """
 import numpy as np
-from accelerated_evaluation.answer.smooth_family import _header
+from accelerated_evaluation.answer.family_file import _header
 from accelerated_evaluation.base.extensions import load_known
 from accelerated_evaluation.laws.smooth.family import DistinctRecords
 

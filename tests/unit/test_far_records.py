@@ -4,10 +4,10 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
+from accelerated_evaluation.answer.choices import near_crashes
 from accelerated_evaluation.answer.far_records import EVERY_LAW, far_records_table
 from accelerated_evaluation.answer.law_study import LawStudy
 from accelerated_evaluation.answer.smooth_family import SmoothFamily
-from accelerated_evaluation.answer.variants import near_crashes
 from accelerated_evaluation.laws.smooth.conditional import Places
 from accelerated_evaluation.laws.smooth.family import DistinctRecords, FarRecords
 from mean_law import MEMBERS, SUPPORT, encounters_  # noqa: F401

@@ -20,7 +20,7 @@ from accelerated_evaluation.laws.smooth.far_tail import (
 )
 from accelerated_evaluation.laws.smooth.shapes import Generalised
 from accelerated_evaluation.laws.smooth.smooth_hazard import SmoothHazard
-from accelerated_evaluation.laws.smooth.splines import SUPPORT
+from accelerated_evaluation.laws.smooth.support import SUPPORT
 from scipy.special import logsumexp
 from scipy.stats import gamma, norm
 

@@ -20,11 +20,11 @@ from accelerated_evaluation.answer.likeliest_crashes import (
     traces_of,
     ways_to_crash,
 )
-from accelerated_evaluation.answer.replays import CLOSING_SPEEDS, FORESEEN, preventable
+from accelerated_evaluation.answer.preventable import CLOSING_SPEEDS, FORESEEN, preventable
 from accelerated_evaluation.answer.smooth_family import SmoothFamily
 from accelerated_evaluation.crash_map import lines as crash_lines
-from accelerated_evaluation.crash_map.checked import sample_crashes
 from accelerated_evaluation.crash_map.lines import CrashLines
+from accelerated_evaluation.crash_map.sampled import sample_crashes
 from accelerated_evaluation.laws.paper.models import recorded_lead_speeds
 from accelerated_evaluation.laws.smooth.conditional import Places
 from accelerated_evaluation.laws.smooth.dependent import DependentLaw

@@ -20,9 +20,11 @@ from accelerated_evaluation.answer.injuries.tables import (
     mean_risks,
     tabulated_risks,
 )
-from accelerated_evaluation.answer.posterior import Posterior, Rate
-from accelerated_evaluation.crash_map import lines as module
-from accelerated_evaluation.crash_map.lines import CrashLines, with_impacts
+from accelerated_evaluation.answer.posterior import Posterior
+from accelerated_evaluation.answer.rates import Rate
+from accelerated_evaluation.crash_map import impacts as module
+from accelerated_evaluation.crash_map.impacts import with_impacts
+from accelerated_evaluation.crash_map.lines import CrashLines
 from accelerated_evaluation.laws.smooth.conditional import Places
 from accelerated_evaluation.scenarios.cut_in import SPEED_LIMIT
 from accelerated_evaluation.vehicles.protocol import Outcomes

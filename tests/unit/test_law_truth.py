@@ -21,23 +21,22 @@ from accelerated_evaluation.answer.calibration import (
     strips,
     with_poisson_limits,
 )
+from accelerated_evaluation.answer.choices import choice_table
 from accelerated_evaluation.answer.comparison import is_resolved, vehicle_row, vehicle_table
+from accelerated_evaluation.answer.law_weights import bootstrapped_weights, mixture_scores, stacking_weights
 from accelerated_evaluation.answer.posterior import budget
 from accelerated_evaluation.answer.scores import (
     Fold,
     HeldOut,
-    bootstrapped_weights,
     censored_log_score,
     contiguous_blocks,
     contiguous_folds,
     forward_folds,
-    mixture_scores,
-    stacking_weights,
     threshold_weighted_crps,
     time_to_collision_boundary,
 )
 from accelerated_evaluation.answer.smooth_family import SmoothFamily
-from accelerated_evaluation.answer.variants import choice_table, quality_table
+from accelerated_evaluation.answer.variants import quality_table
 from accelerated_evaluation.crash_map.exact import ALL, exact_probabilities
 from accelerated_evaluation.crash_map.lines import CrashLines, crash_places
 from accelerated_evaluation.laws.paper.models import recorded_lead_speeds
@@ -46,7 +45,7 @@ from accelerated_evaluation.laws.smooth.dependent import DependentLaw
 from accelerated_evaluation.laws.smooth.family import Fitter, Member, members_at
 from accelerated_evaluation.laws.smooth.independent import IndependentTail
 from accelerated_evaluation.laws.smooth.shapes import Exponential
-from accelerated_evaluation.laws.smooth.splines import SUPPORT
+from accelerated_evaluation.laws.smooth.support import SUPPORT
 from accelerated_evaluation.laws.strata import VARIABLES
 from accelerated_evaluation.records.segments import complete
 from accelerated_evaluation.vehicles import AccAeb

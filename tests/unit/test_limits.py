@@ -9,7 +9,7 @@ import pytest
 from accelerated_evaluation import SOURCES, InputError, cli
 from accelerated_evaluation.answer import estimation as alone
 from accelerated_evaluation.laws.smooth.family import DistinctRecords, Fitter, members_at
-from accelerated_evaluation.laws.smooth.splines import Support
+from accelerated_evaluation.laws.smooth.support import Support
 from accelerated_evaluation.records.limits import (
     AUTO,
     AUTOMATIC,

@@ -7,8 +7,8 @@ import numpy as np
 import pandas as pd
 import pytest
 from accelerated_evaluation import InputError, cli, load_vehicle, write_law
-from accelerated_evaluation.answer.map_tables import Restricted
 from accelerated_evaluation.answer.published_verdicts import agreement, read_verdicts
+from accelerated_evaluation.answer.restricted import Restricted
 from accelerated_evaluation.scenarios.left_turn import LEFT_TURN
 from accelerated_evaluation.scenarios.record_table import read_scenario_records, records_account
 from normal_law import left_turn_law

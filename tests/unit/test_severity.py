@@ -5,13 +5,8 @@ import numpy as np
 import pytest
 from accelerated_evaluation import CUT_IN, Problem, map_crashes
 from accelerated_evaluation.crash_map.exact import ALL, exact_probabilities
-from accelerated_evaluation.crash_map.exact_variance import (
-    exact_variation,
-    impact_speed_table,
-    severity_table,
-    tail_decay,
-    variation_table,
-)
+from accelerated_evaluation.crash_map.exact_variance import exact_variation, tail_decay, variation_table
+from accelerated_evaluation.crash_map.severity import impact_speed_table, severity_table
 from accelerated_evaluation.laws import Factors
 from accelerated_evaluation.laws.distributions import BoundedExponential, BoundedNormal, PiecewiseMixture
 from accelerated_evaluation.methods.importance_sampling import Sample

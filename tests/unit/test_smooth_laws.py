@@ -11,7 +11,8 @@ from accelerated_evaluation.laws.smooth.excess import fit_excess, unit_informati
 from accelerated_evaluation.laws.smooth.family import DistinctRecords, Fitter, members_at
 from accelerated_evaluation.laws.smooth.shapes import SHAPES, Exponential, Generalised, TwoKinds
 from accelerated_evaluation.laws.smooth.smooth_hazard import Binned, Cumulative, fit_hazard
-from accelerated_evaluation.laws.smooth.splines import SUPPORT, Basis, Constant, Penalty, Support, Tensor
+from accelerated_evaluation.laws.smooth.splines import Basis, Constant, Penalty, Tensor
+from accelerated_evaluation.laws.smooth.support import SUPPORT, Support
 from scipy import stats
 
 SIZE = 12_000

@@ -6,7 +6,7 @@ import numpy as np
 import pandas as pd
 import pytest
 from accelerated_evaluation import Posterior, cli
-from accelerated_evaluation.answer.posterior import Rate
+from accelerated_evaluation.answer.rates import Rate
 from accelerated_evaluation.answer.total import SIZE, rate_values, total_table
 
 

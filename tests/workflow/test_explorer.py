@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 from accelerated_evaluation.answer.explored_cut_ins import CutInSections
 from accelerated_evaluation.crash_map.lines import CrashLines
-from accelerated_evaluation.laws.smooth.splines import Support
+from accelerated_evaluation.laws.smooth.support import Support
 from accelerated_evaluation.records.segments import read_encounters
 from accelerated_evaluation.vehicles.protocol import CRASH
 from test_browser import TOO_WIDE, Watch, pytestmark, watch  # noqa: F401

@@ -11,7 +11,7 @@ from pathlib import Path
 
 from accelerated_evaluation.base.errors import StudyError
 from accelerated_evaluation.base.files import content_digest
-from accelerated_evaluation.laws.smooth.splines import Support
+from accelerated_evaluation.laws.smooth.support import Support
 from accelerated_evaluation.methods import METHODS, configured_stopping
 from accelerated_evaluation.records.segments import segment_names
 from accelerated_evaluation.scenarios import SCENARIOS

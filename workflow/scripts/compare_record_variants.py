@@ -3,10 +3,11 @@
 from functools import partial
 
 from accelerated_evaluation.answer.by_map import thinned_lines
+from accelerated_evaluation.answer.choices import choice_table
 from accelerated_evaluation.answer.far_records import far_records_table
 from accelerated_evaluation.answer.fitted_records import stored_records
 from accelerated_evaluation.answer.law_study import LawStudy
-from accelerated_evaluation.answer.variants import choice_table, quality_table, record_variants
+from accelerated_evaluation.answer.variants import quality_table, record_variants
 from accelerated_evaluation.base.files import write_csv
 from accelerated_evaluation.base.randomness import child_generator
 from accelerated_evaluation.crash_map.lines import CrashLines

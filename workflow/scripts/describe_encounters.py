@@ -2,7 +2,8 @@
 
 import pandas as pd
 from accelerated_evaluation.base.files import write_csv
-from accelerated_evaluation.records.segments import dependence, segment_counts, similarity
+from accelerated_evaluation.records.dependence import dependence, similarity
+from accelerated_evaluation.records.segments import segment_counts
 from accelerated_evaluation.study.jobs import job
 
 if __name__ == "__main__":

@@ -1,8 +1,9 @@
 """Fit the family of laws with dependence to the records, and score each law on held-out records."""
 
-from accelerated_evaluation.answer.smooth_family import SmoothFamily, write_family
+from accelerated_evaluation.answer.family_file import write_family
+from accelerated_evaluation.answer.smooth_family import SmoothFamily
 from accelerated_evaluation.laws.smooth.family import DistinctRecords
-from accelerated_evaluation.laws.smooth.splines import Support
+from accelerated_evaluation.laws.smooth.support import Support
 from accelerated_evaluation.records.segments import read_encounters
 from accelerated_evaluation.study.jobs import job
 

@@ -16,8 +16,10 @@ from scipy.stats import gamma
 from accelerated_evaluation.answer.comparison import posterior_of
 from accelerated_evaluation.answer.counted_crashes import HUNDRED_CAR_MILES, KILOMETRES_PER_MILE
 from accelerated_evaluation.answer.criterion import CONFIDENCE
-from accelerated_evaluation.answer.lead_motion import FEWEST, NONE
-from accelerated_evaluation.answer.posterior import SUMMARY, UNITS, Posterior, Rate, summarise
+from accelerated_evaluation.answer.lead_motion import FEWEST
+from accelerated_evaluation.answer.moving_problem import NONE
+from accelerated_evaluation.answer.posterior import SUMMARY, Posterior, summarise
+from accelerated_evaluation.answer.rates import UNITS, Rate
 from accelerated_evaluation.answer.total import SIZE, rate_values
 from accelerated_evaluation.base.arrays import Array
 

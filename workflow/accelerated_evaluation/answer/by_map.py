@@ -11,9 +11,10 @@ from accelerated_evaluation.answer.extrapolation import speed_limits
 from accelerated_evaluation.answer.posterior import Posterior
 from accelerated_evaluation.base.arguments import Argument, checked, one_of
 from accelerated_evaluation.base.arrays import Array
-from accelerated_evaluation.crash_map.checked import sample_crashes
-from accelerated_evaluation.crash_map.lines import CrashLines, crash_places, divided_at, with_impacts
+from accelerated_evaluation.crash_map.impacts import with_impacts
+from accelerated_evaluation.crash_map.lines import CrashLines, crash_places, divided_at
 from accelerated_evaluation.crash_map.maps import CrashMap
+from accelerated_evaluation.crash_map.sampled import sample_crashes
 from accelerated_evaluation.laws.draws import Draws
 from accelerated_evaluation.methods.problem import Problem
 from accelerated_evaluation.scenarios.cut_in import CUT_IN

@@ -33,6 +33,7 @@ BATCHES = 16  # number of independent batches of lines
 TINY = 1e-12  # smallest distance of a quasi-random number from 0 and 1
 CHANGE = "Use Simulations, or FewRuns for a slow vehicle."  # what to do where nothing can be scanned
 SMALLEST = 1e-3  # lower bound of the estimate of a draw, as a share of the mean
+NAMES = ("line", "start", "end")
 
 
 @dataclass(frozen=True)
@@ -122,9 +123,6 @@ class Scan:
             event: Stretches(*(np.concatenate([getattr(part, name) for part in found]) for name in NAMES))
             for event, found in parts.items()
         }
-
-
-NAMES = ("line", "start", "end")
 
 
 def exact_probability(problem: Problem, generator: np.random.Generator) -> tuple[float, float]:

@@ -16,7 +16,7 @@ from accelerated_evaluation.answer.scores import Fold, GivenLaw, HeldOut, contig
 from accelerated_evaluation.base.arrays import Array
 from accelerated_evaluation.laws.smooth.conditional import Places
 from accelerated_evaluation.laws.smooth.family import DistinctRecords
-from accelerated_evaluation.laws.smooth.splines import SUPPORT, Support
+from accelerated_evaluation.laws.smooth.support import SUPPORT, Support
 
 LIMITS = (0.05, 0.95)
 # Cells of range and closing speed: for each interval of the range [m] the lower ends of the cells [m/s]. The

@@ -15,7 +15,8 @@ import pandas as pd
 from accelerated_evaluation.answer.comparison import ratios
 from accelerated_evaluation.answer.extrapolation import ALL, RECORDED, exact_interval
 from accelerated_evaluation.answer.injuries.curves import LEVELS
-from accelerated_evaluation.answer.posterior import UNITS, Posterior, Rate
+from accelerated_evaluation.answer.posterior import Posterior
+from accelerated_evaluation.answer.rates import UNITS, Rate
 from accelerated_evaluation.base.arrays import Array
 from accelerated_evaluation.base.errors import InputError
 from accelerated_evaluation.base.percent import in_percent

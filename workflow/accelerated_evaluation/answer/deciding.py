@@ -24,7 +24,8 @@ from accelerated_evaluation.answer.criterion import (
     criterion_in_words,
     judge,
 )
-from accelerated_evaluation.answer.posterior import JEFFREYS, UNITS, Posterior, log_variances
+from accelerated_evaluation.answer.posterior import Posterior, log_variances
+from accelerated_evaluation.answer.rates import JEFFREYS, UNITS
 from accelerated_evaluation.base.arrays import Array
 
 ASSURANCE = 0.8  # probability that the criterion is decided, one way or the other, by what the table promises

@@ -10,7 +10,8 @@ from accelerated_evaluation.answer.by_few_runs import crashes_table
 from accelerated_evaluation.answer.comparison import draws_table
 from accelerated_evaluation.answer.extrapolation import extrapolation
 from accelerated_evaluation.answer.fitted_records import FittedRecords
-from accelerated_evaluation.answer.posterior import Posterior, exposure_table
+from accelerated_evaluation.answer.posterior import Posterior
+from accelerated_evaluation.answer.rates import exposure_table
 
 RATE_DRAWS = 1000  # number of equally likely values of a probability from which rates are computed
 

@@ -14,7 +14,7 @@ from accelerated_evaluation.base.errors import InputError
 from accelerated_evaluation.base.tables import read_parquet, write_parquet
 from accelerated_evaluation.laws import Box
 from accelerated_evaluation.laws.smooth.family import DistinctRecords
-from accelerated_evaluation.laws.smooth.splines import Support
+from accelerated_evaluation.laws.smooth.support import Support
 from accelerated_evaluation.records.checks import Records
 from accelerated_evaluation.records.named import NamedRecords
 from accelerated_evaluation.records.segments import read_encounters, write_encounters

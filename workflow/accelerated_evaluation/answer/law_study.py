@@ -14,10 +14,11 @@ from fewruns.problems import Response
 from numpy.typing import NDArray
 
 from accelerated_evaluation.answer.cut_in_family import added_candidates, added_family
+from accelerated_evaluation.answer.family_file import fit_or_read
 from accelerated_evaluation.answer.fitted_records import FittedRecords
 from accelerated_evaluation.answer.joint_family import JointFamily, Respond
-from accelerated_evaluation.answer.scores import bootstrapped_weights
-from accelerated_evaluation.answer.smooth_family import SmoothFamily, fit_or_read
+from accelerated_evaluation.answer.law_weights import bootstrapped_weights
+from accelerated_evaluation.answer.smooth_family import SmoothFamily
 from accelerated_evaluation.base.arguments import A_GENERATOR, Argument, a_number, checked, one_of
 from accelerated_evaluation.base.arrays import Array
 from accelerated_evaluation.base.randomness import child_generator

@@ -9,11 +9,10 @@ from numpy.linalg import LinAlgError
 from tqdm import tqdm
 
 from accelerated_evaluation.answer.law_study import LawStudy
+from accelerated_evaluation.answer.law_weights import mixture_scores, stacking_weights
 from accelerated_evaluation.answer.scores import (
     FittedLaw,
     HeldOut,
-    mixture_scores,
-    stacking_weights,
     threshold_weighted_crps,
     time_to_collision_boundary,
 )

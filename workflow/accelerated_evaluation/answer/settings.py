@@ -12,7 +12,7 @@ from accelerated_evaluation.answer.choice import LawSettings
 from accelerated_evaluation.base.randomness import child_generator
 from accelerated_evaluation.crash_map.maps import Grid
 from accelerated_evaluation.laws import FitSettings
-from accelerated_evaluation.laws.smooth.splines import Support
+from accelerated_evaluation.laws.smooth.support import Support
 from accelerated_evaluation.methods import Stopping
 from accelerated_evaluation.methods.surrogate import Surrogate
 from accelerated_evaluation.records.named import NamedRecords

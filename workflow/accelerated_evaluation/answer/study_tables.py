@@ -18,6 +18,7 @@ from accelerated_evaluation.answer.comparison import (
     vehicle_row,
     vehicle_table,
 )
+from accelerated_evaluation.answer.crash_shares import crash_shares
 from accelerated_evaluation.answer.criterion import Criterion
 from accelerated_evaluation.answer.deciding import criteria_tables
 from accelerated_evaluation.answer.estimate_tables import estimate_tables, exposure_of
@@ -33,14 +34,9 @@ from accelerated_evaluation.answer.injuries.tables import (
     tabulated_risks,
 )
 from accelerated_evaluation.answer.law_study import LawStudy
-from accelerated_evaluation.answer.map_tables import (
-    MapTables,
-    calibration_table,
-    crash_shares,
-    fold_calibration,
-    restricted,
-)
+from accelerated_evaluation.answer.map_tables import MapTables, calibration_table, fold_calibration
 from accelerated_evaluation.answer.posterior import Posterior
+from accelerated_evaluation.answer.restricted import restricted
 from accelerated_evaluation.answer.variants import Streams
 from accelerated_evaluation.base.arrays import Array
 from accelerated_evaluation.base.errors import InputError

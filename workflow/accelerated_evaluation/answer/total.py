@@ -6,7 +6,8 @@ import numpy as np
 import pandas as pd
 
 from accelerated_evaluation.answer.criterion import CONFIDENCE
-from accelerated_evaluation.answer.posterior import Posterior, Rate, summarise
+from accelerated_evaluation.answer.posterior import Posterior, summarise
+from accelerated_evaluation.answer.rates import Rate
 from accelerated_evaluation.base.arrays import Array
 
 SIZE = 20_000  # number of equally likely values of each rate

@@ -19,6 +19,13 @@ CLUSTER = "cluster"  # column of records that names the driver or device that ma
 SHOWN = 5  # number of column names that a message shows
 MOST_COLUMNS = 10_000  # limit for tables that are read; pandas takes a minute for ten times as many columns
 LONGEST, LONGEST_REASON = 40, 300  # characters shown of a name, and of the message of another library
+# Patterns of unreadable numbers, by how to write them. A comma before three digits may have two meanings.
+FAULTS = {
+    "without thousands separators": r"[-+]?\d{1,3}([,.' \u00a0\u202f]\d{3})+([,.]\d*)?",
+    "with a point in place of a decimal comma": r"[-+]?[\d.' \u00a0\u202f]*,\d+([eE][-+]?\d+)?",
+    "without their units": r"[-+]?\d+([,.]\d*)?\s*[^\W\d_].*",
+}
+DATE = re.compile(r"\d{1,4}([-/.])\d{1,2}\1\d{1,4}.*")
 
 
 def require_file(path: str | os.PathLike, change: str) -> None:
@@ -50,15 +57,6 @@ def is_number(cell: str) -> bool:
     except ValueError:
         return False
     return True
-
-
-# Patterns of unreadable numbers, by how to write them. A comma before three digits may have two meanings.
-FAULTS = {
-    "without thousands separators": r"[-+]?\d{1,3}([,.' \u00a0\u202f]\d{3})+([,.]\d*)?",
-    "with a point in place of a decimal comma": r"[-+]?[\d.' \u00a0\u202f]*,\d+([eE][-+]?\d+)?",
-    "without their units": r"[-+]?\d+([,.]\d*)?\s*[^\W\d_].*",
-}
-DATE = re.compile(r"\d{1,4}([-/.])\d{1,2}\1\d{1,4}.*")
 
 
 def is_empty(cell: object) -> bool:

@@ -326,8 +326,9 @@ def _tell(arguments: argparse.Namespace) -> None:
 
 
 def _status(arguments: argparse.Namespace) -> None:
-    from accelerated_evaluation.track.campaign_file import law_of, read_campaign, read_draws, whole_in_words
+    from accelerated_evaluation.track.campaign_file import law_of, read_campaign
     from accelerated_evaluation.track.results import status_in_words, status_of
+    from accelerated_evaluation.track.under_draws import read_draws, whole_in_words
 
     campaign = read_campaign(arguments.campaign)
     draws = None if arguments.under is None else read_draws(arguments.under, campaign)

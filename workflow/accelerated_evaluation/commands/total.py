@@ -56,7 +56,7 @@ class Total:
 
         from accelerated_evaluation.answer.comparison import posterior_of
         from accelerated_evaluation.answer.criterion import criterion_in_words, verdict_of
-        from accelerated_evaluation.answer.posterior import UNITS, Rate
+        from accelerated_evaluation.answer.rates import UNITS, Rate
         from accelerated_evaluation.answer.total import TOTAL, rate_values, total_table
         from accelerated_evaluation.base.files import read_json, write_csv
         from accelerated_evaluation.base.randomness import child_generator

@@ -22,7 +22,7 @@ from accelerated_evaluation.laws import LAWS, nested_content, nested_law
 from accelerated_evaluation.laws.joint.truncated_normals import TruncatedNormalMixture
 from accelerated_evaluation.laws.mixed import MixedLaws
 from accelerated_evaluation.laws.protocol import Box, Law
-from accelerated_evaluation.laws.smooth.splines import Support
+from accelerated_evaluation.laws.smooth.support import Support
 
 COMPONENTS = 8  # number of components of the mixture that approximates the mean of the draws
 POINTS = 8_000  # number of points to which this mixture is fitted

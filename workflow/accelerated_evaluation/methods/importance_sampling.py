@@ -14,6 +14,11 @@ from accelerated_evaluation.laws import Factors, StratifiedLaw
 from accelerated_evaluation.methods import Estimate, Stopping, normal_reach
 from accelerated_evaluation.methods.problem import Problem
 
+# Numbers of draws, without simulation, by which `limit_without_event` computes an upper limit.
+UNSEEN_DRAWS = 100  # expected draws from f* in the worst set, whose probability is the limit
+MAXIMUM_DRAWS = 2_000_000  # largest number of draws from f*
+LAW_DRAWS = 200_000  # draws from f
+
 
 @dataclass(frozen=True)
 class Sample:
@@ -55,12 +60,6 @@ class Sample:
 def _joined(one: Any, two: Any, skip: str = "") -> dict[str, Array]:  # noqa: ANN401
     names = [field.name for field in fields(one) if field.name != skip]
     return {name: np.concatenate([getattr(one, name), getattr(two, name)]) for name in names}
-
-
-# Numbers of draws, without simulation, by which `limit_without_event` computes an upper limit.
-UNSEEN_DRAWS = 100  # expected draws from f* in the worst set, whose probability is the limit
-MAXIMUM_DRAWS = 2_000_000  # largest number of draws from f*
-LAW_DRAWS = 200_000  # draws from f
 
 
 def draw_weights(

@@ -25,6 +25,9 @@ from accelerated_evaluation.records.checks import (
 from accelerated_evaluation.records.segments import NUMBERS
 
 WIDTH = 100
+FLAG = "--accept"
+KEY = "data.accepted_warnings"
+IN_FULL = ("known records",)  # warnings that say which fault is likely, and what would change without it
 
 
 def read_report(path: str | os.PathLike) -> pd.DataFrame:
@@ -66,11 +69,6 @@ def summary(report: pd.DataFrame) -> str:
         f"{len(report)} checks of the records: {counts}. STOP: {', '.join(stops)}. "
         "No result of these records can be trusted before this is explained."
     )
-
-
-FLAG = "--accept"
-KEY = "data.accepted_warnings"
-IN_FULL = ("known records",)  # warnings that say which fault is likely, and what would change without it
 
 
 @dataclass(frozen=True)

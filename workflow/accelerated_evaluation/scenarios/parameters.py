@@ -16,6 +16,12 @@ from accelerated_evaluation.base.compiling import cached_njit
 from accelerated_evaluation.base.errors import InputError
 from accelerated_evaluation.scenarios.protocol import Scenario
 
+LARGEST_MULTIPLE = 100  # largest value of a parameter as a multiple of its published value
+# Smallest number of encounters for a thread, which take about 5 ms. For smaller slices, starting a further
+# thread takes longer than it saves.
+SLICE_FOR_A_THREAD = 16_384
+compiled = cached_njit(error_model="numpy", nogil=True)
+
 
 def parameter_names(vehicle_class: type) -> list[str]:
     """Return the names of the parameters of a built-in vehicle: the init fields of its dataclass."""
@@ -34,9 +40,6 @@ def zero_or_more(default: float) -> Any:  # noqa: ANN401
     A parameter with a plain number as default must be positive.
     """
     return field(default=default, metadata={"least": 0.0})
-
-
-LARGEST_MULTIPLE = 100  # largest value of a parameter as a multiple of its published value
 
 
 def check_number(
@@ -105,14 +108,6 @@ class AccAebParameters:
             if each.type is float or (each.name == "aeb_ttc" and value is not None):
                 least = -math.inf if each.name in ("kp", "ki") else None
                 check_number(each.name, value, least=least, published=each.default)
-
-
-# Smallest number of encounters for a thread, which take about 5 ms. For smaller slices, starting a further
-# thread takes longer than it saves.
-SLICE_FOR_A_THREAD = 16_384
-
-
-compiled = cached_njit(error_model="numpy", nogil=True)
 
 
 def simulate_in_slices(

@@ -340,7 +340,7 @@ class Scenario:
         points of a law, shape (n, d), and returns whether each point is in the subset, shape (n,).
     divided_by
         Name of a variable, and limits of its absolute value by which crashes are divided into groups; see
-        `answer.map_tables.crash_shares`. It is used if crashes at small values are artefacts of the
+        `answer.crash_shares`. It is used if crashes at small values are artefacts of the
         simulation; otherwise None.
     to_inputs
         Function that maps points of a law, shape (n, d), to the inputs of a vehicle, in the order of the

@@ -34,6 +34,7 @@ FLAGS = {
 # of the variable; it allows for the rounding of a spreadsheet. A run that differs more has to be driven
 # again.
 TOLERANCE = 0.01
+MOST_BATCHES = 10_000  # largest number of further batches that a forecast considers
 
 
 def read_results(path: str | os.PathLike, campaign: Campaign) -> dict[int, DrivenOutcome]:
@@ -161,9 +162,6 @@ def write_table(path: str | os.PathLike, runs: Iterable[Run], scenario: Scenario
         # A sum of rounded numbers can have further digits, such as 15.700000000000001.
         rows.append({"run": run.number, **{name: round(value, 9) for name, value in columns.items()}})
     write_csv(path, pd.DataFrame(rows).reindex(columns=[*rows[0], "crash", *scenario.measured, "note"]))
-
-
-MOST_BATCHES = 10_000  # largest number of further batches that a forecast considers
 
 
 @dataclass(frozen=True)

@@ -17,15 +17,8 @@ from scipy.special import expit, ndtri
 from accelerated_evaluation.answer.comparison import RATIO
 from accelerated_evaluation.answer.injuries.curves import FRONTAL, LEVELS, REAR, RiskCurve
 from accelerated_evaluation.answer.injuries.sources import SOURCES, published_curves
-from accelerated_evaluation.answer.posterior import (
-    SUMMARY,
-    UNITS,
-    Posterior,
-    Rate,
-    log_variances,
-    shares,
-    summarise,
-)
+from accelerated_evaluation.answer.posterior import SUMMARY, Posterior, log_variances, shares, summarise
+from accelerated_evaluation.answer.rates import UNITS, Rate
 from accelerated_evaluation.base.arrays import Array
 
 # 5 and 95 % of the cars sold in the United States in 2017 are lighter than this [lb] (Stolle and others 2020,
@@ -36,6 +29,9 @@ SPEEDS = np.linspace(0, 80, 1601)  # [m/s], impact speeds at which risks are tab
 GENTLE = 3.0  # [m/s], at smaller impact speeds hardly any car is towed, so the curves are extrapolated
 
 Key = tuple[str, str, str]  # level of injury, struck end of the car, source of the curve
+PER_ENCOUNTER = "cut-in"
+DISTANCES = 1e6  # rates are given per million kilometres or million hours
+COLUMNS = ["vehicle", "level", "per", "mean", *SUMMARY[1:], "per_crash", "in_own_car", "gentle"]
 
 
 @dataclass(frozen=True)
@@ -101,11 +97,6 @@ def tabulated_risks() -> dict[Key, Array]:
 def gentle(level: str) -> str:
     """Return the name under which the risk of a level of injury in impacts below `GENTLE` is stored."""
     return f"{level}, gentle"
-
-
-PER_ENCOUNTER = "cut-in"
-DISTANCES = 1e6  # rates are given per million kilometres or million hours
-COLUMNS = ["vehicle", "level", "per", "mean", *SUMMARY[1:], "per_crash", "in_own_car", "gentle"]
 
 
 @dataclass(frozen=True)

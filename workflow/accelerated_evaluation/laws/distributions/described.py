@@ -14,6 +14,8 @@ from numpy.typing import ArrayLike
 from accelerated_evaluation.base.arrays import Array
 from accelerated_evaluation.base.registry import Registry
 
+INFINITE = {"lower": -math.inf, "upper": math.inf}
+
 
 @runtime_checkable
 class Distribution(Protocol):
@@ -68,9 +70,6 @@ class Tiltable(Distribution, Protocol):
 
     def tilt(self, theta: float) -> Self:
         """Return the exponentially tilted distribution, with density exp(theta x - kappa(theta)) f(x)."""
-
-
-INFINITE = {"lower": -math.inf, "upper": math.inf}
 
 
 @dataclass(frozen=True)

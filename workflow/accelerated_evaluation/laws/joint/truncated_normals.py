@@ -26,7 +26,7 @@ from accelerated_evaluation.laws.joint.expectation_maximisation import (
 )
 from accelerated_evaluation.laws.joint.truncated import Normals, shares_of_one, symmetric
 from accelerated_evaluation.laws.protocol import Box
-from accelerated_evaluation.laws.smooth.draws import solve
+from accelerated_evaluation.laws.smooth.mixtures import solve
 
 COMPONENTS = 4
 TABLE_STEP = 0.25  # distance of nodes in the table of the first variable, in standard deviations

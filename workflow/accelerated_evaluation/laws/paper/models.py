@@ -35,6 +35,8 @@ from accelerated_evaluation.laws.protocol import Box
 from accelerated_evaluation.laws.strata import Factors, StratifiedLaw, Stratum
 
 UNITS = {"inverse_range": "1/m", "inverse_ttc": "1/s"}
+PIECEWISE = {"two_pieces": 2, "three_pieces": 3}  # piecewise laws: name, and number of pieces of R^-1
+PAPER_LAWS = (*PIECEWISE, "single")
 
 
 @dataclass(frozen=True)
@@ -153,10 +155,6 @@ def recorded_lead_speeds(encounters: pd.DataFrame, segments: Mapping[str, Any]) 
     if missing:
         raise ValueError(f"the encounter table has no rows in segment {', '.join(missing)}")
     return {segment: Empirical(speeds.get_group(segment)) for segment in segments}
-
-
-PIECEWISE = {"two_pieces": 2, "three_pieces": 3}  # piecewise laws: name, and number of pieces of R^-1
-PAPER_LAWS = (*PIECEWISE, "single")
 
 
 def choose_knots(

@@ -13,6 +13,8 @@ from accelerated_evaluation.base.arrays import Array
 from accelerated_evaluation.base.errors import ConvergenceError, InputError
 from accelerated_evaluation.laws.distributions import DISTRIBUTIONS, Described, PiecewiseMixture
 
+MINIMUM_SHARE = 0.005  # of the sample, in each piece between knots of a profile likelihood
+
 
 @dataclass(frozen=True)
 class PieceFamily:
@@ -57,7 +59,6 @@ class PieceFamily:
 
 
 EXPONENTIAL = PieceFamily("bounded exponential")
-MINIMUM_SHARE = 0.005  # of the sample, in each piece between knots of a profile likelihood
 
 
 def piece_kinds() -> list[str]:

@@ -24,7 +24,8 @@ from accelerated_evaluation.base.arrays import Array, numbers_in
 from accelerated_evaluation.laws.smooth.excess import Excess
 from accelerated_evaluation.laws.smooth.far_tail import FarTail, Layers
 from accelerated_evaluation.laws.smooth.smooth_hazard import Cumulative, HazardGrid, SmoothHazard
-from accelerated_evaluation.laws.smooth.splines import SUPPORT, Basis, Constant, Support
+from accelerated_evaluation.laws.smooth.splines import Basis, Constant
+from accelerated_evaluation.laws.smooth.support import SUPPORT, Support
 
 SPEED_BINS = (30, 24)  # numbers of bins of the lead speed and of the square root of the range
 SPEED_STEP = 0.5  # [m/s], width of the bins of the closing speed

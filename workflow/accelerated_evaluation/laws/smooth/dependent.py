@@ -24,7 +24,7 @@ from accelerated_evaluation.laws.smooth.segments import (
     recorded_segments,
 )
 from accelerated_evaluation.laws.smooth.smooth_hazard import SmoothHazard
-from accelerated_evaluation.laws.smooth.splines import SUPPORT, Support
+from accelerated_evaluation.laws.smooth.support import SUPPORT, Support
 
 PLACES_AT_ONCE = 50_000  # limits the memory to about 100 MB
 

@@ -24,12 +24,14 @@ from accelerated_evaluation.laws.smooth.excess import Excess, fit_excess
 from accelerated_evaluation.laws.smooth.far_tail import FarPosterior, FarPrior, FarTail, levels_of
 from accelerated_evaluation.laws.smooth.shapes import SHAPES
 from accelerated_evaluation.laws.smooth.smooth_hazard import Binned, HazardGrid, SmoothHazard, fit_hazard
-from accelerated_evaluation.laws.smooth.splines import SUPPORT, Support
+from accelerated_evaluation.laws.smooth.support import SUPPORT, Support
 
 # Cumulative hazard below the first level of a far tail, from which on records are kept. Draws of a law move
 # hardly any record farther than this.
 MARGIN = 1.5
 FAR_PRIOR = FarPrior()
+LEVELS = (0.9, 0.925, 0.95, 0.97, 0.98, 0.99, 0.995)  # probabilities of closing speeds below the thresholds
+FEWEST = 10  # least number of records above a threshold for which tails are fitted
 
 
 @dataclass(frozen=True)
@@ -62,10 +64,6 @@ class FarRecords:
     def only(self, chosen: Array) -> Self:
         """Return the records that a mask selects; the levels stay those of all records."""
         return replace(self, places=self.places.only(chosen), closing_speed=self.closing_speed[chosen])
-
-
-LEVELS = (0.9, 0.925, 0.95, 0.97, 0.98, 0.99, 0.995)  # probabilities of closing speeds below the thresholds
-FEWEST = 10  # least number of records above a threshold for which tails are fitted
 
 
 @dataclass(frozen=True)

@@ -28,16 +28,10 @@ from accelerated_evaluation.laws.draws import Draws
 from accelerated_evaluation.laws.paper.models import recorded_lead_speeds
 from accelerated_evaluation.laws.protocol import Box, Law
 from accelerated_evaluation.laws.smooth.conditional import Places, SpeedLaw, Threshold, range_grid, speed_grid
-from accelerated_evaluation.laws.smooth.draws import (
-    TOLERANCE,
-    RangeMixture,
-    SmoothDraws,
-    SpeedsAt,
-    mixed,
-    solve,
-)
+from accelerated_evaluation.laws.smooth.draws import SmoothDraws, SpeedsAt
 from accelerated_evaluation.laws.smooth.excess import Excess
 from accelerated_evaluation.laws.smooth.far_tail import FarTail
+from accelerated_evaluation.laws.smooth.mixtures import TOLERANCE, RangeMixture, mixed, solve
 from accelerated_evaluation.laws.smooth.segments import (
     SmoothLaw,
     SmoothStratum,
@@ -45,7 +39,7 @@ from accelerated_evaluation.laws.smooth.segments import (
     recorded_segments,
 )
 from accelerated_evaluation.laws.smooth.smooth_hazard import SmoothHazard
-from accelerated_evaluation.laws.smooth.splines import Support
+from accelerated_evaluation.laws.smooth.support import Support
 
 FAR_TAIL = (
     "far tail"  # name of the factors of the hazard where only a few records are, as a source of uncertainty

@@ -19,7 +19,7 @@ from accelerated_evaluation.base.arrays import Array
 from accelerated_evaluation.laws.distributions import BoundedExponential, Empirical, PiecewiseMixture
 from accelerated_evaluation.laws.paper.models import recorded_lead_speeds
 from accelerated_evaluation.laws.smooth.conditional import Places
-from accelerated_evaluation.laws.smooth.splines import Support
+from accelerated_evaluation.laws.smooth.support import Support
 from accelerated_evaluation.laws.strata import Factors, StratifiedLaw, Stratum
 
 COORDINATES = Factors(BoundedExponential(1.0), BoundedExponential(1.0))

@@ -23,7 +23,7 @@ from accelerated_evaluation.answer.explored import (
     log_ratios,
     refinements,
 )
-from accelerated_evaluation.answer.posterior import Rate
+from accelerated_evaluation.answer.rates import Rate
 from accelerated_evaluation.answer.study_tables import WHOLE
 from accelerated_evaluation.base.arrays import Array
 from accelerated_evaluation.base.errors import StudyError

@@ -27,6 +27,7 @@ NODES, WEIGHTS = np.polynomial.legendre.leggauss(16)  # exact to a micrometre fo
 
 Lane = tuple[str, int, int]  # road, section of the road (counted from 0; -1 is the last), and lane
 Connections = dict[tuple[str, str, int], list[Lane]]  # by junction, incoming road and lane of this road
+MAP_TOPICS = ["/ground_truth_map", "ground_truth_map"]  # channels of a map in a trace of omega-prime
 
 
 def lanes_of_map(text: str | bytes, where: str) -> list[Piece]:
@@ -174,9 +175,6 @@ def _cubic(parts: list[Element], key: str, s: Array) -> Array:
             at, [float(part.attrib[power]) for power in "abcd"]
         )
     return values
-
-
-MAP_TOPICS = ["/ground_truth_map", "ground_truth_map"]  # channels of a map in a trace of omega-prime
 
 
 class TraceLanes:

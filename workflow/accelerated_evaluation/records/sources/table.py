@@ -23,6 +23,14 @@ UNITS = {
     "range_rate": {"range_rate": SPEED},
     "ttc": {"ttc": TIME, "inverse_ttc": INVERSE_TIME},
 }
+TINY = 1e-9  # relative size of rounding errors
+CLOSING = ("closing_speed", "range_rate", "ttc")
+QUANTITY = choice(
+    "closing_speed",
+    CLOSING,
+    "Quantity in this column: closing speed, range rate (negative when closing) or TTC (eq. 1).",
+)
+LEAD_SPEED = "lead_speed"  # default name of the column of the lead speed
 
 
 def _column(
@@ -34,14 +42,6 @@ def _column(
     return {"name": text(name, name_of, **kind), "unit": choice(unit, dict.fromkeys(units), unit_of)}
 
 
-TINY = 1e-9  # relative size of rounding errors
-CLOSING = ("closing_speed", "range_rate", "ttc")
-QUANTITY = choice(
-    "closing_speed",
-    CLOSING,
-    "Quantity in this column: closing speed, range rate (negative when closing) or TTC (eq. 1).",
-)
-LEAD_SPEED = "lead_speed"  # default name of the column of the lead speed
 COLUMNS = section(
     lead_speed=section(
         **_column(LEAD_SPEED, "m/s", "Column of the lead speed v_L.", "Its unit.", ["lead_speed"])

@@ -24,6 +24,9 @@ from accelerated_evaluation.scenarios.parameters import compiled
 # - SWERVE, SWERVE_WIDTH: lateral acceleration of a swerve [m/s^2], 0 for a driver who does not swerve, and
 #   lateral displacement of the swerve [m].
 TRAITS = RESPONSE, NOTICE, DURATION, BRAKING, JERK, SWERVE, SWERVE_WIDTH = range(7)
+STEP = 0.1  # [s], as for the other vehicles
+STEPS = 348  # number of steps, for 34.8 s as for the reference drivers
+ENOUGH = 1e-9  # [m/s^2], tolerance with which a deceleration is regarded as the needed one
 
 
 class HumanNumbers(NamedTuple):
@@ -39,11 +42,6 @@ class HumanNumbers(NamedTuple):
     margin: float
     hard_braking: float
     delay: float
-
-
-STEP = 0.1  # [s], as for the other vehicles
-STEPS = 348  # number of steps, for 34.8 s as for the reference drivers
-ENOUGH = 1e-9  # [m/s^2], tolerance with which a deceleration is regarded as the needed one
 
 
 @compiled

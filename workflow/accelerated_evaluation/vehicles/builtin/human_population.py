@@ -51,6 +51,7 @@ SWERVED, STRUCK = 23, 70
 SWERVE_MEAN, SWERVE_DEVIATION, SWERVE_LEAST = 0.44 * G, 0.14 * G, 0.05 * G
 # Drivers above 25 steered by 2 feet, younger ones by more than 6 (Muttart 2015, SAE 2015-01-1417, abstract).
 SWERVE_RANGE = (0.61, 1.83)  # [m]
+DURATION_SHAPE = float(np.sqrt(np.log1p(LANE_CHANGE_VARIATION**2)))
 
 
 @dataclass(frozen=True)
@@ -132,9 +133,6 @@ class Population:
     @property
     def _log_duration(self) -> Array:
         return np.log(self.lane_change) - DURATION_SHAPE**2 / 2
-
-
-DURATION_SHAPE = float(np.sqrt(np.log1p(LANE_CHANGE_VARIATION**2)))
 
 
 def _normal_density(x: Array, mean: Array, deviation: Array | float) -> Array:

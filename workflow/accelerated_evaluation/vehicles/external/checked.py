@@ -19,6 +19,8 @@ from accelerated_evaluation.vehicles.moving import checked_lead_speeds, require_
 from accelerated_evaluation.vehicles.protocol import Vehicle, checked_outcomes, outcome_error, repeats_itself
 
 BATCH_TIME_LIMIT = 600.0  # [s], default of the longest time for a batch
+REPEATED = 4  # number of encounters of the first batch that are simulated again, each twice
+TOLERANCE = 1e-5  # tolerance for repeated outcomes of an encounter, because rounding may depend on the batch
 
 
 class ForeignVehicle(ABC):
@@ -40,10 +42,6 @@ class ForeignVehicle(ABC):
     @abstractmethod
     def simulate(self, *columns: ArrayLike) -> Any:  # noqa: ANN401
         """Return the outcomes of n encounters, given the scenario's variables, each of shape (n,)."""
-
-
-REPEATED = 4  # number of encounters of the first batch that are simulated again, each twice
-TOLERANCE = 1e-5  # tolerance for repeated outcomes of an encounter, because rounding may depend on the batch
 
 
 @dataclass

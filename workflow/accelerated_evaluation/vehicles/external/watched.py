@@ -16,6 +16,7 @@ from accelerated_evaluation.scenarios.protocol import ENDED, Scenario
 from accelerated_evaluation.vehicles.protocol import Vehicle
 
 REMEMBERED = 20_000  # largest number of runs that are kept; an estimate from few runs has fewer
+DIE_WITH_PARENT = 1  # PR_SET_PDEATHSIG of prctl(2)
 
 
 class WatchedVehicle:
@@ -72,9 +73,6 @@ def _rows(columns: tuple[Array, ...], outcomes: Any) -> dict[tuple[float, ...], 
     encounters = np.array([np.asarray(column, dtype=float) for column in columns]).T.tolist()
     found = np.array([values * 1.0 for values in vars(outcomes).values()]).T.tolist()
     return dict(zip(map(tuple, encounters), map(tuple, found), strict=True))
-
-
-DIE_WITH_PARENT = 1  # PR_SET_PDEATHSIG of prctl(2)
 
 
 def run_apart(work: Callable[[], None], what: str) -> None:

@@ -42,6 +42,8 @@ AT_LEISURE = 0.5  # [s], longest time for a worker to end after an interrupt
 # The printed output and the timer belong to the process, which may have several threads.
 ONE_AT_A_TIME = threading.Lock()
 JOIN = 60.0  # [s], longest time to wait for the first worker of a cluster whose address is given
+COMPARED = 4  # number of runs with the event, and number of others, that are repeated one by one
+TIME_LIMIT = 3600.0  # [s], longest time for the repetition of a batch of a vehicle that is not stored
 
 
 @dataclass(frozen=True)
@@ -266,10 +268,6 @@ def printed_to(file: TextIO, *streams: int) -> Iterator[None]:
         for stream, copy in zip(streams, kept, strict=True):
             os.dup2(copy, stream)
             os.close(copy)
-
-
-COMPARED = 4  # number of runs with the event, and number of others, that are repeated one by one
-TIME_LIMIT = 3600.0  # [s], longest time for the repetition of a batch of a vehicle that is not stored
 
 
 @dataclass(frozen=True)
