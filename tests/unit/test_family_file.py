@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from accelerated_evaluation import InputError, LawStudy
-from accelerated_evaluation.answer import smooth_family as family_file
+from accelerated_evaluation.answer import family_file
 from accelerated_evaluation.answer.family_file import fit_or_read, read_family, write_family
 from accelerated_evaluation.answer.smooth_family import SmoothFamily
 from accelerated_evaluation.base.extensions import VARIABLE

@@ -8,7 +8,7 @@ import accelerated_evaluation as ae
 import numpy as np
 import pandas as pd
 import pytest
-from accelerated_evaluation.answer import variants
+from accelerated_evaluation.answer import choices
 from accelerated_evaluation.answer.by_map import MapCrashes, thinned_lines
 from accelerated_evaluation.answer.calibration import (
     counts_by_fold,
@@ -387,7 +387,7 @@ def test_the_answer_and_its_variants_print_one_number(
     problem, way = ae.Problem(ae.CUT_IN, car, law=draws.proposal), ae.Map(crash_map, records)
     answer = ae.evaluate(problem, draws, way, generator=streams("answer")).table().iloc[0]
     lines = thinned_lines(CrashLines.of(crash_map, records.lead_speed), car, draws, streams("answer"))
-    monkeypatch.setattr(variants, "SPLINES", {})  # whose fits take a while
+    monkeypatch.setattr(choices, "SPLINES", {})  # whose fits take a while
     fewer = records.only(np.arange(1, SIZE))
     readings = {"as in the answer": records, "without a record": fewer}
     tables = choice_table(study, lines, streams), quality_table(readings, study, lines, streams)
