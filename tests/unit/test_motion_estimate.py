@@ -7,15 +7,9 @@ import numpy as np
 import pandas as pd
 import pytest
 from accelerated_evaluation import Grid, map_crashes
-<<<<<<< HEAD
-from accelerated_evaluation.answer import lead_motion as module
-from accelerated_evaluation.answer.lead_motion import MOTION, mirrored, motion_budget, motion_table
-from accelerated_evaluation.answer.moving_problem import Means, MovingProblem, moving_problems
-=======
 from accelerated_evaluation.answer import moving_problem as module
 from accelerated_evaluation.answer.lead_motion import MOTION, mirrored, motion_budget, motion_table
-from accelerated_evaluation.answer.moving_problem import Means, MovingProblem
->>>>>>> c530a842 (One subject a file: eighteen modules that were pasted together are separate again)
+from accelerated_evaluation.answer.moving_problem import Means, MovingProblem, moving_problems
 from accelerated_evaluation.laws.motion import RAREST, STATES, STEP, draw_wide_inputs
 from accelerated_evaluation.laws.motion.ngsim import Ngsim
 from accelerated_evaluation.laws.smooth.conditional import SpeedLaw, range_grid, speed_grid
