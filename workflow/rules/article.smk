@@ -1,8 +1,6 @@
 # Article: a preprint of a study, which is made only on request (make article).
 #
-# In: the published tables and figures, the tables of the benchmarks. Out: article.pdf, and its numbers in article.json.
-
-from accelerated_evaluation.publishing.article.tables import BENCHMARKS
+# In: the published tables and figures, the tables of the benchmarks. Out: article.pdf.
 
 
 rule article:
@@ -15,12 +13,13 @@ rule article:
         ),
         tables=[file for name in NOTEBOOKS for file in tables_of(name)],
         benchmarks=[
-            of_project("benchmarks/results", f"{name}.csv") for name in BENCHMARKS
+            of_project("benchmarks/results", f"{name}.csv")
+            for name in NAMED_FROM["results"]
         ],
+        numbers=NAMED_NUMBERS,
         config=result("config.json"),
     output:
-        pdf=result("article.pdf"),
-        numbers=result("article.json"),
+        result("article.pdf"),
     log:
         log_of("article.log"),
     benchmark:

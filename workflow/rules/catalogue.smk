@@ -3,7 +3,7 @@
 # In: the notebooks, the captions. Out: nothing; definitions only.
 
 from accelerated_evaluation.base.extensions import added
-from accelerated_evaluation.publishing.article.tables import shown_figures
+from accelerated_evaluation.publishing.article.text import shown_figures
 from accelerated_evaluation.publishing.book.catalogue import (
     read_contents,
     require_captions,

@@ -1,4 +1,4 @@
-"""Write the article of a study as PDF, and the numbers in it as JSON."""
+"""Write the article of a study as PDF."""
 
 from pathlib import Path
 
@@ -15,4 +15,4 @@ if __name__ == "__main__":
             captions=Path(files.captions[0]).parent,
         )
         study = Study(**snakemake.params.study)
-        write_article(study, sources, Path(snakemake.output.pdf), Path(snakemake.output.numbers))
+        write_article(study, sources, Path(snakemake.output[0]))

@@ -111,6 +111,11 @@ def as_names(numbers: pd.DataFrame) -> SimpleNamespace:
     return SimpleNamespace(**dict(zip(numbers["name"], pd.to_numeric(numbers["value"]), strict=True)))
 
 
+def read_numbers(figures: Path) -> SimpleNamespace:
+    """Return the published numbers of a study as attributes; InputError is raised if there are none."""
+    return as_names(Tables(figures)["numbers"])
+
+
 def tables_of(definitions: Path) -> dict[str, list[str]]:
     """Return the names of the tables from which named numbers follow: of the study, and of the benchmarks."""
     text = definitions.read_text(encoding="utf-8")

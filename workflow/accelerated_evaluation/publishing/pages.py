@@ -8,10 +8,8 @@ import math
 from pathlib import Path
 from typing import Any
 
-import pandas as pd
-
 from accelerated_evaluation.base.files import write_text
-from accelerated_evaluation.publishing.named_numbers import Tables, as_names, upper_share
+from accelerated_evaluation.publishing.named_numbers import Tables, read_numbers, upper_share
 from accelerated_evaluation.publishing.tables.spreads import rests_in_words
 from accelerated_evaluation.publishing.texts import FILLED, refill
 
@@ -33,7 +31,7 @@ def names_of_pages(root: Path) -> dict[str, Any]:
     """
     figures = root / "figures"
     studies = {folder.name: Tables(folder / "tables") for folder in figures.iterdir()}
-    numbers = as_names(pd.read_csv(figures / DEFAULT / "numbers.csv"))
+    numbers = read_numbers(figures / DEFAULT)
     functions = {"exp": math.exp, "rests_in_words": rests_in_words, "upper_share": upper_share}
     return studies | functions | {"n": numbers, "results": Tables(root / "benchmarks" / "results")}
 

@@ -10,9 +10,10 @@ character in front of a filter has a backslash. A comment must not begin a line 
 lines, because Markdown takes such a line for HTML. `publishing.pages` fills all pages of the project.
 """
 
+import json
 import math
 import re
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from typing import Any
 
 import numpy as np
@@ -66,6 +67,30 @@ def unbroken(value: Any, digits: int = 3) -> Any:  # noqa: ANN401
     """Write a number as `readable` does, with non-breaking spaces, so that it stays on one line."""
     written = readable(value, digits)
     return written.replace(" ", "\N{NO-BREAK SPACE}") if isinstance(written, str) else written
+
+
+def interval(low: float, high: float, digits: int = 2) -> str:
+    """Write an interval, such as 1.3 × 10⁻⁶ to 6.4 × 10⁻⁶; equal ends get more digits until they differ."""
+    if low == high or not (math.isfinite(low) or math.isfinite(high)):
+        return unbroken(low, digits)
+    ends = [unbroken(end, digits) for end in (low, high)]
+    return interval(low, high, digits + 1) if ends[0] == ends[1] and digits < 6 else " to ".join(ends)
+
+
+def listed(names: Iterable[str]) -> str:
+    """Write names as a list in a sentence, such as "a, b and c", or "none"."""
+    *others, last = [*names] or ["none"]
+    return f"{', '.join(others)} and {last}" if others else last
+
+
+def typeset(text: str) -> str:
+    """Return a text with ``^-1`` replaced by a superscript: R⁻¹ in place of R^-1."""
+    return text.replace("^-1", "⁻¹")
+
+
+def quoted(text: str) -> Markup:
+    """Return a text as a string in the language of Typst."""
+    return Markup(json.dumps(text, ensure_ascii=False))
 
 
 def fill(text: str, names: Mapping[str, Any]) -> str:
@@ -134,6 +159,9 @@ _ENVIRONMENT.filters |= {
     "number": number,
     "of_draws": of_draws,
     "percent": percent,
+    "quoted": quoted,
     "readable": unbroken,
     "rounded": rounded,
+    "typeset": typeset,
 }
+_ENVIRONMENT.globals |= {"interval": interval, "listed": listed}

@@ -1,7 +1,7 @@
-"""The PDF of the article, which Typst makes from the text, the numbers and the figures of a study."""
+"""The PDF of the article, which Typst makes from the filled text and the figures of a study."""
 
 import shutil
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from importlib.metadata import version
 from pathlib import Path
@@ -10,14 +10,15 @@ from typing import Any
 
 import typst
 
-from accelerated_evaluation.base.errors import InputError, StudyError
-from accelerated_evaluation.base.files import atomic_path, write_json
-from accelerated_evaluation.publishing.article.numbers import collect
-from accelerated_evaluation.publishing.article.tables import TEXT, Tables, shown_figures, typeset
+from accelerated_evaluation.base.errors import StudyError
+from accelerated_evaluation.base.files import atomic_path, write_text
+from accelerated_evaluation.publishing.article.text import TEXT, shown_figures
+from accelerated_evaluation.publishing.named_numbers import FUNCTIONS, Tables, read_numbers
 from accelerated_evaluation.publishing.provenance import origin_of
 from accelerated_evaluation.publishing.study import Study
-
-NUMBERS = "numbers.json"
+from accelerated_evaluation.publishing.tables.claims import departure
+from accelerated_evaluation.publishing.tables.exact import best_known
+from accelerated_evaluation.publishing.texts import fill, typeset
 
 
 @dataclass(frozen=True)
@@ -29,39 +30,38 @@ class Sources:
     captions: Path  # folder with the captions of the figures, ``<name>.rst``
 
 
-def numbers_of(study: Study, sources: Sources) -> dict[str, Any]:
-    """Return all data that the text of the article uses: numbers, captions of its figures, and provenance."""
+def names_of(study: Study, sources: Sources) -> dict[str, Any]:
+    """Return what placeholders of the article may use, such as numbers, tables and captions of figures."""
     figures = shown_figures(sources.text)
-    tables = Tables(study.figures / "tables")
-    try:
-        numbers = collect(tables, Tables(sources.benchmarks), study)
-    except (AttributeError, LookupError, TypeError, ValueError) as error:
-        raise InputError(
-            f"{study.figures / 'tables' / tables.last}.csv, or a table that was read before",
-            seen=f"content that cannot be used ({type(error).__name__}: {error})",
-            expected="a complete table of a finished study, with rows below its header",
-            change="Delete the table, and run the study again: make study.",
-        ) from error
-    captions = {name: _first_paragraph(study.caption(sources.captions, name)) for name in figures}
-    origin = {"version": version("accelerated-evaluation"), **origin_of(study)}
-    return numbers | {"captions": captions, "provenance": origin}
+    return FUNCTIONS | {
+        "n": read_numbers(study.figures),
+        "tables": Tables(study.figures / "tables"),
+        "results": Tables(sources.benchmarks),
+        "study": study,
+        "departure": departure(study.premises, study.source),
+        "captions": {name: _first_paragraph(study.caption(sources.captions, name)) for name in figures},
+        "origin": {"version": version("accelerated-evaluation"), **origin_of(study)},
+        "best_known": best_known,
+    }
 
 
-def write_article(study: Study, sources: Sources, pdf: Path, numbers: Path) -> None:
-    """Write the article of a finished study as a PDF, and the numbers that it uses as JSON.
+def write_article(study: Study, sources: Sources, pdf: Path) -> None:
+    """Write the article of a finished study as a PDF.
 
-    StudyError is raised if Typst cannot compile the text.
+    StudyError is raised if a placeholder of the text fails, or Typst cannot compile it.
     """
-    known = numbers_of(study, sources)
     with TemporaryDirectory(prefix=".article.") as folder:
-        for path in sources.text.iterdir():
-            shutil.copy(path, folder)
-        (Path(folder) / "figures").mkdir()
-        for name in known["captions"]:
-            shutil.copy(study.figures / f"{name}.pdf", Path(folder) / "figures")
-        write_json(Path(folder) / NUMBERS, known)
-        compile_text(Path(folder), pdf)
-    write_json(numbers, known)
+        compile_text(filled_folder(Path(folder), names_of(study, sources), sources.text, study.figures), pdf)
+
+
+def filled_folder(folder: Path, names: Mapping[str, Any], text: Path, figures: Path) -> Path:
+    """Copy the text of the article and its figures to a folder, fill in the text, and return the folder."""
+    shutil.copytree(text, folder, dirs_exist_ok=True)
+    (folder / "figures").mkdir()
+    for name in shown_figures(text):
+        shutil.copy(figures / f"{name}.pdf", folder / "figures")
+    write_text(folder / TEXT, fill((text / TEXT).read_text(encoding="utf-8"), names))
+    return folder
 
 
 def compile_text(folder: Path, pdf: Path) -> None:
