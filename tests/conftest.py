@@ -37,7 +37,6 @@ PARTS = (
 BENCHMARKS = (
     "worlds",
     "worlds_beyond",
-    "worlds_causes",
     "motorway",
     "motorway_chain",
     "europe",

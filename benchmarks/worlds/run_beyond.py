@@ -8,7 +8,6 @@ from kinds import World, worlds
 from procedures import Fitted
 from setting import ROOT, WorldSettings, chunk_arguments, read_setting, simulate_records
 from tqdm import tqdm
-from unseen import fresh_worlds, unseen_worlds, worlds_by_place
 
 
 def examine(kind: str, number: int, world: World, setting: WorldSettings) -> list[dict]:
@@ -28,10 +27,7 @@ def main() -> None:
     """Write a table with two rows a world."""
     arguments = chunk_arguments(__doc__)
     setting, kind = read_setting(arguments.setting), arguments.kind
-    family = setting.family
-    made = worlds(family, setting.law) | worlds_beyond(family)
-    made |= unseen_worlds(family) | fresh_worlds(family) | worlds_by_place(family)
-    world = made[kind]
+    world = (worlds(setting.family, setting.law) | worlds_beyond(setting.family))[kind]
     numbers = tqdm(range(*arguments.worlds), desc=kind, unit=" worlds")
     rows = [row for number in numbers for row in examine(kind, number, world, setting)]
     write_csv(arguments.output, pd.DataFrame(rows))

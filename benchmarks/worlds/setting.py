@@ -22,7 +22,6 @@ from accelerated_evaluation.records.segments import assign_segments
 from accelerated_evaluation.vehicles.builtin.acc_aeb import AccAeb
 from beyond import worlds_beyond
 from kinds import World, worlds
-from unseen import fresh_worlds, unseen_worlds, worlds_by_place
 
 ROOT = 2016  # root of all randomness, as in the study
 MEMBERS = members_at((0.9, 0.95, 0.98))  # fewer thresholds than in the study, to save time
@@ -81,7 +80,7 @@ def prepare(config: dict, *, beyond: bool) -> WorldSettings:
     lines = CrashLines.of(map_crashes(AccAeb(), grid, [], child_generator(ROOT, "worlds", "map")), speed)
     made = worlds(family, law)
     if beyond:
-        made |= worlds_beyond(family) | unseen_worlds(family) | fresh_worlds(family) | worlds_by_place(family)
+        made |= worlds_beyond(family)
     laws = [world.masses(lines) for world in made.values()]
     laws += [lines.masses(family.ranges, family.law(member)) for member in MEMBERS]
     mean = np.mean([masses / masses.sum() for masses in laws], axis=0)

@@ -45,7 +45,6 @@ PARTS += ("environment.txt", "README.md", "LICENSE", "CITATION.cff", "article")
 BENCHMARKS = (
     "worlds",
     "worlds_beyond",
-    "worlds_causes",
     "motorway",
     "motorway_chain",
     "samplers",
