@@ -17,6 +17,7 @@ from pathlib import Path
 import pandas as pd
 from accelerated_evaluation import cli
 from accelerated_evaluation.base.files import write_text
+from accelerated_evaluation.publishing.texts import unbroken
 from accelerated_evaluation.track.campaign_file import read_campaign
 
 ROOT = Path(__file__).resolve().parents[1]
@@ -24,7 +25,7 @@ GUIDE = ROOT / "docs" / "campaign.md"
 MOST_ROUNDS = 200
 LAST_ROUND = 3  # commands: ask, simulate, tell
 TRANSCRIPT = r"(?m)^    event .*\n(?:    .+\n)+"
-EXACT = r"(?<=The exact value under this law is )[\d.e+-]+\d"
+EXACT = r"(?<=The exact value under this law is )\d[^,]+(?=, without)"
 
 
 def commands(text: str) -> list[list[str]]:
@@ -63,7 +64,7 @@ def with_transcript(text: str, transcript: str, exact: float) -> str:
     """Return the guide with another transcript and another exact value."""
     indented = "".join(f"    {line}\n" for line in transcript.splitlines())
     text, transcripts = re.subn(TRANSCRIPT, lambda _: indented, text)
-    text, values = re.subn(EXACT, f"{exact:.3g}", text)
+    text, values = re.subn(EXACT, unbroken(exact), text)
     if (transcripts, values) != (1, 1):
         raise SystemExit(f"{GUIDE} must have one transcript and one exact value")
     return text
