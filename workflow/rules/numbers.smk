@@ -7,11 +7,12 @@ from accelerated_evaluation.publishing.named_numbers import tables_of as named_f
 DEFINITIONS = PROJECT / "workflow/numbers.yaml"
 NAMED_FROM = named_from(DEFINITIONS)
 PUBLISHED = {name for made in NOTEBOOKS.values() for name in made.tables}
-NAMED_NUMBERS = str(FIGURES / "numbers.csv")
-HAS_NUMBERS = PUBLISHED.issuperset(NAMED_FROM["tables"])
+NAMED_NUMBERS = (
+    [str(FIGURES / "numbers.csv")] if PUBLISHED.issuperset(NAMED_FROM["tables"]) else []
+)
 
 
-if HAS_NUMBERS:
+if NAMED_NUMBERS:
 
     rule name_numbers:
         """Publish the numbers that texts state, each with its unit, its kind and its subject."""

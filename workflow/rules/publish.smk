@@ -128,7 +128,8 @@ rule book:
             for name in NOTEBOOKS
             for file in [*figures_of(name), *tables_of(name), rendered_of(name)]
         ]
-        + [file for name in OWN_FIGURES for file in files_of_own(name)],
+        + [file for name in OWN_FIGURES for file in files_of_own(name)]
+        + NAMED_NUMBERS,
         results=[
             result(name) for name in ("config.json", "contents.json", *ON_FIRST_PAGE)
         ],

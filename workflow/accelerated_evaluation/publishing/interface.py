@@ -63,6 +63,7 @@ def interface() -> dict[str, Any]:
             },
             "figures": ["figures/{study}/*.png", "figures/{study}/*.pdf", "figures/{study}/*.csv"],
             "published_tables": ["figures/{study}/tables/*.csv", "figures/{study}/tables/*.md"],
+            "named_numbers": "figures/{study}/numbers.csv",
             "book": "results/{study}/book/index.html",
             "maps": "results/vehicles/{vehicle}/crash_map/full.npz",
         },
