@@ -174,9 +174,10 @@ def rests_in_words(extrapolation: pd.DataFrame, data_quality: pd.DataFrame | Non
     )
     whole = rows.loc[ALL]
     mean, inside = (readable(rows.loc[part, "probability"], DIGITS) for part in (ALL, RECORDED))
+    start, only = ("It is an extrapolation: of", "only ") if near > 0.5 else ("Of", "")
     words = (
-        f"**What the answer rests on.** {beyond} It is an extrapolation: of the mean {mean}, only {inside} "
-        "belongs to crashes like those that were recorded."
+        f"**What the answer rests on.** {beyond} {start} the mean {mean}, {only}{inside} belongs to crashes "
+        "like those that were recorded."
     )
     if pd.isna(whole["recorded"]):
         return words
