@@ -14,7 +14,7 @@ LIBRARY = Path("workflow/accelerated_evaluation")
 EDIT = "\n# edited\n"
 
 # By hand: the rules that run again after an edit, besides those of the notebooks and those that always do.
-ALWAYS = {"explorer", "book", "all", "accept_records", "draw_toy_figure"}
+ALWAYS = {"explorer", "name_numbers", "book", "all", "accept_records", "draw_toy_figure"}
 ANSWER = {"fit_family", "study_answer", "compare_vehicles", "compare_laws", "compare_record_variants"}
 ANSWER |= {"replay_encounters", "count_crashes", "predict_humans", "study_lead_motion"}
 SEARCHING = ("single", "piecewise", "heuristic", "shifted")
