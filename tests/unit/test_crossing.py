@@ -14,6 +14,8 @@ from accelerated_evaluation.scenarios.crossing import kernel
 from accelerated_evaluation.scenarios.left_turn.vehicle import LeftTurnCar
 from accelerated_evaluation.scenarios.pedestrian import CREEPING
 from accelerated_evaluation.scenarios.pedestrian.vehicle import PedestrianCar
+from accelerated_evaluation.vehicles import AccAeb
+from accelerated_evaluation.vehicles.builtin import kernel as cut_in_kernel
 from accelerated_evaluation.vehicles.protocol import checked_outcomes
 
 ROOT = Path(__file__).parents[2]
@@ -148,6 +150,39 @@ def test_the_release_of_the_aeb_forgets_the_last_error():
     # e = 1 - 20.05 / 20; with the last error of 0.5 forgotten
     command = control(20.05, -1.0, 20.0, command=-2.0, error=0.5, timer=0.3)[0]
     assert command == pytest.approx(-2 + (38.6252446973784 + 0.05 * 1.35416845633818) * 0.0025)
+
+
+def commands(car, drives):
+    """Return the commands of the car of cut-ins with the parameters of another car, shape (ticks, drives)."""
+    own = {name: value for name, value in car._asdict().items() if name in cut_in_kernel.Car._fields}
+    numbers = AccAeb().compiled()._replace(**own, step=kernel.TICK, per_decision=1.0)
+    state, found = np.zeros((cut_in_kernel.FIELDS, drives.shape[2])), []
+    for ranges, rates, speeds in drives:
+        state[cut_in_kernel.RANGE], state[cut_in_kernel.SPEED] = ranges, speeds
+        state[cut_in_kernel.LEAD] = speeds + rates
+        cut_in_kernel.watch(state, state.shape[1], numbers)
+        cut_in_kernel.command(state, state.shape[1], numbers)
+        found.append(state[cut_in_kernel.COMMAND].copy())
+    return np.array(found)
+
+
+@pytest.mark.parametrize("change", [{"aeb_ttc": 0.955}, {"aeb_ttc": 2.0, "headway": 2.0}, {"aeb": False}])
+def test_the_controller_is_that_of_the_car_in_cut_ins_but_for_the_threshold(change):
+    """Two kernels compute ACC and AEB, one for many cut-ins at a time: neither can change alone.
+
+    The time to collision at which the AEB brakes depends on the speed in different ways, so it is constant
+    here.
+    """
+    car, generator = LeftTurnCar(**change).compiled(), np.random.default_rng(4)
+    low, high = [[1.0], [-15.0], [1.0]], [[30.0], [5.0], [40.0]]
+    drives, found = generator.uniform(low, high, (40, 3, 500)), np.zeros((40, 500))
+    for k in range(drives.shape[2]):
+        memory = (0.0, 0.0, 0.0, 0.0)
+        for tick, (range_, rate, speed) in enumerate(drives[:, :, k]):
+            memory = kernel.control(car, range_, rate, speed, memory)
+            found[tick, k] = memory[0]
+    np.testing.assert_allclose(commands(car, drives), found, rtol=1e-9, atol=1e-9)
+    assert not np.allclose(commands(car._replace(kp=1.01 * car.kp), drives), found)
 
 
 def test_the_actuator_is_limited_in_rate_and_friction():
