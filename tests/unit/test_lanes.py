@@ -3,8 +3,8 @@
 import numpy as np
 import pytest
 from accelerated_evaluation.base.errors import InputError
+from accelerated_evaluation.records.recordings.centre_lines import CentreLines, Piece, joined_lanes
 from accelerated_evaluation.records.recordings.osi_lanes import lanes_of_map
-from accelerated_evaluation.records.recordings.trajectories import CentreLines, Piece, joined_lanes
 from scipy.special import fresnel
 
 

@@ -7,7 +7,8 @@ from pathlib import Path
 
 import nbformat
 import pytest
-from accelerated_evaluation.publishing.book.execution import is_text, template_digest, write_rendered
+from accelerated_evaluation.publishing.book.execution import is_text
+from accelerated_evaluation.publishing.book.rendering import template_digest, write_rendered
 from markdown_it import MarkdownIt
 from mdit_py_plugins.dollarmath import dollarmath_plugin
 from nbformat.v4 import new_code_cell, new_markdown_cell, new_notebook, new_output

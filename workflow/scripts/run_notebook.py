@@ -2,7 +2,8 @@
 
 from pathlib import Path
 
-from accelerated_evaluation.publishing.book.execution import run_notebook, write_rendered
+from accelerated_evaluation.publishing.book.execution import run_notebook
+from accelerated_evaluation.publishing.book.rendering import write_rendered
 from accelerated_evaluation.study.jobs import job
 
 if __name__ == "__main__":

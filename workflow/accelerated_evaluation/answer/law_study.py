@@ -6,7 +6,7 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import partial, reduce
 from pathlib import Path
-from typing import Any, Protocol, Self
+from typing import Protocol, Self
 
 import numpy as np
 import pandas as pd
@@ -28,12 +28,10 @@ from accelerated_evaluation.scenarios.protocol import Scenario
 from accelerated_evaluation.vehicles.loading import load_vehicle
 from accelerated_evaluation.vehicles.protocol import Vehicle
 
-
-def _streams(value: Any) -> Callable[[str], np.random.Generator]:  # noqa: ANN401
-    return value if callable(value) else partial(child_generator, operator.index(value), "laws")
-
-
-STREAMS = Argument("a seed, or a function that returns a generator for the name of a step", _streams)
+STREAMS = Argument(
+    "a seed, or a function that returns a generator for the name of a step",
+    lambda value: value if callable(value) else partial(child_generator, operator.index(value), "laws"),
+)
 
 
 class Family(Protocol):

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from accelerated_evaluation.base.arrays import Array
-from accelerated_evaluation.records.recordings.trajectories import CentreLines, Piece, joined_lanes
+from accelerated_evaluation.records.recordings.centre_lines import CentreLines, Piece, joined_lanes
 
 if TYPE_CHECKING:  # an optional extra
     from betterosi import GroundTruth, Lane, MovingObject
