@@ -153,7 +153,7 @@ def test_what_a_scan_needs_is_said_with_another_way(changes, message):
     problem, draws = toy_problem([(4.0, 5.0)], **changes)
     problem = replace(problem, vehicle=Stripes(deterministic))
     if not changes and deterministic:
-        draws = replace(draws, laws=[Without()])
+        draws = replace(draws, parts=[ae.OneLaw(Without())])
     with pytest.raises(ae.InputError) as error:
         ae.evaluate(problem, draws, ae.Scan(), generator=np.random.default_rng(1))
     assert str(error.value).startswith(message)
