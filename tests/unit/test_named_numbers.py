@@ -10,6 +10,7 @@ from accelerated_evaluation import InputError
 from accelerated_evaluation.base.files import write_json
 from accelerated_evaluation.publishing.named_numbers import (
     COLUMNS,
+    FILLED,
     Tables,
     as_names,
     named_numbers,
@@ -56,13 +57,15 @@ def test_numbers_follow_the_tables(study):
     assert here.answer_mean == before.answer_mean
 
 
-def test_a_number_whose_row_is_missing_is_unknown(study):
-    path = study.figures / "tables" / "extrapolation.csv"
+@pytest.mark.parametrize("name", sorted({*tables_of(DEFINITIONS)["tables"]} - {*FILLED}))
+def test_a_number_whose_row_is_missing_is_unknown(study, name):
+    """Of a table that may be empty, such as that of predicted crashes of a vehicle that never crashes."""
+    path = study.figures / "tables" / f"{name}.csv"
     path.write_text(path.read_text().splitlines()[0] + "\n")
     numbers = named_numbers(DEFINITIONS, study, RESULTS).set_index("name")["value"]
-    assert numbers["beyond_near"] == numbers["replay_records"] == ""
-    assert (numbers == "").sum() == 9
     assert numbers["answer_median"] != ""
+    assert (numbers == "").any() or numbers["injury_curves"] == "0"  # the only count of its table
+    assert name != "extrapolation" or numbers["beyond_near"] == numbers["replay_records"] == ""
 
 
 def test_a_ratio_to_zero_is_unknown(study):
