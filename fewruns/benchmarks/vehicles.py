@@ -12,9 +12,9 @@ from pathlib import Path
 
 import numpy as np
 import pandas as pd
-from accelerated_evaluation import FittedRecords, choose_draws, read_records
-from accelerated_evaluation.answer.choice import ANSWER, PAPER, law_study
-from accelerated_evaluation.answer.settings import LawSettings
+from accelerated_evaluation import FittedRecords, LawStudy, choose_draws, read_records
+from accelerated_evaluation.answer.choice import ANSWER, PAPER
+from accelerated_evaluation.answer.settings import law_settings
 from accelerated_evaluation.base.files import write_csv
 from accelerated_evaluation.base.randomness import child_generator
 from accelerated_evaluation.commands.export import SAFE
@@ -88,7 +88,8 @@ def single_law(choice: str, records: FittedRecords, config: Mapping) -> Law:
     """Return the paper's law, or a fitted smooth law: for ``answer``, the one with the largest weight."""
     if choice == PAPER:
         return choose_draws(choice, records, config).proposal
-    study = law_study(records, LawSettings.of(config))
+    own = law_settings(records.scenario, config)
+    study = LawStudy.of(records, own.draws, own.streams, own.store, own.closing_speed_max)
     return study.law() if choice == ANSWER else study.smooth.law(choice)
 
 
