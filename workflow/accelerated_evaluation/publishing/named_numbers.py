@@ -25,7 +25,7 @@ from accelerated_evaluation.publishing.tables.claims import UNTESTED
 from accelerated_evaluation.publishing.tables.display import reproducible_value
 from accelerated_evaluation.publishing.tables.exact import share_of_one_run
 from accelerated_evaluation.publishing.tables.paper_claims import NUMBERS
-from accelerated_evaluation.publishing.texts import evaluate
+from accelerated_evaluation.publishing.texts import evaluate_expression
 
 COLUMNS = ["name", "value", "unit", "kind", "subject"]
 # Tables that have rows in every study. The others may have none if the vehicle never crashes.
@@ -92,7 +92,7 @@ def named_numbers(definitions: Path, study: Study, results: Tables) -> pd.DataFr
 def _value(expression: str, names: Mapping[str, Any]) -> Any:  # noqa: ANN401
     """Return the value of an expression; None if it divides by zero, or needs a row that a table lacks."""
     try:
-        return evaluate(expression, names)
+        return evaluate_expression(expression, names)
     except StudyError as error:
         if isinstance(error.__cause__, LookupError | ArithmeticError | UndefinedError):
             return None

@@ -53,7 +53,7 @@ def of_draws(share: float) -> str:
     return f"{percent(share)} of the draws"
 
 
-def counted(count: float) -> str:
+def count_in_words(count: float) -> str:
     """Write a count in a sentence: none, one or a number."""
     return {0: "none", 1: "one"}.get(count) or number(count)
 
@@ -69,15 +69,17 @@ def unbroken(value: Any, digits: int = 3) -> Any:  # noqa: ANN401
     return written.replace(" ", "\N{NO-BREAK SPACE}") if isinstance(written, str) else written
 
 
-def interval(low: float, high: float, digits: int = 2) -> str:
+def interval_in_words(low: float, high: float, digits: int = 2) -> str:
     """Write an interval, such as 1.3 × 10⁻⁶ to 6.4 × 10⁻⁶; equal ends get more digits until they differ."""
     if low == high or not (math.isfinite(low) or math.isfinite(high)):
         return unbroken(low, digits)
     ends = [unbroken(end, digits) for end in (low, high)]
-    return interval(low, high, digits + 1) if ends[0] == ends[1] and digits < 6 else " to ".join(ends)
+    return (
+        interval_in_words(low, high, digits + 1) if ends[0] == ends[1] and digits < 6 else " to ".join(ends)
+    )
 
 
-def listed(names: Iterable[str]) -> str:
+def list_in_words(names: Iterable[str]) -> str:
     """Write names as a list in a sentence, such as "a, b and c", or "none"."""
     *others, last = [*names] or ["none"]
     return f"{', '.join(others)} and {last}" if others else last
@@ -106,7 +108,7 @@ def fill(text: str, names: Mapping[str, Any]) -> str:
         raise StudyError(f"{type(error).__name__}: {error}") from error
 
 
-def evaluate(expression: str, names: Mapping[str, Any]) -> Any:  # noqa: ANN401
+def evaluate_expression(expression: str, names: Mapping[str, Any]) -> Any:  # noqa: ANN401
     """Return the value of an expression in the language of the placeholders, or raise StudyError."""
     try:
         with np.errstate(all="ignore"):
@@ -155,7 +157,7 @@ _ENVIRONMENT = Environment(
     undefined=StrictUndefined, finalize=_escaped, trim_blocks=True, lstrip_blocks=True, autoescape=False
 )
 _ENVIRONMENT.filters |= {
-    "counted": counted,
+    "counted": count_in_words,
     "number": number,
     "of_draws": of_draws,
     "percent": percent,
@@ -164,4 +166,4 @@ _ENVIRONMENT.filters |= {
     "rounded": rounded,
     "typeset": typeset,
 }
-_ENVIRONMENT.globals |= {"interval": interval, "listed": listed}
+_ENVIRONMENT.globals |= {"interval": interval_in_words, "listed": list_in_words}
