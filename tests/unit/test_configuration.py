@@ -10,9 +10,10 @@ import pytest
 import yaml
 from accelerated_evaluation.base.errors import InputError
 from accelerated_evaluation.base.sections import default_of
+from accelerated_evaluation.records.sources import SOURCES
 from accelerated_evaluation.study import configuration
 from accelerated_evaluation.study.configuration import ConfigurationError, load, tables_of_keys, validate
-from accelerated_evaluation.study.consistency import keys, own_sections, schema
+from accelerated_evaluation.study.consistency import keys, schema
 from jsonschema import Draft202012Validator
 
 REPOSITORY = Path(__file__).resolve().parents[2]
@@ -99,7 +100,6 @@ def test_command_restores_the_tables_on_the_page_of_keys(tmp_path, monkeypatch):
 
 
 def test_schema_is_valid_draft_2020_12():
-    assert SCHEMA["$schema"] == Draft202012Validator.META_SCHEMA["$id"]
     Draft202012Validator.check_schema(SCHEMA)
 
 
@@ -139,12 +139,15 @@ def test_a_part_that_leaves_something_open_is_noticed(part):
     assert not is_closed(("a",), part)
 
 
-def test_what_the_shipped_configuration_states_of_a_module_is_the_default_there():
+def test_the_shipped_configuration_states_the_defaults_of_all_modules():
     shipped = yaml.safe_load((REPOSITORY / "config" / "config.yaml").read_text())
-    for place, sections in own_sections().items():
-        for name, part in sections.items():
-            if place != "data" or name == shipped["data"]["source"]:
-                assert (shipped[place] if place else shipped)[name] == default_of(part), name
+    defaults = default_of(SCHEMA)
+    used = defaults["data"].keys() - SOURCES.keys() | {shipped["data"]["source"]}
+    assert shipped == defaults | {"data": {name: defaults["data"][name] for name in used}}
+
+
+def test_the_defaults_of_all_modules_are_valid():
+    validate(default_of(SCHEMA))
 
 
 # ---------------------------------------------------------------- what is refused

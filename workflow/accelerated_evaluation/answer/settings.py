@@ -10,7 +10,9 @@ import numpy as np
 
 from accelerated_evaluation.answer.choice import LawSettings
 from accelerated_evaluation.base.randomness import child_generator
+from accelerated_evaluation.base.sections import integer, section
 from accelerated_evaluation.crash_map.maps import Grid
+from accelerated_evaluation.crash_map.section import events_section, grid_section
 from accelerated_evaluation.laws import FitSettings
 from accelerated_evaluation.laws.smooth.support import Support
 from accelerated_evaluation.methods import Stopping
@@ -21,6 +23,16 @@ from accelerated_evaluation.scenarios import SCENARIOS, Event, Scenario
 from accelerated_evaluation.scenarios.record_table import named_records_of
 from accelerated_evaluation.vehicles.protocol import events_of
 
+SECTION = section(
+    grid=grid_section(45, 30, 50, 12, 240),
+    events=events_section(impact_speed=[5, 10], min_range=[0.5, 1, 2], min_ttc=[1, 1.5, 2, 3]),
+    draws=integer(
+        500,
+        20,
+        100_000,
+        "Number of posterior draws of law, parameters and crash probability, for the intervals.",
+    ),
+)
 LIMITS = ("lead_speed_min", "lead_speed_max", "range_max")  # limits of a crash map
 
 

@@ -1,8 +1,8 @@
-"""Sections of the configuration that are defined in a module of the library, as JSON Schema with defaults.
+"""Sections of the configuration, as JSON Schema with defaults; each stands in the module that reads it.
 
-Each source of records and each method states the keys of its section in its own module. Each key is a part of
-a JSON Schema: type, limits, a description with the unit, and ``default``. The schema of the whole
-configuration, its defaults and the tables in ``config/keys.md`` are generated from these sections.
+Each key is a part of a JSON Schema: type, limits, a description with the unit, and ``default``. The schema of
+the whole configuration (`study.consistency.schema`), its defaults and the tables in ``config/keys.md`` are
+generated from these sections.
 """
 
 from collections.abc import Callable, Iterable, Mapping, Sequence
@@ -11,6 +11,9 @@ from dataclasses import dataclass
 from typing import Any
 
 Schema = Mapping[str, Any]
+AUTO = "auto"  # value of a limit that is derived from the records
+SHARE: Schema = {"type": "number", "exclusiveMinimum": 0, "exclusiveMaximum": 1}  # as an element of a list
+OR_AUTO = {"type": ["array", "string"], "pattern": f"^{AUTO}$"}  # further limits of a list that may be auto
 Sections = Mapping[str, Mapping[str, Any]]  # values of some sections of the configuration, by their names
 
 
@@ -48,15 +51,18 @@ def number(
     *,
     exclusive: bool = False,
     null: bool = False,
+    auto: bool = False,
     kind: str = "number",
 ) -> Schema:
     """Return the schema of a number between two limits, of which ``low`` may be exclusive.
 
-    The description is a sentence that says what the number is, with its unit in brackets. ``null`` says
-    whether null is allowed as well.
+    The description is a sentence that says what the number is, with its unit in brackets. ``null`` and
+    ``auto`` say whether null, or the text auto, is allowed as well.
     """
+    others = ["null"] * null + ["string"] * auto
     return {
-        "type": [kind, "null"] if null else kind,
+        "type": [kind, *others] if others else kind,
+        **({"pattern": f"^{AUTO}$"} if auto else {}),
         "exclusiveMinimum" if exclusive else "minimum": low,
         "maximum": high,
         "default": default,
@@ -64,20 +70,23 @@ def number(
     }
 
 
-def integer(default: int, low: int, high: int, description: str) -> Schema:
+def integer(default: int | None, low: int, high: int, description: str, *, null: bool = False) -> Schema:
     """Return the schema of a whole number between two limits, which are included."""
-    return number(default, low, high, description, kind="integer")
+    return number(default, low, high, description, null=null, kind="integer")
+
+
+def flag(default: bool | None, description: str, *, null: bool = False) -> Schema:
+    """Return the schema of true or false; ``null`` says whether null is allowed as well."""
+    return {
+        "type": ["boolean", "null"] if null else "boolean",
+        "default": default,
+        "description": description,
+    }
 
 
 def share(default: float, description: str, *, below: float = 1) -> Schema:
     """Return the schema of a number above 0 and below ``below``, with a default and a description."""
-    return {
-        "type": "number",
-        "exclusiveMinimum": 0,
-        "exclusiveMaximum": below,
-        "default": default,
-        "description": description,
-    }
+    return {**SHARE, "exclusiveMaximum": below, "default": default, "description": description}
 
 
 def text(default: str | None, description: str, **limits: Any) -> Schema:  # noqa: ANN401
@@ -90,12 +99,28 @@ def choice(default: str, options: Iterable[str], description: str) -> Schema:
     return {"type": "string", "enum": [*options], "default": default, "description": description}
 
 
-def listed(default: Sequence[Any], items: Schema, description: str, *, fewest: int = 1) -> Schema:
-    """Return the schema of a list of at least ``fewest`` elements, each with the schema ``items``."""
+def listed(
+    default: Sequence[Any] | None,
+    items: Schema,
+    description: str,
+    *,
+    fewest: int = 1,
+    **limits: Any,  # noqa: ANN401
+) -> Schema:
+    """Return the schema of a list of at least ``fewest`` elements, each with the schema ``items``.
+
+    ``limits`` are keywords of JSON Schema, such as ``maxItems``.
+    """
     return {
         "type": "array",
         "minItems": fewest,
         "items": items,
-        "default": [*default],
+        "default": None if default is None else [*default],
         "description": description,
+        **limits,
     }
+
+
+def mapping(default: Mapping[str, Any], description: str, **limits: Any) -> Schema:  # noqa: ANN401
+    """Return the schema of a mapping whose keys the user chooses; ``limits`` are keywords of JSON Schema."""
+    return {"type": "object", "default": {**default}, "description": description, **limits}

@@ -14,6 +14,7 @@ from tqdm import tqdm
 
 from accelerated_evaluation.base.arrays import Array
 from accelerated_evaluation.base.errors import StudyError
+from accelerated_evaluation.base.sections import OR_AUTO, SHARE, listed, section
 from accelerated_evaluation.crash_map.exact import ALL, Exact, exact_probabilities
 from accelerated_evaluation.crash_map.mapping import map_crashes
 from accelerated_evaluation.crash_map.maps import CrashMap
@@ -28,6 +29,32 @@ from accelerated_evaluation.laws.paper.piecewise import (
 )
 from accelerated_evaluation.records.segments import assign_segments
 from accelerated_evaluation.vehicles.protocol import Vehicle
+
+SPEED = {"type": "number", "minimum": 0, "maximum": 100}  # [m/s], as an element of a list
+SECTION = section(
+    inverse_ttc_knots=listed(
+        [0.9, 0.925, 0.95, 0.975, 0.99, 0.995],
+        SHARE,
+        "Quantiles for the knot of TTC^-1 that are tried in turn.",
+    ),
+    inverse_range_knots=listed(
+        [0.6, 0.7, 0.8, 0.9, 0.95],
+        SHARE,
+        "Quantiles for the knot of R^-1 with two pieces that are tried in turn.",
+    ),
+    lead_speed_edges=listed(
+        [[5, 35], [5, 20, 35], [5, 10, 15, 20, 25, 30, 35]],
+        {"type": "array", "minItems": 2, "items": SPEED},
+        "Segmentations of v_L [m/s] that are tried in turn.",
+        **OR_AUTO,
+    ),
+    closing_speed_max=listed(
+        [18, 20, 22, 25, 30],
+        {"type": "number", "exclusiveMinimum": 0, "maximum": 100},
+        "Caps on the closing speed [m/s] that are tried in turn.",
+        **OR_AUTO,
+    ),
+)
 
 
 @dataclass(frozen=True)

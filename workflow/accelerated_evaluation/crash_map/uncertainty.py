@@ -13,11 +13,30 @@ from scipy.special import ndtri
 from tqdm import trange
 
 from accelerated_evaluation.base.arrays import Array
+from accelerated_evaluation.base.sections import SHARE, integer, listed, section
 from accelerated_evaluation.crash_map.exact import ALL, exact_probabilities
 from accelerated_evaluation.crash_map.maps import CrashMap
 from accelerated_evaluation.crash_map.sensitivity import Levels, Refit, is_repeated, warning_of_failure
 from accelerated_evaluation.laws.paper.models import IndependentLaw
 
+SECTION = section(
+    replicates=integer(
+        500, 10, 1_000_000, "Number of bootstrap samples, to each of which the law is fitted."
+    ),
+    block_runs=integer(
+        1,
+        1,
+        100_000,
+        "Length of a block of the bootstrap. A block consists of this number of consecutive runs, and a run "
+        "is a row with its repetitions.",
+    ),
+    inverse_ttc_knots=listed(
+        [0.925, 0.95, 0.975],
+        SHARE,
+        "Alternative quantiles for the knot of TTC^-1, for the uncertainty in the choice of the model.",
+        fewest=2,
+    ),
+)
 NORMAL_POINTS = 100  # number of quantiles that represent a normal distribution
 PAPER_INTERVAL = 7.0e-7, 7.8e-7  # of importance sampling in the paper (section VI.C)
 

@@ -9,7 +9,42 @@ from fewruns.estimates import Estimate, Stopping, normal_reach
 from fewruns.problems import ScoreProblem
 
 from accelerated_evaluation.base.registry import Registry
-from accelerated_evaluation.base.sections import Schema, Sections
+from accelerated_evaluation.base.sections import Schema, Sections, integer, section, share
+
+IMPORTANCE_SAMPLING = section(
+    replicates=integer(
+        10,
+        1,
+        1000,
+        "Number of independent repetitions (replicates) of each estimate (section VI.C).",
+    ),
+    alpha=share(0.2, "The confidence level of intervals is 1 - alpha (section VI.C)."),
+    beta=share(0.2, "Relative half-width of the interval at which an estimate has converged (section VI.C)."),
+    minimum_events=integer(
+        100,
+        1,
+        1_000_000_000,
+        "Least number of crashes with which an estimate can have converged.",
+    ),
+    simulations=integer(
+        20_000,
+        100,
+        1_000_000_000,
+        "Simulations of a replicate, also if it converges earlier. As many are added until it has converged.",
+    ),
+    maximum_simulations=integer(
+        100_000,
+        100,
+        1_000_000_000,
+        "Number of simulations after which a replicate stops even if it has not converged.",
+    ),
+    course_step=integer(
+        50,
+        1,
+        1_000_000,
+        "Number of simulations after each of which the running estimate is saved (figures 12 and 13).",
+    ),
+)
 
 
 def configured_stopping(section: Mapping[str, Any]) -> Stopping:

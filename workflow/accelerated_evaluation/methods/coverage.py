@@ -25,6 +25,7 @@ import pandas as pd
 from tqdm import trange
 
 from accelerated_evaluation.base.arrays import Array
+from accelerated_evaluation.base.sections import integer, section
 from accelerated_evaluation.laws import Factors
 from accelerated_evaluation.methods import Stopping, normal_reach
 from accelerated_evaluation.methods.importance_sampling import (
@@ -41,6 +42,20 @@ from accelerated_evaluation.methods.intervals import (
 )
 from accelerated_evaluation.methods.problem import Problem
 
+SECTION = section(
+    replicates=integer(
+        1000,
+        2,
+        1_000_000,
+        "Number of independent replicates for the coverage of the intervals of each method.",
+    ),
+    pilot=integer(
+        20_000,
+        100,
+        1_000_000_000,
+        "Number of simulations of the pilot study that predicts the fixed size of a replicate.",
+    ),
+)
 LEVELS = (80, 95)
 INTERVALS = {
     "fixed": normal_interval,

@@ -15,10 +15,10 @@ import numpy as np
 import pandas as pd
 
 from accelerated_evaluation.base.errors import InputError
+from accelerated_evaluation.base.sections import AUTO
 from accelerated_evaluation.records.ingest import Account, drop_invalid, no_number
 from accelerated_evaluation.records.segments import MINIMUM_ROWS
 
-AUTO = "auto"
 AUTOMATIC = (
     "filters.lead_speed_min",
     "filters.lead_speed_max",

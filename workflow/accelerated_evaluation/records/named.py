@@ -8,10 +8,66 @@ from typing import Any, Protocol, Self
 import numpy as np
 import pandas as pd
 
+from accelerated_evaluation.base.sections import OR_AUTO, choice, integer, listed, number, section, text
 from accelerated_evaluation.records.checks import Records, Simulate
 from accelerated_evaluation.records.ingest import Account, ingest
 from accelerated_evaluation.records.segments import require_rows, write_encounters
 from accelerated_evaluation.records.sources import describe, read_source
+
+SPEED = {"type": "number", "minimum": 0, "maximum": 100}  # [m/s], as an element of a list
+DATA = section(  # and a section of each source, which its module owns
+    source=text(
+        "spmd", "Source of the lane changes (section II); its settings are in the section of this name."
+    ),
+    sample=integer(
+        None,
+        100,
+        100_000_000,
+        "Number of records that are drawn at random from the source; null for all of them.",
+        null=True,
+    ),
+    invalid_rows=choice(
+        "refuse",
+        ["refuse", "drop"],
+        "Treatment of rows with a missing, infinite, negative or non-numeric value, which are always "
+        "reported.",
+    ),
+    repeated_rows=choice(
+        "keep",
+        ["keep", "drop"],
+        "Treatment of rows that repeat the row before them, which are always counted.",
+    ),
+    accepted_warnings=listed(
+        [],
+        {"type": "string", "minLength": 1},
+        "Names of checks of the records, such as speed unit, whose verdict stop is accepted. A study in "
+        "which another check says stop ends with an error after its results are made.",
+        fewest=0,
+        uniqueItems=True,
+    ),
+)
+FILTERS = section(
+    lead_speed_min=number(5, 0, 100, "Smallest v_L that is kept [m/s] (section II).", auto=True),
+    lead_speed_max=number(
+        35, 0, 100, "Smallest v_L that is excluded [m/s] (section II).", exclusive=True, auto=True
+    ),
+    range_max=number(
+        75,
+        1,
+        1000,
+        "Largest R that is kept [m]; its inverse is the lower end of the models of R^-1.",
+        auto=True,
+    ),
+)
+SEGMENTS = section(
+    lead_speed_edges=listed(
+        [5, 15, 25, 35],
+        SPEED,
+        "Edges of the segments of v_L [m/s], increasing, around the filter's limits (section II).",
+        fewest=2,
+        **OR_AUTO,
+    ),
+)
 
 
 class NamedRecords(Protocol):

@@ -12,6 +12,7 @@ import pandas as pd
 
 from accelerated_evaluation.base.errors import InputError
 from accelerated_evaluation.base.files import project_file
+from accelerated_evaluation.base.sections import integer, section, text
 from accelerated_evaluation.base.tables import (
     column_of_numbers,
     read_csv,
@@ -22,9 +23,43 @@ from accelerated_evaluation.base.tables import (
 from accelerated_evaluation.records.checks import Records, Simulate
 from accelerated_evaluation.records.named import NamedRecords
 from accelerated_evaluation.records.sources import UNKNOWN
+from accelerated_evaluation.scenarios import DEFAULT
 from accelerated_evaluation.scenarios.protocol import CLUSTER, FITTED, Scenario
 
 REPEATED, OUTSIDE = "repeated", "outside"  # columns of flags for the two reasons why a row is left out
+SECTION = section(
+    name=text(
+        DEFAULT,
+        "Kind of encounter: cut_in, or another module of workflow/accelerated_evaluation/scenarios. The "
+        "sections data, filters, segments, models, crash_map, answer, sensitivity and uncertainty are only "
+        "for cut-ins.",
+    ),
+    records=text(
+        None,
+        "File of the records for a scenario other than the cut-in; null for the records of the project.",
+        type=["string", "null"],
+    ),
+    draws=integer(
+        100,
+        20,
+        10_000,
+        "Number of posterior draws of the law, in a study of a scenario other than the cut-in.",
+    ),
+    simulations=integer(
+        200_000,
+        1000,
+        1_000_000_000,
+        "Number of simulations under the draws of the law, in a study of a scenario other than the cut-in. "
+        "If an event is rare, they are repeated up to 25 times with other encounters, until there are 100 "
+        "events.",
+    ),
+    event=text(
+        "crash",
+        "Event for which the methods are compared, and which the command estimate counts, in a scenario "
+        "other than the cut-in: crash, or another outcome and a threshold in its unit, such as "
+        "impact_speed=1.",
+    ),
+)
 
 
 def read_record_table(scenario: Scenario, path: str | os.PathLike, cluster: str) -> pd.DataFrame:

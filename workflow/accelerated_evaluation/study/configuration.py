@@ -1,4 +1,4 @@
-"""Load, validate and document the configuration by the schema ``workflow/schemas/config.schema.yaml``.
+"""Load, validate and document the configuration by the sections that modules state.
 
 ``python -m accelerated_evaluation.study.configuration`` updates the tables of keys in ``config/keys.md``.
 """
@@ -25,7 +25,6 @@ from accelerated_evaluation.study.consistency import (
     conditions,
     in_words,
     keys,
-    own_sections,
     schema,
     shown,
 )
@@ -130,12 +129,8 @@ def load_modules(config: Mapping[str, Any], paths: Iterable[str | os.PathLike]) 
 
 
 def default_configuration() -> dict[str, Any]:
-    """Return ``config/config.yaml``, completed with the defaults of sections that modules define."""
-    own: dict[str, Any] = {}
-    for place, sections in own_sections().items():
-        defaults = {name: default_of(part) for name, part in sections.items()}
-        own |= {place: defaults} if place else defaults
-    return _merged(own, read_yaml(DEFAULTS))
+    """Return the defaults of all sections, with the values in ``config/config.yaml``."""
+    return _merged(default_of(schema()), read_yaml(DEFAULTS))
 
 
 def read_again(config: Mapping[str, Any], paths: Iterable[str | os.PathLike]) -> dict[str, Any]:

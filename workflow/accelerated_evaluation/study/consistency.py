@@ -7,50 +7,89 @@ from functools import cache
 from itertools import combinations, pairwise
 from typing import Any
 
-import yaml
-
 from accelerated_evaluation.base.files import PROJECT
-from accelerated_evaluation.base.sections import Check, Schema
+from accelerated_evaluation.base.sections import Check, Schema, integer, listed, section, text
 from accelerated_evaluation.laws.paper.models import PIECEWISE
 from accelerated_evaluation.laws.paper.piecewise import mixture_kinds, piece_kinds
+from accelerated_evaluation.laws.paper.section import models_section
+from accelerated_evaluation.records import named
 from accelerated_evaluation.records.sources import SOURCES
 from accelerated_evaluation.study.preflight import compared_sections
 
 WORKFLOW = PROJECT / "workflow"
-SCHEMA = WORKFLOW / "schemas" / "config.schema.yaml"
 LONGEST_VALUE = 1000  # largest number of characters of a value in a message
 TYPES = {"boolean": "true or false", "object": "mapping"}
 BOUNDS = {"minimum": ">=", "exclusiveMinimum": ">", "maximum": "<=", "exclusiveMaximum": "<"}
 
 
-def own_sections() -> dict[str, dict[str, Schema]]:
-    """Return the schemas of the sections that modules define, by their parent section and by name.
-
-    The sections of sources are below ``data``. The sections of methods are on the top level, which has the
-    name ``""``.
-    """
-    from accelerated_evaluation.methods import METHODS  # imported here, because it takes a second
-
-    of_methods = {name: part for method in METHODS.values() for name, part in method.settings.items()}
-    return {"data": {name: source.section for name, source in SOURCES.items()}, "": of_methods}
+STUDY = text(
+    "spmd",
+    "Name of the study, a folder under results/ and figures/; letters, digits, _ and -.",
+    pattern="^[A-Za-z0-9][A-Za-z0-9_-]*$",
+)
+MODULES = listed(
+    [],
+    {"type": "string", "minLength": 1},
+    "Python files, relative to the configuration file, that add laws, distributions, scenarios, vehicles, "
+    "sources, methods or checks to the study (docs/extensions.md). If a file changes, the jobs that may use "
+    "it run again.",
+    fewest=0,
+    uniqueItems=True,
+)
+SEED = integer(2016, 0, 4_294_967_295, "Root seed, which determines all random numbers.")
+METHODS_OF_STUDY = listed(
+    ["single", "piecewise", "heuristic", "shifted", "surrogate", "crude"],
+    {"type": "string"},
+    "Methods that estimate the crash probability, in the order of tables and figures: the six that the "
+    "notebooks compare, and any other module of workflow/accelerated_evaluation/methods.",
+    fewest=6,
+    uniqueItems=True,
+)
 
 
 @cache
-def schema() -> dict[str, Any]:
-    """Return the JSON schema of the complete configuration."""
-    whole = yaml.safe_load(SCHEMA.read_text(encoding="utf-8"))
-    for place, sections in own_sections().items():
-        part = whole["properties"][place] if place else whole
-        part["properties"] |= sections
-        part["required"] += sections
-    return whole
+def schema() -> Schema:
+    """Return the JSON schema of the complete configuration, from the sections that modules define.
+
+    The sections of sources are below ``data``, and those of methods come last.
+    """
+    # Imported here, because they take a second.
+    from accelerated_evaluation.answer import criterion, settings
+    from accelerated_evaluation.crash_map import sensitivity, uncertainty
+    from accelerated_evaluation.crash_map.section import crash_map_section
+    from accelerated_evaluation.methods import IMPORTANCE_SAMPLING, METHODS, coverage
+    from accelerated_evaluation.scenarios import record_table
+    from accelerated_evaluation.vehicles import loading
+    from accelerated_evaluation.vehicles.external import slow
+
+    of_sources = {name: source.section for name, source in SOURCES.items()}
+    return section(
+        study=STUDY,
+        modules=MODULES,
+        scenario=record_table.SECTION,
+        seed=SEED,
+        methods=METHODS_OF_STUDY,
+        data=section(**named.DATA["properties"], **of_sources),
+        filters=named.FILTERS,
+        segments=named.SEGMENTS,
+        models=models_section(),
+        vehicle=loading.SECTION,
+        simulations=slow.SECTION,
+        compared_vehicles=loading.COMPARED,
+        importance_sampling=IMPORTANCE_SAMPLING,
+        coverage=coverage.SECTION,
+        crash_map=crash_map_section(),
+        answer=settings.SECTION,
+        criteria=criterion.CRITERIA,
+        sensitivity=sensitivity.SECTION,
+        uncertainty=uncertainty.SECTION,
+        **{name: part for method in METHODS.values() for name, part in method.settings.items()},
+    )
 
 
 def keys(part: Schema | None = None, prefix: str = "") -> Iterator[tuple[str, Schema]]:
     """Yield the dotted name of every key, with its part of the schema; a section comes before its keys."""
     for name, below in (schema() if part is None else part).get("properties", {}).items():
-        if "$ref" in below:
-            below = schema()["$defs"][below["$ref"].rsplit("/", 1)[1]]
         yield prefix + name, below
         yield from keys(below, f"{prefix}{name}.")
 
@@ -106,12 +145,21 @@ def _is_scenario(name: str) -> bool:
     return name in SCENARIOS
 
 
+def _mapped_events() -> Mapping[str, Any]:
+    """Return the events of cut-ins that crash maps can have, by name."""
+    from accelerated_evaluation.crash_map.section import (
+        THRESHOLDS,  # imported here, because it takes a second
+    )
+
+    return THRESHOLDS
+
+
 def _are_events(scenario: str, events: Mapping[str, Sequence[float]]) -> bool:
     """Return whether names are those of events of a scenario, or of those that have defaults."""
     from accelerated_evaluation.scenarios import SCENARIOS
 
     own = {each.quantity for each in SCENARIOS[scenario].events} if scenario in SCENARIOS else set()
-    return {*events} <= own | {*schema()["$defs"]["events"]["properties"]}
+    return {*events} <= own | {*_mapped_events()}
 
 
 def _mean_what_they_say(compared: Mapping[str, Mapping]) -> bool:
@@ -200,7 +248,9 @@ CHECKS = (
     ),
     Check(
         ("crash_map.events",),
-        lambda events: {*events} <= {*schema()["$defs"]["events"]["properties"]},
+        lambda events: (
+            {*events} <= {*schema()["properties"]["crash_map"]["properties"]["events"]["properties"]}
+        ),
         "thresholds of outcomes by which cut-ins define events",
     ),
     Check(

@@ -9,6 +9,7 @@ from typing import Any
 
 from accelerated_evaluation.base.arguments import checked, described
 from accelerated_evaluation.base.errors import InputError, StudyError
+from accelerated_evaluation.base.sections import flag, listed, mapping, section, text
 from accelerated_evaluation.base.tables import require_file
 from accelerated_evaluation.base.users_code import error_in_words, import_file, kept_alive
 from accelerated_evaluation.scenarios import A_SCENARIO, SCENARIOS
@@ -22,6 +23,55 @@ from accelerated_evaluation.vehicles.external.checked import (
 from accelerated_evaluation.vehicles.protocol import VEHICLES, RandomVehicle, Vehicle
 
 PACKAGE = __name__.partition(".")[0]
+PLAIN = ["number", "boolean", "string"]
+SECTION = section(
+    name=text(
+        "acc_aeb",
+        "Car under test: a built-in vehicle (`accelerated-evaluation simulate --help` lists them), "
+        "path/to/file.py:ClassName, command or fmu; docs/your_vehicle.md has examples. Scenarios other than "
+        "the cut-in have their own default vehicle.",
+    ),
+    parameters=mapping(
+        {},
+        "Parameters of the vehicle that differ from their defaults, by name.",
+        additionalProperties={
+            "type": [*PLAIN, "null", "array", "object"],
+            "minItems": 0,
+            "items": {"type": PLAIN},
+        },
+    ),
+    files=listed(
+        [],
+        {"type": "string", "minLength": 1},
+        "Further files that the vehicle depends on, such as modules that its class imports. If their "
+        "contents change, the vehicle counts as another one and is simulated again.",
+        fewest=0,
+    ),
+    deterministic=flag(
+        None,
+        "Whether the same encounter always has the same outcomes; false for a vehicle that depends on "
+        "chance. With null, 350 repeated runs and 300 draws of the law decide. Built-in vehicles repeat "
+        "themselves.",
+        null=True,
+    ),
+)
+COMPARED = mapping(
+    {"acc_only": {}, "cc_human": {}, "reg157": {}, "rss": {}, "fsm": {}, "human": {}},
+    "Vehicles that are compared with the car under test, under the laws that the records support. The key of "
+    "an entry is its label in tables and figures. Its value has name, parameters, files and deterministic as "
+    "in vehicle. An entry without a name is the built-in vehicle that its label names.",
+    propertyNames={"type": "string", "pattern": "^[A-Za-z][A-Za-z0-9_]{0,39}$"},
+    additionalProperties={
+        "type": "object",
+        "additionalProperties": False,
+        "properties": {
+            **SECTION["properties"],
+            "name": text(
+                None, "As in vehicle.name; by default the built-in vehicle with the name of the label."
+            ),
+        },
+    },
+)
 ANY_SCENARIO = ("command",)  # vehicles that simulate the encounters of every scenario
 
 

@@ -15,6 +15,7 @@ from tqdm import tqdm
 
 from accelerated_evaluation.base.arrays import Array
 from accelerated_evaluation.base.errors import InputError
+from accelerated_evaluation.base.sections import flag, integer, mapping, number, section, text
 from accelerated_evaluation.base.users_code import error_in_words
 from accelerated_evaluation.scenarios.cut_in import CUT_IN
 from accelerated_evaluation.scenarios.protocol import Scenario
@@ -25,6 +26,7 @@ from accelerated_evaluation.vehicles.external.checked import (
 )
 from accelerated_evaluation.vehicles.external.store import Encounter, Request, Store, store_of
 from accelerated_evaluation.vehicles.external.workers import (
+    PROCESSES,
     Elsewhere,
     Processes,
     Workers,
@@ -35,6 +37,31 @@ from accelerated_evaluation.vehicles.loading import load_vehicle, section_files,
 from accelerated_evaluation.vehicles.moving import checked_lead_speeds, motion_error, takes_motion
 from accelerated_evaluation.vehicles.protocol import Vehicle, outcome_error
 
+SECTION = section(
+    slow=flag(
+        False,
+        "Whether the vehicle under test is too slow for crash maps and crude Monte Carlo. The study then "
+        "simulates it about 100 to 240 times (more if surrogate.maximum_calls allows it and the estimate has "
+        "not converged), and replays 100 to 140 records. Its book contains the chapters that need no further "
+        "simulations. Outcomes of a Python class are then stored, as with keep_class.",
+    ),
+    keep_class=flag(
+        False,
+        "Whether `accelerated-evaluation estimate` stores the outcomes of a Python class and runs its "
+        "batches on workers, as it does for commands and FMUs.",
+    ),
+    batch_size=integer(100, 1, 1_000_000, "Largest number of encounters in one batch of a slow vehicle."),
+    time_limit=number(600, 0, 1_000_000, "Longest time for a batch [s].", exclusive=True),
+    executor=text(
+        PROCESSES,
+        "Where batches run: processes of this machine, a dask cluster on it, a slurm cluster by Dask, or the "
+        "address of a Dask scheduler, tcp://HOST:PORT.",
+    ),
+    workers=integer(2, 1, 10_000, "Number of batches that run at the same time."),
+    options=mapping(
+        {}, "Arguments of distributed.LocalCluster, dask_jobqueue.SLURMCluster or distributed.Client."
+    ),
+)
 AT_ONCE = 50_000  # number of encounters that are looked up together, which limits the memory
 
 
