@@ -11,6 +11,7 @@ import numpy as np
 import pandas as pd
 from accelerated_evaluation import read_records
 from accelerated_evaluation.answer.counted_crashes import HUNDRED_CAR_MILES, KILOMETRES_PER_MILE, cut_in_rate
+from accelerated_evaluation.answer.extrapolation import exact_interval
 from accelerated_evaluation.answer.family_file import fit_or_read
 from accelerated_evaluation.answer.law_study import LawStudy
 from accelerated_evaluation.answer.moving_problem import MovingProblem
@@ -26,7 +27,7 @@ from accelerated_evaluation.laws.smooth.support import Support
 from accelerated_evaluation.publishing.tables.display import reproducible
 from accelerated_evaluation.study.configuration import load
 from accelerated_evaluation.vehicles import Vehicle, load_vehicle
-from scipy.stats import beta, norm
+from scipy.stats import norm
 
 DATA = Path(__file__).resolve().parents[2] / "data" / "europe"
 LIMITS = ("lead_speed_min", "lead_speed_max", "range_max")
@@ -56,9 +57,8 @@ def mean_row(what: str, group: str, values: pd.Series) -> Row:
 
 def share_row(what: str, group: str, happened: pd.Series) -> Row:
     """Return a row with a share and its exact limits (Clopper and Pearson 1934)."""
-    count, size, tail = int(happened.sum()), len(happened), (1 - LEVEL) / 2
-    low = beta.ppf(tail, count, size - count + 1) if count else 0.0
-    high = beta.isf(tail, count + 1, size - count) if count < size else 1.0
+    count, size = int(happened.sum()), len(happened)
+    low, high = exact_interval(count, size)
     return {"what": what, "group": group, "count": size, "value": count / size, "low": low, "high": high}
 
 
