@@ -30,6 +30,21 @@ class ScoreProblem(Protocol):
         A text that identifies the problem, so that a saved state is resumed only for the same problem.
     deterministic
         Whether the same normal scores always give the same outcome; None if this is unknown.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> import fewruns
+    >>> class HalfPlane:
+    ...     dimension, fingerprint, deterministic = 2, "half-plane", True
+    ...
+    ...     def evaluate(self, z):
+    ...         return z[:, 0] > 4, 4 - z[:, 0]
+    >>> sampler = fewruns.Sampler(2, np.random.default_rng(1), fingerprint="half-plane", deterministic=True)
+    >>> goal = fewruns.Stopping(maximum_simulations=1000)
+    >>> estimates = [*fewruns.run_batches(sampler, HalfPlane(), goal)]
+    >>> estimates[-1].converged
+    True
     """
 
     dimension: int
@@ -70,7 +85,13 @@ class SystemProblem:
 
     Examples
     --------
-    `run_batches` and `SeveralLaws` have examples.
+    >>> import numpy as np
+    >>> from fewruns import SystemProblem
+    >>> from scipy.stats import expon
+    >>> waits = SystemProblem(lambda x: (x[:, 0] > 10, 10 - x[:, 0]), 1, [expon(scale=2)])
+    >>> happened, score = waits.evaluate(np.array([[0.0], [3.0]]))
+    >>> happened.tolist(), score.round(1).tolist()
+    ([False, True], [8.6, -3.2])
     """
 
     respond: Callable[[Array], Response]

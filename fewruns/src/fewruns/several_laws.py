@@ -40,7 +40,15 @@ class LawEstimates:
         Number of batches, one more than the degrees of freedom of the errors.
     shared, own
         The parts of the errors that all estimates have in common, and of each alone, shape (K,); NaN and None
-        if they are not known. `SeveralLaws` has an example.
+        if they are not known.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from fewruns import LawEstimates
+    >>> found = LawEstimates(np.array([1e-6, 3e-6]), np.array([0.1, 0.2]), batches=12)
+    >>> (found.probabilities * found.errors).round(9).tolist()  # standard errors
+    [1e-07, 6e-07]
     """
 
     probabilities: Array

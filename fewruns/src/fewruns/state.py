@@ -208,7 +208,7 @@ def read_state(path: str | os.PathLike, **expected: Any) -> Sampler:  # noqa: AN
     Parameters
     ----------
     path
-        The file that `write_state` wrote; that function has an example.
+        The file that `write_state` wrote.
     **expected
         Values that arguments of `Sampler` must have, for example ``fingerprint`` or ``batch_size``.
 
@@ -216,6 +216,18 @@ def read_state(path: str | os.PathLike, **expected: Any) -> Sampler:  # noqa: AN
     ------
     InputError
         If the file is not the state of a sampler, if it is damaged, or if an argument has another value.
+
+    Examples
+    --------
+    >>> import tempfile
+    >>> from pathlib import Path
+    >>> import numpy as np
+    >>> from fewruns import Sampler, read_state, write_state
+    >>> with tempfile.TemporaryDirectory() as folder:
+    ...     write_state(Path(folder, "state.json"), Sampler(2, np.random.default_rng(1), batch_size=4))
+    ...     resumed = read_state(Path(folder, "state.json"), batch_size=4)
+    >>> resumed.ask().shape
+    (4, 2)
     """
     try:
         content = json.loads(Path(path).read_text(encoding="utf-8"))
