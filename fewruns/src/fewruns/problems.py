@@ -42,8 +42,9 @@ class ScoreProblem(Protocol):
     ...         return z[:, 0] > 4, 4 - z[:, 0]
     >>> sampler = fewruns.Sampler(2, np.random.default_rng(1), fingerprint="half-plane", deterministic=True)
     >>> goal = fewruns.Stopping(maximum_simulations=1000)
-    >>> estimates = [*fewruns.run_batches(sampler, HalfPlane(), goal)]
-    >>> estimates[-1].converged
+    >>> for _ in fewruns.run_batches(sampler, HalfPlane(), goal):
+    ...     pass
+    >>> sampler.estimate(goal).converged
     True
     """
 

@@ -101,7 +101,7 @@ class Estimated:
     >>> import accelerated_evaluation as ae
     >>> found = ae.estimate("left_turn", ae.Request(law="independent_variables"))
     >>> sorted(found.tables)[:3]
-    ['answer', 'budget', 'crashes']
+    ['account', 'answer', 'budget']
     """
 
     answers: Sequence[Answer]
