@@ -9,6 +9,7 @@ import pandas as pd
 import pytest
 from accelerated_evaluation.laws.distributions import BoundedExponential, Empirical, PiecewiseMixture
 from accelerated_evaluation.laws.paper.models import IndependentLaw
+from accelerated_evaluation.methods.cross_entropy.method import CONSTANTS
 from accelerated_evaluation.publishing.tables.claims import PREMISES, claims_table, verdict
 from accelerated_evaluation.publishing.tables.display import save_table
 from accelerated_evaluation.publishing.tables.paper_claims import (
@@ -323,7 +324,7 @@ def test_readings_give_the_effects_of_the_study(study):
     tables = {"trace": trace, "estimates": estimates, "sensitivity": sensitivity}
     names, config = ("exact", "repeated_searches"), load()
     settings = {
-        "search": config["cross_entropy"],
+        "search": CONSTANTS | config["cross_entropy"],
         "sampling": config["importance_sampling"],
         "cap": config["models"]["closing_speed_max"],
     }

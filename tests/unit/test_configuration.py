@@ -1,4 +1,5 @@
 import copy
+import json
 import pickle
 import re
 import sys
@@ -10,6 +11,7 @@ import pytest
 import yaml
 from accelerated_evaluation.base.errors import InputError
 from accelerated_evaluation.base.sections import default_of
+from accelerated_evaluation.methods.cross_entropy.method import CONSTANTS
 from accelerated_evaluation.records.sources import SOURCES
 from accelerated_evaluation.study import configuration
 from accelerated_evaluation.study.configuration import ConfigurationError, load, tables_of_keys, validate
@@ -223,9 +225,16 @@ def test_unknown_key_like_no_other_gets_no_suggestion():
 
 def test_missing_key_is_refused():
     config = changed()
-    del config["cross_entropy"]["truncation_shift"]["inverse_ttc"]
+    del config["models"]["inverse_ttc"]["body"]["components"]
     (line,) = violations(config)
-    assert line.startswith("cross_entropy.truncation_shift.inverse_ttc: seen nothing; expected number > 0")
+    assert line.startswith("models.inverse_ttc.body.components: seen nothing; expected integer >= 1")
+
+
+@pytest.mark.parametrize("name", CONSTANTS)
+def test_a_key_that_is_a_constant_now_is_refused_with_its_value(name):
+    (line,) = violations(merged(load(), {"cross_entropy": {name: CONSTANTS[name]}}))
+    assert line.startswith(f"cross_entropy.{name}: seen {json.dumps(CONSTANTS[name])}; expected no such key")
+    assert line.endswith(f"because it is the constant {json.dumps(CONSTANTS[name])} now; remove it")
 
 
 THREE = "models__inverse_range__three_pieces"
@@ -243,10 +252,6 @@ INCONSISTENT = {
     "knots out of range": ({f"{THREE}__values": [0.01, 0.05]}, "knots above 1 / range_max"),
     "no knots": ({"models__inverse_ttc__knots__method": "values"}, "as the method is values"),
     "grid": ({f"{THREE}__profile__low": 0.999}, "low below high"),
-    "weights": (
-        {"cross_entropy__minimum_weight": 0.34, "models__inverse_range__variant": "three_pieces"},
-        "less than 1 / pieces",
-    ),
     "events": (
         {"importance_sampling__maximum_simulations": 100, "importance_sampling__minimum_events": 101},
         "not above",
@@ -288,10 +293,6 @@ def test_values_that_do_not_fit_together_are_refused(values, message):
     (line,) = violations(changed(**values))
     assert message in line
     assert any(key.replace("__", ".") in line for key in values)
-
-
-def test_weights_that_fit_fewer_pieces_are_accepted_for_these():
-    validate(changed(cross_entropy__minimum_weight=0.34))
 
 
 def test_all_violations_are_reported_one_a_line():

@@ -16,12 +16,12 @@ from accelerated_evaluation.laws.distributions import (
 from accelerated_evaluation.laws.paper.models import IndependentLaw
 from accelerated_evaluation.methods import METHODS
 from accelerated_evaluation.methods.cross_entropy.families import PiecewiseFamily, SingleFamily
-from accelerated_evaluation.methods.cross_entropy.method import CrossEntropyMethod
+from accelerated_evaluation.methods.cross_entropy.method import CONSTANTS, CrossEntropyMethod
 from accelerated_evaluation.study.configuration import load
 from accelerated_evaluation.vehicles import Outcomes
 
 SETTINGS = load()
-CONFIG = SETTINGS["cross_entropy"]
+CONFIG = CONSTANTS | SETTINGS["cross_entropy"]
 PAPERS = [name for name, method in METHODS.items() if issubclass(method, CrossEntropyMethod)]
 BODY = Mixture((0.2, 0.8), (BoundedNormal(0.037, 0.0, 0.166), BoundedNormal(0.0885, 0.0, 0.166)))
 F = Factors(

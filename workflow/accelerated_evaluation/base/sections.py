@@ -33,6 +33,14 @@ def section(**keys: Schema) -> Schema:
     return {"type": "object", "additionalProperties": False, "required": [*keys], "properties": keys}
 
 
+def with_constants(schema: Schema, values: Mapping[str, Any]) -> Schema:
+    """Return the schema of a section some of whose former keys are constants now, with their values.
+
+    A configuration that still has such a key gets an error that says so.
+    """
+    return {**schema, "constants": values}
+
+
 def default_of(schema: Schema) -> Any:  # noqa: ANN401
     """Return the default value of a schema; for the schema of a section, a mapping from key to default.
 

@@ -13,6 +13,7 @@ from accelerated_evaluation.base.files import read_json
 from accelerated_evaluation.crash_map.uncertainty import PAPER_INTERVAL
 from accelerated_evaluation.laws.files import read_law
 from accelerated_evaluation.laws.paper.models import IndependentLaw
+from accelerated_evaluation.methods.cross_entropy.method import CONSTANTS
 from accelerated_evaluation.publishing.book.catalogue import Contents
 from accelerated_evaluation.publishing.tables.display import as_markdown, display_in_notebooks, reproducible
 from accelerated_evaluation.publishing.tables.paper_claims import PREMISES
@@ -335,8 +336,8 @@ class Study:
 
     @property
     def search(self) -> dict[str, Any]:
-        """Settings of the searches by the Cross-Entropy method."""
-        return self.config["cross_entropy"]
+        """Settings of the searches by the Cross-Entropy method, and its constants."""
+        return CONSTANTS | self.config["cross_entropy"]
 
     @property
     def sampling(self) -> dict[str, Any]:

@@ -315,7 +315,13 @@ def _violations(error: ValidationError) -> Iterator[tuple[list, str]]:
     path = list(error.absolute_path)
     if error.validator == "additionalProperties":
         known = error.schema["properties"]
+        constants = error.schema.get("constants", {})
         for name in sorted(map(str, error.instance.keys() - known)):
+            if name in constants:
+                given, constant = shown(error.instance[name]), shown(constants[name])
+                expected = f"expected no such key, because it is the constant {constant} now; remove it"
+                yield [*path, name], f"{_key([*path, name])}: seen {given}; {expected}"
+                continue
             seen = f"seen an unknown key; expected one of {', '.join(known)}"
             yield [*path, name], f"{_key([*path, name])}: {seen}{_suggestion(path, name, known)}"
     elif error.validator == "required":

@@ -305,11 +305,6 @@ CHECKS = (
         for variant in PIECEWISE
     ),
     Check(
-        ("cross_entropy.minimum_weight", "models.inverse_range.variant"),
-        lambda weight, variant: weight * PIECEWISE[variant] < 1,
-        "a minimum weight that all pieces can have at once: less than 1 / pieces",
-    ),
-    Check(
         ("compared_vehicles",),
         _mean_what_they_say,
         "labels that are not under_test, and that are the name of a built-in vehicle only where they mean it",

@@ -7,7 +7,7 @@ from typing import Any, ClassVar, Self
 
 import numpy as np
 
-from accelerated_evaluation.base.sections import Schema, Sections, integer, number, section, share
+from accelerated_evaluation.base.sections import Schema, Sections, integer, section, with_constants
 from accelerated_evaluation.laws import Factors
 from accelerated_evaluation.methods import METHODS, Estimate, Method, Stopping
 from accelerated_evaluation.methods.cross_entropy.families import (
@@ -25,7 +25,14 @@ from accelerated_evaluation.methods.importance_sampling import (
 )
 from accelerated_evaluation.methods.problem import Problem
 
-SETTINGS = section(
+CONSTANTS = {  # of the paper's method
+    "event_quantile": 0.1,  # share of a sample that the next relaxed event contains (section V.C.1)
+    "range_per_ttc": 0.1,  # ratio of the thresholds of range and TTC, t_R / t_TTC [m/s] (section VI.B)
+    "minimum_weight": 0.01,  # lower bound of the weight of a piece (section V.C.3)
+    # Steps [1/m, 1/s] by which heuristic and shifted move the truncation points (section V.C.5).
+    "truncation_shift": {"inverse_range": 0.01, "inverse_ttc": 0.05},
+}
+KEYS = section(
     seeds=integer(
         5,
         1,
@@ -43,36 +50,12 @@ SETTINGS = section(
         100,
         "A search ends when this number of updates in a row have used the crash itself (section V.C.1).",
     ),
-    event_quantile=share(0.1, "Share of a sample that the next relaxed event contains (section V.C.1)."),
-    range_per_ttc=number(
-        0.1,
-        0,
-        100,
-        "Ratio of the thresholds of range and time to collision, t_R / t_TTC [m/s] (section VI.B).",
-        exclusive=True,
-    ),
     minimum_events=integer(50, 1, 10_000_000, "Events that an iteration needs (section V.C.2)."),
     minimum_piece_events=integer(
         5, 1, 10_000_000, "A piece with fewer events keeps its parameter theta (section V.C.4)."
     ),
-    minimum_weight=share(0.01, "Lower bound of the weight of a piece (section V.C.3).", below=0.5),
-    truncation_shift=section(
-        inverse_range=number(
-            0.01,
-            0,
-            10,
-            "Step by which heuristic and shifted move the truncation points of R^-1 [1/m] (section V.C.5).",
-            exclusive=True,
-        ),
-        inverse_ttc=number(
-            0.05,
-            0,
-            10,
-            "Step by which heuristic and shifted move the truncation points of TTC^-1 [1/s] (section V.C.5).",
-            exclusive=True,
-        ),
-    ),
 )
+SETTINGS = with_constants(KEYS, CONSTANTS)
 
 
 @dataclass(frozen=True)
@@ -92,7 +75,8 @@ class CrossEntropyMethod(Method):
     def configured(cls, sections: Sections) -> Self:
         """Return the method with the settings of its sections."""
         settings = sections["importance_sampling"]
-        return cls(sections["cross_entropy"], settings["simulations"], settings["course_step"])
+        search = CONSTANTS | sections["cross_entropy"]
+        return cls(search, settings["simulations"], settings["course_step"])
 
     @classmethod
     def stream(cls, scope: str, replicate: int) -> tuple[str | int, ...]:

@@ -10,6 +10,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.patches import Polygon, Rectangle
 
+from accelerated_evaluation.methods.cross_entropy.method import CONSTANTS
 from accelerated_evaluation.publishing.figures.style import COLUMN_WIDTH, note_source, paper_style
 from accelerated_evaluation.publishing.published import figure
 
@@ -182,7 +183,8 @@ FLOW_ARROWS = (
 
 def flow_boxes(settings: Mapping[str, Any]) -> dict[str, FlowBox]:
     """Return the boxes of the flow chart of `methods.cross_entropy.search`, with the settings in its text."""
-    return {name: replace(box, text=box.text.format(**settings)) for name, box in FLOW_BOXES.items()}
+    every = {**CONSTANTS, **settings}
+    return {name: replace(box, text=box.text.format(**every)) for name, box in FLOW_BOXES.items()}
 
 
 @figure
