@@ -28,7 +28,12 @@ ESTIMATE_COLUMNS = (
 )
 
 
-@table("table1_sample_size", digits=3)
+def _without_spread(table: pd.DataFrame) -> pd.DataFrame:
+    """Return a table without the description of the spreads, which its caption also gives."""
+    return table.drop(columns="spread")
+
+
+@table("table1_sample_size", digits=3, digest=_without_spread)
 def table1_sample_size(
     estimates: pd.DataFrame, coverage: pd.DataFrame, exact: pd.DataFrame, alpha: float, beta: float
 ) -> pd.DataFrame:
@@ -57,7 +62,7 @@ def table1_sample_size(
     return pd.DataFrame(rows)
 
 
-@table("table2_computation", digits=3)
+@table("table2_computation", digits=3, digest=_without_spread)
 def table2_computation(
     estimates: pd.DataFrame,
     coverage: pd.DataFrame,
