@@ -18,7 +18,8 @@ def tables(folder: Path) -> dict[str, str]:
     """Return the tables of README in Markdown, made from the files in a folder, by the names of the files."""
     names = {"results": Tables(folder)}
     templates = (found[1] for found in FILLED.finditer(README.read_text(encoding="utf-8")))
-    return {re.search(r"results\.(\w+)", each)[1]: fill(each, names) for each in templates}
+    whole = [each for each in templates if each.startswith("\n")]  # the others are numbers in sentences
+    return {re.search(r"results\.(\w+)", each)[1]: fill(each, names) for each in whole}
 
 
 def summary(folder: Path) -> str:
