@@ -23,10 +23,13 @@ def claims():
     return pd.read_csv(ROOT / "figures" / "spmd" / "tables" / "claims.csv")
 
 
-def test_each_number_of_the_claims_has_a_macro(claims):
-    lines = paper.numbers(claims, ORIGIN).splitlines()[1:]
+def test_each_number_has_a_macro(claims):
+    named = pd.read_csv(ROOT / "figures" / "spmd" / "numbers.csv")
+    lines = paper.numbers(claims, named, ORIGIN).splitlines()[1:]
     macros = dict(re.fullmatch(r"\\newcommand\{\\([A-Za-z]+)\}\{(.*)\}", line).groups() for line in lines)
-    assert len(macros) == len(lines) == 4 * len(claims) + len(ORIGIN)
+    assert len(macros) == len(lines) == 4 * len(claims) + len(named) + len(ORIGIN)
+    assert macros["SecondSize"] == "146,054"
+    assert "AnswerLowEightZero" in macros
     assert macros["CrashProbabilityOfOneLaneChangePaper"] == r"7.4 $\times$ 10$^{-7}$"
     assert macros["SimulationsToConvergePiecewiseMeanPaper"] == "7,840"
     assert macros["StudyStudy"] == r"my\_study"
@@ -35,7 +38,7 @@ def test_each_number_of_the_claims_has_a_macro(claims):
 def test_claims_of_the_same_words_are_refused(claims):
     twice = pd.concat([claims, claims.head(1).assign(claim="Crash-probability of one lane change!")])
     with pytest.raises(InputError, match="CrashProbabilityOfOneLaneChange"):
-        paper.numbers(twice, ORIGIN)
+        paper.numbers(twice, pd.DataFrame({"name": [], "value": []}), ORIGIN)
 
 
 def test_figures_have_the_widths_of_the_columns_and_the_font_of_the_text(tmp_path):

@@ -15,6 +15,7 @@ from accelerated_evaluation.base.files import PROJECT, write_text
 from accelerated_evaluation.publishing.book.catalogue import read_contents
 from accelerated_evaluation.publishing.book.execution import run_notebook
 from accelerated_evaluation.publishing.figures.style import Print, printed
+from accelerated_evaluation.publishing.named_numbers import Tables
 from accelerated_evaluation.publishing.provenance import origin_of
 from accelerated_evaluation.publishing.study import Study
 from accelerated_evaluation.publishing.tables.display import as_latex, readable
@@ -48,18 +49,22 @@ def write_paper(study: Study, target: Path, font: str, figure: str | None = None
         write_text(target / "tables" / path.name, path.read_text(encoding="utf-8"))
     claims = pd.read_csv(tables / "claims.csv")
     write_text(target / "tables" / "claims_short.tex", _short(claims))
-    write_text(target / "numbers.tex", numbers(claims, origin_of(study)))
+    write_text(target / "numbers.tex", numbers(claims, Tables(study.figures)["numbers"], origin_of(study)))
     shutil.copyfile(EXAMPLE, target / "example.tex")
 
 
-def numbers(claims: pd.DataFrame, origin: dict[str, str]) -> str:
-    r"""Return LaTeX code that defines a macro for each number of the table of claims, and for the provenance.
+def numbers(claims: pd.DataFrame, named: pd.DataFrame, origin: dict[str, str]) -> str:
+    r"""Return LaTeX code that defines a macro for each named number and claim, and for the provenance.
 
-    The name of a macro consists of the claim and of the kind of number: ``\CruxOursLow`` is the lower end of
-    our spread of the claim "crux". Macro names have letters only, so digits are written as words. InputError
-    is raised if two macros would have the same name.
+    The macro of the named number ``answer_median`` is ``\AnswerMedian``. That of a claim consists of the
+    claim and of the kind of number: ``\CruxOursLow`` is the lower end of our spread of the claim "crux".
+    Macro names have letters only, so digits are written as words. InputError is raised if two macros would
+    have the same name.
     """
     macros = [(f"Study{key.capitalize()}", value.replace("_", r"\_")) for key, value in origin.items()]
+    macros += [
+        (macro(name), readable(value)) for name, value in zip(named["name"], named["value"], strict=True)
+    ]
     for claim in claims.to_dict("records"):
         name = macro(claim["claim"])
         macros += [(name + end, readable(claim[key])) for key, end in VALUES.items()]
@@ -68,17 +73,17 @@ def numbers(claims: pd.DataFrame, origin: dict[str, str]) -> str:
         twice = names[names.duplicated()].iloc[0]
         raise InputError(
             "tables/claims.csv",
-            seen=f"two claims for which the macro would be \\{twice}",
-            expected="claims whose names give different macros",
-            change="Change the name of one of the two claims.",
+            seen=f"two numbers for which the macro would be \\{twice}",
+            expected="names that give different macros",
+            change="Change the name of one of the two claims or numbers.",
         )
     lines = [f"\\newcommand{{\\{name}}}{{{as_latex(str(value))}}}\n" for name, value in macros]
     return "% Numbers of the study; write \\Name{} in the text.\n" + "".join(lines)
 
 
-def macro(claim: str) -> str:
-    """Return the name of a macro for a claim: each word with a capital letter, and digits as words."""
-    words = re.findall(r"[A-Za-z]+|\d", claim)
+def macro(name: str) -> str:
+    """Return the name of a macro: each word of a name with a capital letter, and digits as words."""
+    words = re.findall(r"[A-Za-z]+|\d", name)
     return "".join(DIGITS[int(word)] if word.isdigit() else word[0].upper() + word[1:] for word in words)
 
 
