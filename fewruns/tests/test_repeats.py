@@ -51,6 +51,21 @@ def test_a_system_that_repeats_itself_costs_the_repeats_alone():
     assert (found.tables["runs"]["phase"] == "repeat").sum() == 40
 
 
+def test_noise_that_is_noticed_late_is_the_reason_why_earlier_batches_do_not_count():
+    event = system(0, np.random.default_rng(0))
+    sampler, before = sampler_of(event, 40), ""
+    while not sampler.progress.chance_since and sampler.simulations < 400:
+        happened, score = event.evaluate(sampler.ask(certify=sampler.is_narrow(STOPPING)))
+        is_late = sampler.repeats_next and len(sampler.progress.repeats) > 0
+        before = sampler.estimate(STOPPING).reason
+        sampler.tell(happened, score + 0.1 * is_late)
+    assert sampler.progress.chance_since > 0
+    assert "checks for random outcomes are missing" in before
+    found = sampler.estimate(STOPPING)
+    assert (found.low, found.high) == (0, 1)
+    assert "most outcomes are random" in found.reason
+
+
 def test_lapses_that_repeats_notice_end_all_claims():
     """With lapses in a tenth of the runs no estimate claims to be exact as that of the first runs would."""
     event = system(0.1, np.random.default_rng(1))

@@ -267,6 +267,8 @@ def test_an_estimate_that_was_known_and_is_not_has_begun_again(known, again):
     progress = Progress.start(2)
     progress.estimates = of_batches(*known)
     assert results.has_begun_again(progress) == again
+    progress.chance_since = len(known)  # noise is why the batches no longer count, and no wrong prediction
+    assert not results.has_begun_again(progress)
 
 
 @pytest.mark.parametrize(("observed", "predicted", "larger"), [(4.0, 0.01, 4.0), (1.0, 0.25, 0.25 * 2.5**2)])

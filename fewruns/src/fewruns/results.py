@@ -225,10 +225,10 @@ def has_learnt(progress: Progress, batches: int) -> bool:
 
 
 def has_begun_again(progress: Progress) -> bool:
-    """Return whether there is no estimate now, although earlier batches had given one."""
+    """Return whether there is no estimate now, although batches since noise was noticed had given one."""
     if len(_that_count(progress)) >= 2:
         return False
-    batches = progress.estimates
+    batches = progress.estimates[progress.chance_since :]
     begun = enumerate(beginnings(batches, _usable(progress)))
     return any(
         first is not None and sum(batch.runs > 0 for batch in batches[first : last + 1]) >= 2

@@ -432,6 +432,10 @@ class Sampler:
                 "the estimate begins again without its earlier batches, because later runs did not agree "
                 "with what was predicted from them"
             )
+        if progress.chance_since and results.combined_estimate(progress, stopping)[0] is None:
+            return (
+                "the earlier batches no longer count, because repetitions show that most outcomes are random"
+            )
         if not self.is_narrow(stopping):
             return "the interval is wider than required"
         if self.is_settled():
