@@ -10,6 +10,7 @@ from accelerated_evaluation.base.sections import default_of, number
 from accelerated_evaluation.base.tables import read_csv
 from accelerated_evaluation.records.dependence import CONFIDENCE, dependence, similarity, tau_interval
 from accelerated_evaluation.records.ingest import Account, drop_invalid, ingest, opening_cut_ins
+from accelerated_evaluation.records.named import CutInRecords
 from accelerated_evaluation.records.segments import (
     COLUMNS,
     NUMBERS,
@@ -638,6 +639,10 @@ def test_when_no_row_is_left_the_file_and_the_counts_are_told_and_the_account_is
     ):
         ingest(raw, *sections(config), account)
     assert account.table()["rows_dropped"].sum() == len(raw)
+    kept = []
+    with pytest.raises(InputError, match="none of which passed the filters"):
+        CutInRecords.of(config).encounters(raw, kept.append)
+    pd.testing.assert_frame_equal(kept[0], account.table())  # also without a table of encounters
 
 
 @pytest.mark.parametrize("speed", [4.999, 15.0, 20.0, np.nan])

@@ -7,7 +7,14 @@ import pandas as pd
 import pytest
 from accelerated_evaluation import SCENARIOS, InputError
 from accelerated_evaluation.scenarios.protocol import CLUSTER, FITTED
-from accelerated_evaluation.scenarios.record_table import OUTSIDE, REPEATED, account, read_scenario_records
+from accelerated_evaluation.scenarios.record_table import (
+    OUTSIDE,
+    REPEATED,
+    account,
+    named_records_of,
+    read_scenario_records,
+)
+from accelerated_evaluation.study.configuration import load
 
 ROOT = Path(__file__).parents[2]
 NAMES = ("left_turn", "pedestrian")
@@ -15,6 +22,23 @@ NAMES = ("left_turn", "pedestrian")
 
 def records(name):
     return read_scenario_records(SCENARIOS[name])
+
+
+@pytest.mark.parametrize("name", [*NAMES, "cut_in"])
+def test_the_records_that_a_configuration_names(name, tmp_path):
+    config = load(given={"scenario": {"name": name}, "data": {"sample": 500, "spmd": {"outlier_rows": []}}})
+    found, kept = named_records_of(SCENARIOS[name], config), []
+    raw = found.read(np.random.default_rng(1))
+    encounters = found.encounters(raw, kept.append)
+    assert len(found.for_checks(raw).valid) == len(raw)
+    assert len(kept) == 1
+    assert found.exposure(raw).keys() == {"kilometres", "hours"}
+    found.write(tmp_path / "encounters.parquet", encounters)
+    columns = list(SCENARIOS[name].names)
+    written = pd.read_parquet(tmp_path / "encounters.parquet")
+    pd.testing.assert_frame_equal(written[columns], encounters[columns])
+    shown = config["data"]["spmd"]["path"] if name == "cut_in" else f"records of the scenario {name}"
+    assert found.name.startswith(shown)
 
 
 @pytest.mark.parametrize(
