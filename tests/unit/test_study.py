@@ -18,6 +18,8 @@ CONFIG = {
     "study": "made_up",
     "seed": 1,
     "data": {"source": "table", "sample": None, "table": {"description": "made up"}},
+    "filters": {},
+    "segments": {"lead_speed_edges": []},
     "importance_sampling": {"alpha": 0.2, "beta": 0.1},
 }
 
