@@ -76,7 +76,6 @@ rule study_lead_motion:
         content=content_of_records,
         data=config["data"],
         filters=config["filters"],
-        segments=config["segments"],
         vehicles={name: VEHICLES[name] for name in MAPPED_VEHICLES},
         vehicle_content=INPUTS.content_of(*MAPPED_VEHICLES),
         simulations=INPUTS.simulating(*MAPPED_VEHICLES)[1],
