@@ -34,11 +34,16 @@ def added_candidates() -> tuple[Candidate, ...]:
 
 def added_family(
     records: DistinctRecords,
+    lead_speeds: Array,
     added: Sequence[Candidate],
     closing_speed_max: float,
     generator: np.random.Generator,
 ) -> JointFamily:
-    """Fit candidates to ranges and to closing speeds up to a limit [m/s], and score them on blocks."""
+    """Fit candidates to ranges and to closing speeds up to a limit [m/s], and score them on blocks.
+
+    ``lead_speeds`` [m/s] are those of the encounter table, by which draws are completed to laws of cut-ins,
+    as a law file takes them from there.
+    """
     x = np.column_stack([records.range_, np.minimum(records.closing_speed, closing_speed_max)])
     box = Box(("range", "closing_speed"), (0.0, 0.0), (records.support.range_max, closing_speed_max))
     cut_ins = ClusteredRecords(x, np.arange(len(x)), box)  # each cut-in is independent of the others
@@ -49,7 +54,7 @@ def added_family(
     for k, out, held in without_each_block(cut_ins, block, added, laws, generator):
         log_scores[k, out] = held.log_density(x[out])
         near_scores[k, out] = conditional_scores(held, x[out], boundary[out])
-    return JointFamily(cut_ins, added, laws, log_scores, near_scores, Empirical(records.lead_speed))
+    return JointFamily(cut_ins, added, laws, log_scores, near_scores, Empirical(lead_speeds))
 
 
 def conditional_scores(law: JointLaw, x: Array, boundary: Array) -> Array:

@@ -116,7 +116,9 @@ class LawStudy:
             return cls.of_family(family, size, streams("weigh"))
         family, others = _smooth_family(records, store, closing_speed_max), None
         if candidates := added_candidates():
-            others = added_family(records.data, candidates, closing_speed_max, streams("fit"))
+            others = added_family(
+                records.data, records.table["lead_speed"], candidates, closing_speed_max, streams("fit")
+            )
         return cls.of_family(family, size, streams("weigh"), others)
 
     @classmethod
