@@ -16,7 +16,8 @@ import pytest
 from scipy import stats
 from scipy.integrate import quad
 
-GUIDE = Path(__file__).resolve().parents[1] / "README.md"
+FOLDER = Path(__file__).resolve().parents[1]
+GUIDES = [FOLDER / "README.md", FOLDER / "sampler_reference.md"]
 MODULES = sorted(set(fewruns._HOME.values()))
 
 
@@ -32,8 +33,9 @@ def test_every_public_function_and_class_has_an_example():
 
 
 def blocks_of_the_guide(*, of_openturns: bool = False) -> list[str]:
-    """Return the examples of the guide, either those of this package or the one of OpenTURNS."""
-    blocks = re.findall(r"```python\n(.*?)```", GUIDE.read_text(encoding="utf-8"), re.DOTALL)
+    """Return the examples of the guides, either those of this package or the one of OpenTURNS."""
+    text = "".join(guide.read_text(encoding="utf-8") for guide in GUIDES)
+    blocks = re.findall(r"```python\n(.*?)```", text, re.DOTALL)
     return [block for block in blocks if ("openturns" in block) == of_openturns]
 
 

@@ -90,6 +90,7 @@ GUIDES = {
     "Proving ground and safety case": ("campaign", "export", "safety_case"),
     "Methods": (
         "fewruns",
+        "sampler_reference",
         "method",
         "law_of_cut_ins",
         "joint_laws",
