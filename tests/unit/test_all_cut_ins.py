@@ -71,6 +71,18 @@ def test_the_mean_of_all_cut_ins_is_that_of_the_mixture():
     assert (table["missing"] == "").all()
 
 
+def test_last_digits_of_the_estimates_change_last_digits_of_the_table():
+    """Another processor changes them. Draws by rejection would sometimes change all draws that follow."""
+    shapes = np.linspace(0.2, 30, 150)
+    motions = [{"law": motion(1.2, 0.3, 2e-6, 2e-6 / np.sqrt(shape))} for shape in shapes]
+    others = [
+        {"law": each["law"].assign(standard_error=each["law"]["standard_error"] * (1 + 1e-12))}
+        for each in motions
+    ]
+    for one, other in zip(motions, others, strict=True):
+        np.testing.assert_allclose(found(one)["mean"], found(other)["mean"], rtol=1e-9)
+
+
 def test_the_interval_contains_what_is_not_known_about_motion():
     """The interval of all laws is wider than that of each; a mean factor in their place would be noticed."""
     tight = {"here": motion(1.2, 1e-9, 2e-9, 1e-12), "there": motion(0.1, 1e-9, 2e-9, 1e-12)}

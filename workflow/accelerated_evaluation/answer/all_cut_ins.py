@@ -54,7 +54,8 @@ def motion_values(motion: pd.DataFrame, generator: np.random.Generator) -> tuple
     deviation = np.sqrt(np.log1p((closing["factor_error"] / closing["factor"]) ** 2))
     factors = closing["factor"] * np.exp(deviation * generator.standard_normal(SIZE) - deviation**2 / 2)
     law = opening_law(*opening[["moving", "standard_error", "high95"]].astype(float))
-    return factors, opening["cut_ins"] / closing["cut_ins"] * law.rvs(SIZE, random_state=generator)
+    # By inversion: with draws by rejection, the last digit of a parameter may change how many are rejected.
+    return factors, opening["cut_ins"] / closing["cut_ins"] * law.ppf(generator.random(SIZE))
 
 
 def all_cut_ins(
