@@ -20,12 +20,12 @@ from accelerated_evaluation.answer.rates import UNITS, Rate
 from accelerated_evaluation.base.arrays import Array
 from accelerated_evaluation.base.errors import InputError
 from accelerated_evaluation.base.percent import in_percent
-from accelerated_evaluation.base.sections import listed
+from accelerated_evaluation.base.sections import TEXT, listed
 from accelerated_evaluation.scenarios.protocol import Scenario
 
 CRITERIA = listed(
     [],
-    {"type": "string", "minLength": 1},
+    TEXT,
     "Upper limits on which the answer is judged, such as 1e-7 per hour, 1e-9 per kilometre, 1e-6 per cut-in, "
     "1e-8 MAIS3+ per hour, or 0.5 x cc_human for a share of the crash probability of another vehicle.",
     fewest=0,

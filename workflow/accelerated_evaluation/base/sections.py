@@ -12,7 +12,9 @@ from typing import Any
 
 Schema = Mapping[str, Any]
 AUTO = "auto"  # value of a limit that is derived from the records
-SHARE: Schema = {"type": "number", "exclusiveMinimum": 0, "exclusiveMaximum": 1}  # as an element of a list
+# Elements of lists.
+SHARE: Schema = {"type": "number", "exclusiveMinimum": 0, "exclusiveMaximum": 1}
+TEXT: Schema = {"type": "string", "minLength": 1}
 OR_AUTO = {"type": ["array", "string"], "pattern": f"^{AUTO}$"}  # further limits of a list that may be auto
 Sections = Mapping[str, Mapping[str, Any]]  # values of some sections of the configuration, by their names
 
@@ -99,7 +101,7 @@ def share(default: float, description: str, *, below: float = 1) -> Schema:
 
 def text(default: str | None, description: str, **limits: Any) -> Schema:  # noqa: ANN401
     """Return the schema of a text; ``limits`` are keywords of JSON Schema, such as ``pattern``."""
-    return {"type": "string", "minLength": 1, "default": default, "description": description, **limits}
+    return {**TEXT, "default": default, "description": description, **limits}
 
 
 def choice(default: str, options: Iterable[str], description: str) -> Schema:

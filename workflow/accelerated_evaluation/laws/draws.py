@@ -252,7 +252,7 @@ class DrawnLaws(Draws, Law):
         proposal = TruncatedNormalMixture.fit(x, laws[0].box, generator, components=COMPONENTS)
         return replace(draws, own=proposal)
 
-    @property
+    @cached_property
     def proposal(self) -> Law:
         """The law under which encounters are drawn."""
         if self.own is not None:

@@ -29,7 +29,7 @@ from accelerated_evaluation.publishing.texts import evaluate_expression
 
 COLUMNS = ["name", "value", "unit", "kind", "subject"]
 # Tables that have rows in every study. The others may have none if the vehicle never crashes.
-FILLED = (
+NEVER_EMPTY = (
     "answer",
     "claims",
     "encounters_account",
@@ -65,10 +65,11 @@ def named_numbers(definitions: Path, study: Study, results: Tables) -> pd.DataFr
     """Return the named numbers of a study, with the columns `COLUMNS`; values are texts, empty if unknown.
 
     A number is unknown if a table lacks its row, as in a study whose vehicle never crashes. ``results`` are
-    the tables of the benchmarks. InputError is raised if a table is missing, or one in `FILLED` has no row.
+    the tables of the benchmarks. InputError is raised if a table is missing, or one in `NEVER_EMPTY` has no
+    row.
     """
     tables = Tables(study.figures / "tables")
-    for name in FILLED:
+    for name in NEVER_EMPTY:
         if tables[name].empty:
             raise InputError(
                 f"{tables.folder / name}.csv",
@@ -138,6 +139,7 @@ def upper_share(found: int, tried: int) -> float:
 
 FUNCTIONS = {
     "crude_simulations": crude_simulations,
+    "exp": math.exp,
     "log": math.log,
     "numbers_of_paper": list(NUMBERS),
     "poisson_quantile": poisson.ppf,

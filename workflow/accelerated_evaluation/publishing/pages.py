@@ -4,12 +4,11 @@
 them in again.
 """
 
-import math
 from pathlib import Path
 from typing import Any
 
 from accelerated_evaluation.base.files import write_text
-from accelerated_evaluation.publishing.named_numbers import Tables, read_numbers, upper_share
+from accelerated_evaluation.publishing.named_numbers import FUNCTIONS, Tables, read_numbers
 from accelerated_evaluation.publishing.tables.spreads import rests_in_words
 from accelerated_evaluation.publishing.texts import FILLED, refill
 
@@ -32,7 +31,7 @@ def names_of_pages(root: Path) -> dict[str, Any]:
     figures = root / "figures"
     studies = {folder.name: Tables(folder / "tables") for folder in figures.iterdir()}
     numbers = read_numbers(figures / DEFAULT)
-    functions = {"exp": math.exp, "rests_in_words": rests_in_words, "upper_share": upper_share}
+    functions = FUNCTIONS | {"rests_in_words": rests_in_words}
     return studies | functions | {"n": numbers, "results": Tables(root / "benchmarks" / "results")}
 
 

@@ -8,7 +8,16 @@ from typing import Any, Protocol, Self
 import numpy as np
 import pandas as pd
 
-from accelerated_evaluation.base.sections import OR_AUTO, choice, integer, listed, number, section, text
+from accelerated_evaluation.base.sections import (
+    OR_AUTO,
+    TEXT,
+    choice,
+    integer,
+    listed,
+    number,
+    section,
+    text,
+)
 from accelerated_evaluation.records.checks import Records, Simulate
 from accelerated_evaluation.records.ingest import Account, ingest
 from accelerated_evaluation.records.segments import require_rows, write_encounters
@@ -39,7 +48,7 @@ DATA = section(  # and a section of each source, which its module owns
     ),
     accepted_warnings=listed(
         [],
-        {"type": "string", "minLength": 1},
+        TEXT,
         "Names of checks of the records, such as speed unit, whose verdict stop is accepted. A study in "
         "which another check says stop ends with an error after its results are made.",
         fewest=0,

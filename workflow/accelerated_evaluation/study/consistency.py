@@ -8,7 +8,7 @@ from itertools import combinations, pairwise
 from typing import Any
 
 from accelerated_evaluation.base.files import PROJECT
-from accelerated_evaluation.base.sections import Check, Schema, integer, listed, section, text
+from accelerated_evaluation.base.sections import TEXT, Check, Schema, integer, listed, section, text
 from accelerated_evaluation.laws.paper.models import PIECEWISE
 from accelerated_evaluation.laws.paper.piecewise import mixture_kinds, piece_kinds
 from accelerated_evaluation.laws.paper.section import models_section
@@ -29,7 +29,7 @@ STUDY = text(
 )
 MODULES = listed(
     [],
-    {"type": "string", "minLength": 1},
+    TEXT,
     "Python files, relative to the configuration file, that add laws, distributions, scenarios, vehicles, "
     "sources, methods or checks to the study (docs/extensions.md). If a file changes, the jobs that may use "
     "it run again.",

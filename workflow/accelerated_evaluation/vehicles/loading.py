@@ -9,7 +9,7 @@ from typing import Any
 
 from accelerated_evaluation.base.arguments import checked, described
 from accelerated_evaluation.base.errors import InputError, StudyError
-from accelerated_evaluation.base.sections import flag, listed, mapping, section, text
+from accelerated_evaluation.base.sections import TEXT, flag, listed, mapping, section, text
 from accelerated_evaluation.base.tables import require_file
 from accelerated_evaluation.base.users_code import error_in_words, import_file, kept_alive
 from accelerated_evaluation.scenarios import A_SCENARIO, SCENARIOS
@@ -42,7 +42,7 @@ SECTION = section(
     ),
     files=listed(
         [],
-        {"type": "string", "minLength": 1},
+        TEXT,
         "Further files that the vehicle depends on, such as modules that its class imports. If their "
         "contents change, the vehicle counts as another one and is simulated again.",
         fewest=0,
