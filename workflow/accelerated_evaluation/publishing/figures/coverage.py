@@ -259,7 +259,8 @@ def fig37_extrapolation(
             look = {"color": "black", "linewidth": 0.6, "linestyle": ":"}
             handles.append(axes.axhline(largest, label="fastest record", **look))
         if higher := int((crashes[up.name] > top).sum()):
-            words = f"at the edge: {higher} of {len(crashes):,} crashes, up to {crashes[up.name].max():.0f}"
+            highest = f"{crashes[up.name].max():.0f} {up.unit}"
+            words = f"at the edge: {higher} of {len(crashes):,} crashes, up to {highest}"
             handles += axes.plot([], [], linestyle="none", label=words)
         end = max([recorded[across.name].max(), *crashes[across.name]])
         axes.set(xlim=(0, end), ylim=(0, top), ylabel=up.label, xlabel=across.label)

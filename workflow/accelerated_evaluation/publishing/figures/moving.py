@@ -42,7 +42,7 @@ $keyframes
 </style>
 <rect width="740" height="176" fill="white"/>
 <text x="8" y="22">$title</text>
-<rect y="40" width="740" height="70" fill="#e8e8e8"/>
+<rect y="40" width="740" height="70" fill="$road"/>
 <path class="moves" style="animation-name:road" d="M-400 75H3000" stroke="#888888" stroke-width="2"
   stroke-dasharray="24 48"/>
 <g transform="translate(60 81)">
@@ -181,6 +181,7 @@ def _moving(scene: pd.DataFrame, row: dict[str, Any]) -> str:
         keyframes="\n".join(frames),
         host=HOST,
         lead=LEAD,
+        road=ROAD,
         brakes=BRAKES,
         crossing=at[int(np.argmin(np.abs(time)))],
         host_speed=f"{speed.max():.0f}",
