@@ -16,6 +16,7 @@ from accelerated_evaluation.publishing.figures.style import (
     paper_style,
     save_figure,
 )
+from accelerated_evaluation.publishing.tables.display import vehicles_in_words
 from matplotlib.figure import Figure
 
 RESULTS = Path(__file__).resolve().parents[1] / "results"
@@ -30,7 +31,7 @@ def intervals(runs: pd.DataFrame) -> pd.DataFrame:
         known = found.iloc[0]
         rows.append({"vehicle": vehicle, "name": "map, millions of runs"} | _ends(known, "map"))
         for row in found.head(SEEDS).to_dict("records"):
-            name = f"{row['runs']:.0f} runs" + ("" if row["converged"] else ", not converged")
+            name = f"{row['runs']:,.0f} runs" + ("" if row["converged"] else ", not converged")
             rows.append({"vehicle": vehicle, "name": name} | _ends(row, "few"))
     return pd.DataFrame(rows).assign(probability=float("nan"))
 
@@ -46,11 +47,11 @@ def draw(runs: pd.DataFrame) -> tuple[Figure, pd.DataFrame]:
         y = spaced(data["vehicle"], 1.6)
         drawn, axes = plt.subplots(figsize=(1.6 * COLUMN_WIDTH, FRAME + ROW * y.max()))
         draw_nested(axes, y, data)
-        name_rows(axes, y, data["vehicle"], data["name"])
+        name_rows(axes, y, vehicles_in_words(data["vehicle"]), data["name"])
         axes.set(xscale="log", xlabel="crash probability of a cut-in", ylim=(y.max() + 0.8, -1.6))
         handles, labels = axes.get_legend_handles_labels()
         drawn.legend(handles[:-1], labels[:-1], loc="outside upper center", ncols=4)  # without the mean
-        note_source(drawn, f"The first {SEEDS} seeds of each vehicle; recorded lane changes of SPMD")
+        note_source(drawn, f"the first {SEEDS} seeds of each vehicle; recorded lane changes of SPMD")
     return drawn, data
 
 

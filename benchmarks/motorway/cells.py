@@ -46,7 +46,7 @@ def draw(table: pd.DataFrame) -> tuple[Figure, pd.DataFrame]:
     data["high95"] = gamma.ppf((1 + LEVEL) / 2, data["counted"] + 1)
     with paper_style():
         drawn, panels = plt.subplots(
-            1, len(PREDICTIONS), figsize=(2 * COLUMN_WIDTH, 3.4), sharex=True, sharey=True
+            1, len(PREDICTIONS), figsize=(2 * COLUMN_WIDTH, 3.7), sharex=True, sharey=True
         )
         largest = 3 * np.nanmax([1.0, *data["high95"], *data[list(PREDICTIONS)].to_numpy().ravel()])
         for axes, (name, title) in zip(panels, PREDICTIONS.items(), strict=True):

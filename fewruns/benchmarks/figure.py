@@ -69,7 +69,7 @@ def draw_panel(axes: Axes, rows: pd.DataFrame) -> None:
         axes.text(1.02, y, remark(row), transform=axes.get_yaxis_transform(), va="center")
     axes.set(xscale="log", xlim=(8, 1e7), ylim=(len(LABELS) - 0.4, -0.6))
     axes.set_xticks([100, 10_000, 1_000_000])
-    axes.minorticks_off()
+    axes.set_xticks(np.logspace(1, 7, 7), [""] * 7, minor=True)
     axes.set_yticks(range(len(LABELS)), LABELS.values())
     axes.text(1.02, 1.01, "% (failed)", transform=axes.transAxes, va="bottom")
     label = problems()[rows["problem"].iloc[0]].label

@@ -33,7 +33,7 @@ def test_the_figure_has_both_kinds_of_cut_ins_and_the_limits(tmp_path):
     assert data["gap"].tolist() == ["closing", "closing", "opening", "opening"]
     labels = [label.get_text() for label in drawn.axes[0].get_yticklabels()]
     assert set(GROUPS.values()) <= set(labels)
-    assert sorted(each.get_text() for each in drawn.axes[0].texts) == ["× constant", "×1.30", "×13"]
+    assert sorted(each.get_text() for each in drawn.axes[0].texts) == ["× constant", "×1.3", "×13"]
     (limit,) = (line for line in drawn.axes[0].lines if line.get_marker() == "<")
     assert limit.get_xdata().tolist() == [2e-4]
 

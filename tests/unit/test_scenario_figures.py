@@ -44,6 +44,8 @@ def test_a_speed_without_a_sign_is_drawn_as_the_laws_treat_it():
     (axes,) = drawn.axes
     assert axes.get_xlabel() == "|pedestrian speed| [m/s]"
     assert (axes.get_xscale(), axes.get_yscale()) == ("asinh", "linear")
+    assert [label.get_text() for label in axes.get_xticklabels()][:3] == ["0", "0.1", "1"]
+    assert len(axes.get_xticks(minor=True)) > 8
     shown = [text.get_text() for text in axes.get_legend().get_texts()]
     assert "crashes, farther away than most records are: 68 %" in shown
     (axes,) = drawn_crashes(LEFT_TURN)[0].axes

@@ -10,7 +10,7 @@ from matplotlib.axes import Axes
 from matplotlib.colors import LogNorm
 from matplotlib.figure import Figure
 from matplotlib.patches import Patch
-from matplotlib.ticker import MaxNLocator, PercentFormatter
+from matplotlib.ticker import MaxNLocator, NullFormatter, PercentFormatter
 
 from accelerated_evaluation.answer.extrapolation import CAPPED, FAR, NEAR, RECORDED
 from accelerated_evaluation.base.percent import in_percent
@@ -151,10 +151,10 @@ def _name_panels(panels: Iterable[Axes]) -> None:
     bias.set_title("(c) bias", loc="left")
     bias.set_xlabel("median estimate / truth")
     bias.axvline(1, color="black", linewidth=0.6, linestyle=":")
-    for axes, ticks in ((width, (2, 10, 50, 250)), (bias, (0.3, 1, 3, 6))):
+    for axes, ticks in ((width, (2, 10, 50, 250)), (bias, (0.3, 1, 3, 10))):
         axes.set_xscale("log")
-        axes.minorticks_off()
         axes.set_xticks(ticks, [f"{tick:g}" for tick in ticks])
+        axes.xaxis.set_minor_formatter(NullFormatter())
 
 
 def _coverage_rows(coverage: pd.DataFrame) -> pd.DataFrame:
@@ -265,9 +265,10 @@ def fig37_extrapolation(
         end = max([recorded[across.name].max(), *crashes[across.name]])
         axes.set(xlim=(0, end), ylim=(0, top), ylabel=up.label, xlabel=across.label)
         if small:
-            ticks = [0, small, *(tick for tick in (1, 10, 100) if small < tick < end)]
-            axes.set_xticks(ticks, [f"{tick:g}" for tick in ticks], minor=False)
-            axes.minorticks_off()
+            decades = 10.0 ** np.arange(math.ceil(math.log10(small / 2)), math.floor(math.log10(end)) + 1)
+            axes.set_xticks([0, *decades], [f"{tick:g}" for tick in (0, *decades)])
+            between = np.outer(decades, np.arange(2, 10)).ravel()
+            axes.set_xticks(between[between < end], minor=True)
         axes.legend(handles=handles, loc="lower center", bbox_to_anchor=(0.5, 1.0), fontsize=6)
         note_source(drawn, source)
     return drawn, pd.concat([crashes, cells], ignore_index=True)

@@ -71,8 +71,9 @@ def write_beside(axes: Axes, y: ArrayLike, texts: Iterable[str], heading: str) -
 
 
 def in_ratios(values: pd.Series) -> list[str]:
-    """Write ratios with a multiplication sign, such as "×2.5"."""
-    return [f"×{readable(value)}" for value in values]
+    """Write ratios with a multiplication sign and two significant digits, such as "×2.5"."""
+    # Rounded to three digits first, so that 0.9998 is ×1 and not ×1.00.
+    return [f"×{readable(float(f'{value:.3g}'), 2)}" for value in values]
 
 
 def scale_linearly(axes: Axes, label: str) -> None:

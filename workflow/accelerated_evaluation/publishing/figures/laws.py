@@ -122,12 +122,13 @@ def fig22_calibration(calibration: pd.DataFrame, source: str) -> tuple[Figure, p
         _draw_limits(axes, y - 0.15, defended, ("o", DEFENDED), law_in_words(names[0]))
         _draw_limits(axes, paper["where"].map(place).to_numpy() + 0.2, paper, ("s", PAPER), "paper's law")
         axes.plot(defended["recorded"], y, "k|", markersize=6, label="recorded")
-        axes.set_xscale("symlog", linthresh=1)
+        axes.set_xscale("symlog", linthresh=1, subs=range(2, 10))
+        axes.xaxis.set_major_formatter("{x:g}")
         axes.set(xlim=(-0.1, None), xlabel="distinct records (linear below 1, logarithmic above)")
         names = defended["where"].str.replace(r"^R (.*), ", r"\1, closing ", regex=True)
         name_rows(axes, y, defended["what"], names.str.replace(" to ", "–", regex=False))
         axes.set_ylim(y.max() + 1, -2)
-        drawn.legend(*axes.get_legend_handles_labels(), loc="outside upper center")
+        drawn.legend(*axes.get_legend_handles_labels(), loc="outside upper center", ncols=3)
         note_source(drawn, f"{source}. Bars: expected, with 90 % Poisson limits")
     return drawn, calibration
 

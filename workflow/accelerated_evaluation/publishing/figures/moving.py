@@ -1,7 +1,6 @@
 """Figure 36, beyond the paper: the likeliest crash seen from above, as a moving picture."""
 
 from collections.abc import Sequence
-from html import escape
 from pathlib import Path
 from string import Template
 from typing import Any
@@ -27,25 +26,27 @@ BEFORE = AFTER = 1.5  # [s], times before and after the crossing in which the ot
 STEP = 0.1  # [s], of the traces
 SLOWER, STILL = 2, 2.5  # how many times slower than reality, and for how long [s] the end is shown
 SCALE = 8  # [px/m] of the moving picture
+BAR = 340  # [px], length of the bar that shows the first speed of the car under test
 HOST, LEAD, BRAKES, ROAD = "#08306b", "#777777", "#c00000", "#e8e8e8"
 SEEN = 90  # [m], length of road that is seen ahead of the car under test
 
 # In pixels; the front of the car under test is at 60, and the lanes have their true width.
 PICTURE = Template("""\
-<svg xmlns="http://www.w3.org/2000/svg" viewBox="0 0 740 176" width="740" font-family="sans-serif"
-  font-size="14">
-<title>$title</title>
+<svg xmlns="http://www.w3.org/2000/svg" viewBox="0 0 740 232" width="740" font-family="sans-serif"
+  font-size="20">
+<title>$title $course</title>
 <style>
 .moves {animation: $length linear infinite}
 $keyframes
 @media (prefers-reduced-motion: reduce) {.moves {animation: none}}
 </style>
-<rect width="740" height="176" fill="white"/>
-<text x="8" y="22">$title</text>
-<rect y="40" width="740" height="70" fill="$road"/>
-<path class="moves" style="animation-name:road" d="M-400 75H3000" stroke="#888888" stroke-width="2"
+<rect width="740" height="232" fill="white"/>
+<text x="8" y="24">$title</text>
+<text x="8" y="50">$course</text>
+<rect y="62" width="740" height="70" fill="$road"/>
+<path class="moves" style="animation-name:road" d="M-400 97H3000" stroke="#888888" stroke-width="2"
   stroke-dasharray="24 48"/>
-<g transform="translate(60 81)">
+<g transform="translate(60 103)">
 <rect x="-38" width="38" height="15" rx="4" fill="$host"/>
 <rect class="moves" style="animation-name:lead;transform:$crossing" width="38" height="15" rx="4"
   fill="$lead"/>
@@ -53,15 +54,15 @@ $keyframes
 <path class="moves" style="animation-name:crash" opacity="0" d="M-9 -2l18 18m0 -18l-18 18" stroke="$brakes"
   stroke-width="5"/>
 </g>
-<text x="8" y="138">car under test, $host_speed m/s at first</text>
-<text x="8" y="162">other car, $lead_speed m/s</text>
-<g transform="translate(230 127)">
-<rect class="moves" style="animation-name:speed" width="$host_bar" height="12" fill="$host"/>
-<rect y="24" width="$lead_bar" height="12" fill="$lead"/>
+<text x="8" y="162">car under test, $host_speed m/s at first</text>
+<text x="8" y="190">other car, $lead_speed m/s</text>
+<g transform="translate(390 148)">
+<rect class="moves" style="animation-name:speed" width="$host_bar" height="16" fill="$host"/>
+<rect y="28" width="$lead_bar" height="16" fill="$lead"/>
 </g>
 <g fill="$brakes">
-<text class="moves" style="animation-name:emergency" opacity="0" x="540" y="138">emergency braking</text>
-<text class="moves" style="animation-name:crash" opacity="0" x="540" y="162">impact at $impact m/s</text>
+<text class="moves" style="animation-name:emergency" opacity="0" x="8" y="220">emergency braking</text>
+<text class="moves" style="animation-name:crash" opacity="0" x="390" y="220">impact at $impact m/s</text>
 </g>
 </svg>
 """)
@@ -105,7 +106,7 @@ def fig36_cut_in(happened: pd.DataFrame, traces: pd.DataFrame, source: str) -> t
             braking = scene["time_s"][scene["emergency"] == 1]
             moments = {
                 "the other car changes lane": -BEFORE,
-                "it crosses into the lane": 0.0,
+                "the other car crosses into the lane": 0.0,
                 "emergency braking begins": braking.iloc[0] if len(braking) else None,
                 "crash": scene["time_s"].iloc[-1],
             }
@@ -146,7 +147,8 @@ def _draw_moment(axes: Axes, now: pd.Series, words: str) -> None:
     for x, y, colour in ((-CAR[0], 0.0, HOST), (now["range_m"], now["lead_lateral_m"], LEAD)):
         axes.add_patch(Rectangle((x, y - CAR[1] / 2), *CAR, color=colour, linewidth=0, zorder=2))
     host, lead = (f"{now[f'{name}_speed_m_per_s']:.1f} m/s" for name in ("host", "lead"))
-    title = f"{now['time_s']:.1f} s: {words}; car under test (dark) {host}, other car (light) {lead}"
+    time = f"{now['time_s']:.1f} s".replace("-", "−")
+    title = f"{time}: {words}; car under test (dark) {host}, other car (light) {lead}"
     axes.set_title(title, fontsize=7, loc="left", pad=2)
     axes.set(xlim=(-8, SEEN), ylim=(-LANE / 2, 1.5 * LANE), yticks=[], facecolor=ROAD)
     axes.grid(visible=False)
@@ -171,12 +173,13 @@ def _moving(scene: pd.DataFrame, row: dict[str, Any]) -> str:
         _appears("emergency", share, scene["emergency"] == 1),
         _appears("crash", share, time == time[-1]),
     ]
-    title = (
-        f"The likeliest crash, {SLOWER} times slower: the other car crosses into the lane "
-        f"{row['range']:.0f} m ahead, closing at {row['closing_speed']:.0f} m/s."
+    course = (
+        f"The other car crosses {row['range']:.0f} m ahead, and the gap closes at "
+        f"{row['closing_speed']:.0f} m/s."
     )
     return PICTURE.substitute(
-        title=escape(title),
+        title=f"The likeliest crash, {SLOWER} times slower than in reality.",
+        course=course,
         length=f"{length:.2f}s",
         keyframes="\n".join(frames),
         host=HOST,
@@ -186,8 +189,8 @@ def _moving(scene: pd.DataFrame, row: dict[str, Any]) -> str:
         crossing=at[int(np.argmin(np.abs(time)))],
         host_speed=f"{speed.max():.0f}",
         lead_speed=f"{row['lead_speed']:.0f}",
-        host_bar=f"{SCALE * speed.max():.1f}",
-        lead_bar=f"{SCALE * row['lead_speed']:.1f}",
+        host_bar=BAR,
+        lead_bar=f"{BAR * row['lead_speed'] / speed.max():.1f}",
         impact=f"{row['impact_speed']:.1f}",
     )
 
