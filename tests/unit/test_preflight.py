@@ -5,13 +5,19 @@ from pathlib import Path
 
 import pytest
 from accelerated_evaluation import InputError
+from accelerated_evaluation.scenarios.cut_in import CUT_IN
+from accelerated_evaluation.scenarios.left_turn import LEFT_TURN
+from accelerated_evaluation.scenarios.record_table import TableRecords, named_records_of
 from accelerated_evaluation.study.configuration import load
+from accelerated_evaluation.study.inputs import StudyInputs
 from accelerated_evaluation.study.preflight import (
+    UNDER_TEST,
     compared_sections,
     require_cores,
-    require_named,
     require_places,
     require_plain,
+    require_records,
+    require_vehicles,
 )
 
 ROOT = Path(__file__).resolve().parents[2]
@@ -25,9 +31,9 @@ def config(monkeypatch):
 
 def named(config):
     """Check what a configuration names."""
-    source = config["data"]["source"]
-    compared = compared_sections(config["compared_vehicles"])
-    require_named(source, config["data"][source]["path"], config["vehicle"], compared)
+    require_records(named_records_of(CUT_IN, config))
+    vehicles = {UNDER_TEST: config["vehicle"], **compared_sections(config["compared_vehicles"])}
+    require_vehicles(vehicles, CUT_IN)
 
 
 def test_the_shipped_configuration_names_what_there_is(config):
@@ -95,3 +101,24 @@ def test_a_study_needs_a_core(cores):
     require_cores(None)
     with pytest.raises(InputError, match=f"--cores .* seen {cores}"):
         require_cores(cores)
+
+
+def test_a_table_of_records_is_looked_up_for_every_scenario(monkeypatch):
+    monkeypatch.chdir(ROOT)
+    table = TableRecords(LEFT_TURN, "no.csv")
+    with pytest.raises(InputError, match=r"scenario.records: seen no.csv, which does not exist; expected"):
+        require_records(table)
+    with pytest.raises(InputError, match=r"scenario.records: seen tests, which is no file; expected"):
+        require_records(TableRecords(LEFT_TURN, "tests"))
+    require_records(TableRecords(LEFT_TURN, None))
+
+
+def test_vehicles_of_another_scenario_are_compared(tmp_path, monkeypatch):
+    monkeypatch.chdir(ROOT)
+    mine = {"name": "acc_aeb", "parameters": {"headway": 1.5}}
+    given = {"scenario": {"name": "left_turn"}, "study": "mine", "compared_vehicles": {"later": mine}}
+    inputs = StudyInputs.checked(given, [], ROOT, cores=1, is_main_process=True)
+    assert list(inputs.vehicles) == ["under_test", "acc_aeb", "later"]
+    given["compared_vehicles"] = {"rss": {}}  # a vehicle of cut-ins
+    with pytest.raises(InputError, match=r"compared_vehicles.rss, vehicle: seen 'rss'"):
+        StudyInputs.checked(given, [], ROOT, cores=1, is_main_process=True)

@@ -80,7 +80,7 @@ SEEDS = range(config["cross_entropy"]["seeds"])
 MODEL = config["models"]["inverse_range"]["variant"]
 
 # Changes of the user's own files are recognised by their content, which is in the parameters of rules, not by dates.
-RECORDS = INPUTS.records
+RECORDS = INPUTS.records.files
 ACCEPTED = INPUTS.accepted
 VEHICLES = INPUTS.vehicles
 VEHICLE_FILES = INPUTS.files_of("under_test")

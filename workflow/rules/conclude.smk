@@ -19,7 +19,7 @@ rule accept_records:
         benchmark_of("accept_records.tsv")
     params:
         accepted=ACCEPTED,
-        records=INPUTS.place,
+        records=INPUTS.records.path,
         library=code_up_to("records"),
     message:
         "Checking whether a check of the records says stop"

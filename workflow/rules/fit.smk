@@ -25,7 +25,7 @@ rule fit_models:
             ),
             "inverse_ttc": config["models"]["inverse_ttc"],
         },
-        description=lambda _: INPUTS.description,
+        description=lambda _: INPUTS.records.description,
         closing_speed_max=config["models"]["closing_speed_max"],
         range_max=config["filters"]["range_max"],
         library=code_up_to("laws"),

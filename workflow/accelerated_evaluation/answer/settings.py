@@ -72,7 +72,7 @@ class Settings:
             config["data"]["accepted_warnings"],
             law_settings(scenario, config),
             config["vehicle"],
-            config["compared_vehicles"] if scenario.references else {},
+            config["compared_vehicles"],
             config["simulations"],
             Surrogate.stopping({name: config[name] for name in Surrogate.plan}),
             config["surrogate"]["batch_size"],

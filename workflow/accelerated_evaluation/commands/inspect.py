@@ -94,6 +94,6 @@ def _given(path: Path, scenario: str | None, *, is_config: bool) -> dict[str, An
         return given
     from accelerated_evaluation.scenarios import SCENARIOS
 
-    if scenario is not None and not SCENARIOS[scenario].has_sources:
+    if scenario is not None and SCENARIOS[scenario].named_records is None:
         return {"scenario": {"name": scenario, "records": str(path)}}
     return given | {"data": {"source": "table", "table": {"path": str(path), "description": path.name}}}

@@ -21,7 +21,7 @@ from accelerated_evaluation.base.sections import (
 from accelerated_evaluation.records.checks import Records, Simulate
 from accelerated_evaluation.records.ingest import Account, ingest
 from accelerated_evaluation.records.segments import require_rows, write_encounters
-from accelerated_evaluation.records.sources import describe, read_source
+from accelerated_evaluation.records.sources import describe, read_source, record_files
 
 SPEED = {"type": "number", "minimum": 0, "maximum": 100}  # [m/s], as an element of a list
 DATA = section(  # and a section of each source, which its module owns
@@ -83,6 +83,18 @@ class NamedRecords(Protocol):
     """The records of a scenario, as a configuration names them."""
 
     @property
+    def key(self) -> str:
+        """Key of the configuration that names the file or folder of the records."""
+
+    @property
+    def path(self) -> str:
+        """File or folder of the records."""
+
+    @property
+    def files(self) -> list[str]:
+        """Paths of all files that are read."""
+
+    @property
     def name(self) -> str:
         """File or folder of the records, or a description of it, for messages."""
 
@@ -126,9 +138,24 @@ class CutInRecords:
         return cls(config["data"], config["filters"], config["segments"]["lead_speed_edges"])
 
     @property
-    def name(self) -> str:
+    def key(self) -> str:
+        """Key ``path`` of the section of the source."""
+        return f"data.{self.data['source']}.path"
+
+    @property
+    def path(self) -> str:
         """File or folder of the source."""
         return str(self.data[self.data["source"]]["path"])
+
+    @property
+    def files(self) -> list[str]:
+        """The file, or all files in the folder that the source reads."""
+        return record_files(self.data[self.data["source"]])
+
+    @property
+    def name(self) -> str:
+        """File or folder of the source."""
+        return self.path
 
     @property
     def description(self) -> str:

@@ -412,11 +412,6 @@ class Scenario:
     prescribed: Sequence[PrescribedTest] = ()
 
     @property
-    def has_sources(self) -> bool:
-        """Whether records come from sources such as recordings, and not as one table with the variables."""
-        return self.named_records is not None
-
-    @property
     def one(self) -> str:
         """The word for an encounter with its article, such as "a cut-in"."""
         return f"{'an' if self.noun[0] in 'aeiou' else 'a'} {self.noun}"

@@ -5,7 +5,7 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
-from typing import Any, Self
+from typing import Any, ClassVar, Self
 
 import numpy as np
 import pandas as pd
@@ -92,15 +92,7 @@ def read_scenario_records(scenario: Scenario, path: str | os.PathLike | None = N
     By default, they are those that come with the project. InputError is raised if there is no file, or if a
     row to which laws are fitted cannot be simulated.
     """
-    source = path or scenario.records
-    if source is None:
-        raise InputError(
-            "scenario.records",
-            seen="null",
-            expected=f"a file, because no records of the scenario {scenario.name} come with the project",
-            change="Name the file of the records.",
-        )
-    source = project_file(source)
+    source = project_file(TableRecords(scenario, path).path)
     table = _read_records(scenario, source)
     fitted = table[table[FITTED]]
     scenario.checked(*(fitted[name] for name in scenario.names), source=str(source), rows=fitted.index + 2)
@@ -112,7 +104,8 @@ class TableRecords:
     """Records of a scenario that are one table with its variables."""
 
     scenario: Scenario
-    path: str | None  # of the table; None for the records that come with the project
+    given: str | os.PathLike | None  # path of the table; None for the records that come with the project
+    key: ClassVar = "scenario.records"
 
     @classmethod
     def of(cls, scenario: Scenario, config: Mapping[str, Any]) -> Self:
@@ -120,9 +113,27 @@ class TableRecords:
         return cls(scenario, config["scenario"]["records"])
 
     @property
+    def path(self) -> str:
+        """The table; InputError is raised if none is named and none comes with the project."""
+        if (path := self.given or self.scenario.records) is None:
+            missing = f"no records of the scenario {self.scenario.name} come with the project"
+            raise InputError(
+                self.key,
+                seen="null",
+                expected=f"a file, because {missing}",
+                change="Name the file of the records.",
+            )
+        return str(path)
+
+    @property
+    def files(self) -> list[str]:
+        """The table."""
+        return [self.path]
+
+    @property
     def name(self) -> str:
         """The file of the records; a description if they come with the project."""
-        return str(self.path or f"records of the scenario {self.scenario.name} in the project")
+        return str(self.given or f"records of the scenario {self.scenario.name} in the project")
 
     @property
     def description(self) -> str:
@@ -131,7 +142,7 @@ class TableRecords:
 
     def read(self, _: np.random.Generator) -> pd.DataFrame:
         """Read the table, as `read_scenario_records` does; no sample is drawn."""
-        return read_scenario_records(self.scenario, self.path)
+        return read_scenario_records(self.scenario, self.given)
 
     def for_checks(self, raw: pd.DataFrame, simulate: Simulate | None = None) -> Records:
         """Return the table in the form for the checks of records."""

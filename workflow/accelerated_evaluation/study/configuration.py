@@ -146,8 +146,9 @@ def completed(config: Mapping[str, Any]) -> dict[str, Any]:
 
     The defaults are those of ``config/config.yaml``, with three exceptions. The limits in that file are only
     for its source of records. For another source, missing limits are `limits.AUTO`, and are later derived
-    from the records (`limits.with_limits`). A scenario other than the cut-in has its own default vehicle. In
-    a study of a slow vehicle, the outcomes of a Python class are stored, too.
+    from the records (`limits.with_limits`). The vehicles in that file are only for its scenario; another
+    scenario has its own default vehicle, and is compared with all of its vehicles. In a study of a slow
+    vehicle, the outcomes of a Python class are stored, too.
     """
     defaults = default_configuration()
     data = config.get("data")
@@ -156,22 +157,25 @@ def completed(config: Mapping[str, Any]) -> dict[str, Any]:
         and data.get("source", defaults["data"]["source"]) != defaults["data"]["source"]
     ):
         defaults = with_values(defaults, dict.fromkeys(AUTOMATIC, AUTO))
-    if (vehicle := _default_vehicle(config)) is not None:
-        defaults["vehicle"] = defaults["vehicle"] | {"name": vehicle}
-    complete = _merged(defaults, config)
+    complete = _merged(defaults | _vehicles_of_scenario(config, defaults), config)
     simulations = complete["simulations"]
     if isinstance(simulations, Mapping) and simulations.get("slow") is True:
         complete["simulations"] = simulations | {"keep_class": True}
     return complete
 
 
-def _default_vehicle(config: Mapping[str, Any]) -> str | None:
-    """Return the default vehicle of the scenario of a configuration; None if it names no known scenario."""
+def _vehicles_of_scenario(config: Mapping[str, Any], defaults: Mapping[str, Any]) -> dict[str, Any]:
+    """Return the default sections of vehicles for another scenario than that of the defaults."""
     from accelerated_evaluation.scenarios import SCENARIOS
 
     scenario = config.get("scenario")
     name = scenario.get("name") if isinstance(scenario, Mapping) else None
-    return SCENARIOS[name].default_vehicle if isinstance(name, str) and name in SCENARIOS else None
+    if not isinstance(name, str) or name == defaults["scenario"]["name"] or name not in SCENARIOS:
+        return {}
+    return {
+        "vehicle": defaults["vehicle"] | {"name": SCENARIOS[name].default_vehicle},
+        "compared_vehicles": {vehicle: {} for vehicle in SCENARIOS[name].vehicles},
+    }
 
 
 def resolved(

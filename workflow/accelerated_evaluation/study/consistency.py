@@ -14,7 +14,7 @@ from accelerated_evaluation.laws.paper.piecewise import mixture_kinds, piece_kin
 from accelerated_evaluation.laws.paper.section import models_section
 from accelerated_evaluation.records import named
 from accelerated_evaluation.records.sources import SOURCES
-from accelerated_evaluation.study.preflight import compared_sections
+from accelerated_evaluation.study.preflight import UNDER_TEST, compared_sections
 
 WORKFLOW = PROJECT / "workflow"
 LONGEST_VALUE = 1000  # largest number of characters of a value in a message
@@ -162,17 +162,17 @@ def _are_events(scenario: str, events: Mapping[str, Sequence[float]]) -> bool:
     return {*events} <= own | {*_mapped_events()}
 
 
-def _mean_what_they_say(compared: Mapping[str, Mapping]) -> bool:
+def _mean_what_they_say(scenario: str, compared: Mapping[str, Mapping]) -> bool:
     """Return whether no label is misleading.
 
-    A label must not be ``under_test``. If it is the name of a built-in vehicle, the entry has to be this
-    vehicle.
+    A label must not be ``under_test``. If it is the name of a built-in vehicle of the scenario, the entry has
+    to be this vehicle.
     """
-    from accelerated_evaluation.vehicles import VEHICLES  # imported here, because the compiler takes a second
+    from accelerated_evaluation.scenarios import SCENARIOS
 
     sections = compared_sections(compared)
-    built_in = sections.keys() & set(VEHICLES)
-    return "under_test" not in sections and all(sections[label]["name"] == label for label in built_in)
+    built_in = sections.keys() & set(SCENARIOS[scenario].vehicles) if scenario in SCENARIOS else ()
+    return UNDER_TEST not in sections and all(sections[label]["name"] == label for label in built_in)
 
 
 def _differ(compared: Mapping[str, Mapping]) -> bool:
@@ -305,7 +305,7 @@ CHECKS = (
         for variant in PIECEWISE
     ),
     Check(
-        ("compared_vehicles",),
+        ("scenario.name", "compared_vehicles"),
         _mean_what_they_say,
         "labels that are not under_test, and that are the name of a built-in vehicle only where they mean it",
     ),

@@ -82,10 +82,8 @@ def in_order(value: Any) -> Any:  # noqa: ANN401
 def without_unused(config: Mapping[str, Any], sources: Iterable[str]) -> dict[str, Any]:
     """Return a configuration without the sections of data sources that the study does not use.
 
-    The keys of all mappings are in alphabetical order.
-
     Editing an unused section must not cause any job to run again.
     """
     unused = set(sources) - {config["data"]["source"]}
     data = {key: value for key, value in config["data"].items() if key not in unused}
-    return in_order({**config, "data": data})
+    return {**config, "data": data}

@@ -2,31 +2,34 @@
 
 import os
 from collections.abc import Iterable, Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass
+from itertools import chain
 from pathlib import Path
 from typing import Any, Self
 
 from accelerated_evaluation.answer.criterion import criteria_of
-from accelerated_evaluation.base.errors import InputError, located
 from accelerated_evaluation.base.files import content_digest, project_file, value_digest
-from accelerated_evaluation.base.tables import require_file
-from accelerated_evaluation.records.sources import SOURCES, describe, record_files
+from accelerated_evaluation.records.named import NamedRecords
+from accelerated_evaluation.records.sources import SOURCES
 from accelerated_evaluation.records.verdict import require_checks
 from accelerated_evaluation.scenarios import SCENARIOS
+from accelerated_evaluation.scenarios.record_table import named_records_of
 from accelerated_evaluation.study.configuration import completed, load_modules, read_again, resolved, validate
-from accelerated_evaluation.study.dependencies import without_unused
+from accelerated_evaluation.study.dependencies import in_order, without_unused
+from accelerated_evaluation.study.limits import with_values
 from accelerated_evaluation.study.preflight import (
+    UNDER_TEST,
     compared_sections,
     require_cores,
-    require_named,
     require_places,
     require_plain,
+    require_records,
+    require_vehicles,
 )
 from accelerated_evaluation.vehicles.external.slow import is_slow
 from accelerated_evaluation.vehicles.loading import section_files
 from accelerated_evaluation.vehicles.protocol import event_named
 
-UNDER_TEST = "under_test"
 OF_THE_STUDY = ("slow", "workers")  # settings of the simulations that do not influence any outcome
 LIMITS = ("lead_speed_min", "lead_speed_max", "range_max")  # filters that are the limits of a crash map
 
@@ -36,15 +39,14 @@ class StudyInputs:
     """The inputs of a study, which have been checked."""
 
     config: dict[str, Any]  # the complete configuration, without the sections of sources that are not used
-    records: list[str]  # paths of the records
+    records: NamedRecords
     # Sections of the configuration: ``under_test``, and the compared vehicles by label.
     vehicles: dict[str, dict[str, Any]]
     files: dict[str, list[str]]  # paths of the files on which each vehicle depends
     # Names of the checks of the records whose warnings the user accepts. They are not in `config`, because
     # they are used only by the last job, and editing them must not run other jobs again.
     accepted: list[str]
-    # Paths of published verdicts for a scenario other than the cut-in.
-    verdicts: list[str] = field(default_factory=list)
+    verdicts: list[str]  # paths of published verdicts of the scenario
 
     @classmethod
     def checked(
@@ -71,73 +73,29 @@ class StudyInputs:
         validate(config)
         scenario = SCENARIOS[config["scenario"]["name"]]
         criteria_of(config["criteria"], scenario)
-        if not scenario.has_sources:
-            return cls._of_scenario(config, project, cores=cores, is_main_process=is_main_process)
-        records = record_files(config["data"][config["data"]["source"]])
-        limits = Path("results") / config["study"] / "limits.json"
-        config = without_unused(resolved(config, records, limits, trust=not is_main_process), SOURCES)
-        accepted, source = config["data"].pop("accepted_warnings"), config["data"][config["data"]["source"]]
-        source["path"] = str(project_file(source["path"], project))
-        compared = compared_sections(config["compared_vehicles"])
-        if is_main_process:
-            require_cores(cores)
-            require_places(Path("results") / config["study"], Path("figures") / config["study"])
-            require_named(config["data"]["source"], source["path"], config["vehicle"], compared)
-            require_checks(accepted)
-        vehicles = {UNDER_TEST: config["vehicle"], **compared}
-        files = {name: section_files(section) for name, section in vehicles.items()}
-        inputs = cls(config, record_files(source), vehicles, files, accepted)
-        require_plain([*inputs.records, *inputs.files_of(*vehicles)])
-        return inputs
-
-    @classmethod
-    def _of_scenario(
-        cls, config: dict[str, Any], project: Path, *, cores: int | None, is_main_process: bool
-    ) -> Self:
-        """Check the configuration of a scenario other than the cut-in, as `checked` does for the cut-in."""
-        scenario = SCENARIOS[config["scenario"]["name"]]
-        path = config["scenario"]["records"] or scenario.records
-        if path is None:
-            raise InputError(
-                "scenario.records",
-                seen="null",
-                expected="the file of the records",
-                change=f"Name the file; the project contains no records of the scenario {scenario.name}.",
-            )
-        path = project_file(path, project)
-        if is_main_process:
-            require_cores(cores)
-            require_places(Path("results") / config["study"], Path("figures") / config["study"])
-        require_file(path, "Correct scenario.records.")
         event_named(config["scenario"]["event"], scenario, where="scenario.event")
-        data = dict(config["data"])
-        require_checks(accepted := data.pop("accepted_warnings"))
-        config = {**config, "scenario": {**config["scenario"], "records": str(path)}, "data": data}
-        with located("vehicle.name or vehicle.parameters"):
-            files = section_files(config["vehicle"], scenario)
-        require_plain([str(path), *files])
+        named = named_records_of(scenario, config)
+        config = in_order(with_values(config, {named.key: str(project_file(named.path, project))}))
+        named = named_records_of(scenario, config)
+        vehicles = {UNDER_TEST: config["vehicle"], **compared_sections(config["compared_vehicles"])}
+        if is_main_process:
+            require_cores(cores)
+            require_places(Path("results") / config["study"], Path("figures") / config["study"])
+            require_records(named)
+            require_vehicles(vehicles, scenario)
+            require_checks(config["data"]["accepted_warnings"])
+        files = {name: section_files(section, scenario) for name, section in vehicles.items()}
+        require_plain([*named.files, *chain(*files.values())])
+        limits = Path("results") / config["study"] / "limits.json"
+        config = without_unused(resolved(config, named.files, limits, trust=not is_main_process), SOURCES)
+        accepted = config["data"].pop("accepted_warnings")
         verdicts = [str(project / scenario.verdicts)] if scenario.verdicts else []
-        own = {"parameters": {}, "files": [], "deterministic": None}
-        vehicles = {UNDER_TEST: config["vehicle"]} | {
-            name: {"name": name} | own for name in scenario.vehicles
-        }
-        of_files = {name: files if name == UNDER_TEST else [] for name in vehicles}
-        return cls(config, [str(path)], vehicles, of_files, accepted, verdicts)
+        return cls(config, named_records_of(scenario, config), vehicles, files, accepted, verdicts)
 
     @property
     def source(self) -> dict[str, Any]:
         """Section of the configuration for the source of the records."""
         return self.config["data"][self.config["data"]["source"]]
-
-    @property
-    def place(self) -> str:
-        """File or folder of the records, as the configuration names it."""
-        return self.config["scenario"]["records"] or self.source["path"]
-
-    @property
-    def description(self) -> str:
-        """Text that describes the records in tables and figures."""
-        return describe(self.config["data"])
 
     def files_of(self, *names: str) -> list[str]:
         """Return the paths of the files on which the named vehicles depend."""

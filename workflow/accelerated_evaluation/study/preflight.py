@@ -3,13 +3,15 @@
 Jobs may take minutes, so a wrong name should be reported before.
 """
 
-import os
 from collections.abc import Iterable, Mapping
 from pathlib import Path
 from typing import Any
 
 from accelerated_evaluation.base.errors import InputError, located
+from accelerated_evaluation.records.named import NamedRecords
+from accelerated_evaluation.scenarios import Scenario
 
+UNDER_TEST = "under_test"  # label of the vehicle under test among all vehicles
 # Endings of the files that jobs write.
 ENDINGS = {
     ".csv",
@@ -38,31 +40,30 @@ def compared_sections(compared: Mapping[str, Mapping[str, Any]]) -> dict[str, di
     }
 
 
-def require_named(
-    source: str,
-    path: str | os.PathLike,
-    vehicle: Mapping[str, Any],
-    compared: Mapping[str, Mapping[str, Any]],
-) -> None:
-    """Check that the records of a source and the vehicles exist, and load each vehicle once.
+def require_records(records: NamedRecords) -> None:
+    """Raise InputError, with the key of the configuration, if a file of the records does not exist."""
+    for file in records.files:
+        if not Path(file).is_file():
+            raise InputError(
+                records.key,
+                seen=f"{file}, which {'is no file' if Path(file).exists() else 'does not exist'}",
+                expected="the file of the records",
+                change=f"Correct the path, which is relative to {Path.cwd()}.",
+            )
 
-    The vehicles are sections of the configuration; those that are compared are complete, by label.
-    InputError is raised if a file does not exist, or a vehicle cannot be created with its parameters.
+
+def require_vehicles(vehicles: Mapping[str, Mapping[str, Any]], scenario: Scenario) -> None:
+    """Load each vehicle of a configuration once, to check that it exists.
+
+    The vehicles are complete sections of the configuration, by label. InputError is raised if a vehicle
+    cannot be created with its parameters.
     """
     from accelerated_evaluation.vehicles.loading import load_vehicle  # the compiler takes a second
 
-    if not Path(path).exists():
-        raise InputError(
-            f"data.{source}.path",
-            seen=f"{path}, which does not exist",
-            expected="the file of the records",
-            change=f"Correct the path, which is relative to {Path.cwd()}.",
-        )
-    with located("vehicle.name or vehicle.parameters"):
-        load_vehicle(vehicle["name"], **vehicle["parameters"])
-    for label, other in compared.items():
-        with located(f"compared_vehicles.{label}"):
-            load_vehicle(other["name"], **other["parameters"])
+    for label, vehicle in vehicles.items():
+        key = "vehicle.name or vehicle.parameters" if label == UNDER_TEST else f"compared_vehicles.{label}"
+        with located(key):
+            load_vehicle(vehicle["name"], scenario, **vehicle["parameters"])
 
 
 def require_cores(cores: int | None) -> None:

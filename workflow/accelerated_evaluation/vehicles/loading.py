@@ -59,7 +59,8 @@ COMPARED = mapping(
     {"acc_only": {}, "cc_human": {}, "reg157": {}, "rss": {}, "fsm": {}, "human": {}},
     "Vehicles that are compared with the car under test, under the laws that the records support. The key of "
     "an entry is its label in tables and figures. Its value has name, parameters, files and deterministic as "
-    "in vehicle. An entry without a name is the built-in vehicle that its label names.",
+    "in vehicle. An entry without a name is the built-in vehicle that its label names. In a scenario other "
+    "than the cut-in, the default is all of its built-in vehicles.",
     propertyNames={"type": "string", "pattern": "^[A-Za-z][A-Za-z0-9_]{0,39}$"},
     additionalProperties={
         "type": "object",
