@@ -10,7 +10,8 @@ import os
 import sys
 from collections.abc import Callable, Iterable
 from dataclasses import dataclass, field
-from importlib.metadata import entry_points
+from functools import cache
+from importlib.metadata import EntryPoint, entry_points
 from pathlib import Path
 from types import ModuleType
 from typing import Protocol
@@ -87,11 +88,17 @@ def load_files(paths: Iterable[Path]) -> None:
 
 def load_known() -> None:
     """Import the extensions of installed packages, and those of the environment variable, once."""
-    for entry in entry_points(group=GROUP):
+    for entry in _installed():
         name = f"package {entry.dist.name}, entry point {entry.name}"
         if name not in EXTENSIONS:
             _add(Extension(name), entry.load)
     load_files(map(Path, filter(None, os.environ.get(VARIABLE, "").split(os.pathsep))))
+
+
+@cache  # because the metadata of all installed packages are read for it, at every look into a registry
+def _installed() -> tuple[EntryPoint, ...]:
+    """Return the entry points of installed packages."""
+    return tuple(entry_points(group=GROUP))
 
 
 def known() -> dict[str, Extension]:
