@@ -23,7 +23,6 @@ from typing import Any, Protocol
 import numpy as np
 import pandas as pd
 from numpy.typing import NDArray
-from scipy.stats import binom
 
 from accelerated_evaluation.base.errors import InputError
 from accelerated_evaluation.base.registry import Registry
@@ -127,6 +126,8 @@ class Records:
 
         Hardly any rows change against the order, and so many along it that this is not by chance.
         """
+        from scipy.stats import binom  # imported here, because every command imports this module
+
         for name in self.valid.columns.difference([CLUSTER], sort=False):
             steps = np.sign(self.valid[name].diff())
             count, against = (steps != 0).sum() - 1, min((steps > 0).sum(), (steps < 0).sum())
