@@ -161,10 +161,8 @@ SMALLEST = {  # every number as small as the schema allows
         "seeds": 1,
         "sample_size": 10,
         "minimum_events": 1,
-        "minimum_piece_events": 1,
         "maximum_batches": 1,
         "maximum_iterations": 1,
-        "crash_iterations": 1,
     },
     "importance_sampling": {
         "replicates": 1,

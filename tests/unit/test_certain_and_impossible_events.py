@@ -199,7 +199,6 @@ def test_ground_truth_of_extreme_vehicles(mapped):
         np.random.default_rng(1),
         closing_speed_max=30,
         replicates=4,
-        block_runs=1,
     )
     assert np.isfinite(refits).all()
     truth = severity["probability"].iloc[0]
@@ -218,7 +217,6 @@ def test_refits_that_fail_are_told_and_do_not_end_the_bootstrap(mapped):
             np.random.default_rng(1),
             closing_speed_max=30,
             replicates=300,
-            block_runs=8,
         )
     assert 0 < np.isnan(refits).sum() < 300
     budget = uncertainty_budget(0.5, refits, [0.4, 0.5], (1e-7, 2e-7), alpha=0.2)

@@ -11,7 +11,6 @@ import pytest
 import yaml
 from accelerated_evaluation.base.errors import InputError
 from accelerated_evaluation.base.sections import default_of
-from accelerated_evaluation.methods.cross_entropy.method import CONSTANTS
 from accelerated_evaluation.records.sources import SOURCES
 from accelerated_evaluation.study import configuration
 from accelerated_evaluation.study.configuration import ConfigurationError, load, tables_of_keys, validate
@@ -230,11 +229,13 @@ def test_missing_key_is_refused():
     assert line.startswith("models.inverse_ttc.body.components: seen nothing; expected integer >= 1")
 
 
-@pytest.mark.parametrize("name", CONSTANTS)
-def test_a_key_that_is_a_constant_now_is_refused_with_its_value(name):
-    (line,) = violations(merged(load(), {"cross_entropy": {name: CONSTANTS[name]}}))
-    assert line.startswith(f"cross_entropy.{name}: seen {json.dumps(CONSTANTS[name])}; expected no such key")
-    assert line.endswith(f"because it is the constant {json.dumps(CONSTANTS[name])} now; remove it")
+@pytest.mark.parametrize("section", ["cross_entropy", "uncertainty"])
+def test_a_key_that_is_a_constant_now_is_refused_with_its_value(section):
+    constants = schema()["properties"][section]["constants"]
+    for name, value in constants.items():
+        (line,) = violations(merged(load(), {section: {name: value}}))
+        assert line.startswith(f"{section}.{name}: seen {json.dumps(value)}; expected no such key")
+        assert line.endswith(f"because it is the constant {json.dumps(value)} now; remove it")
 
 
 THREE = "models__inverse_range__three_pieces"

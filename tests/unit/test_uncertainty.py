@@ -1,4 +1,6 @@
-"""Block resampling, bootstrap refits, and the budget of the uncertainty."""
+"""Resampling, bootstrap refits, and the budget of the uncertainty."""
+
+from pathlib import Path
 
 import numpy as np
 import pandas as pd
@@ -6,6 +8,7 @@ import pytest
 from accelerated_evaluation import Grid, map_crashes
 from accelerated_evaluation.crash_map.sensitivity import Levels, Refit
 from accelerated_evaluation.crash_map.uncertainty import (
+    INVERSE_TTC_KNOTS,
     bootstrap_probabilities,
     probabilities_of_choices,
     resampled_rows,
@@ -57,7 +60,7 @@ def test_runs_stay_whole():
     runs = [[0, 1, 2], [3], [4, 5], [6, 7, 8, 9]]
     generator = np.random.default_rng(1)
     for _ in range(20):
-        rows = resampled_rows(starts, 10, 1, generator).tolist()
+        rows = resampled_rows(starts, 10, generator).tolist()
         taken = 0
         while rows:
             run = next(run for run in runs if run[0] == rows[0])
@@ -66,26 +69,16 @@ def test_runs_stay_whole():
         assert taken == len(runs)
 
 
-def test_blocks_are_consecutive_runs_and_wrap():
-    starts = np.arange(7)
-    rows = resampled_rows(starts, 7, 3, np.random.default_rng(2))
-    assert rows.size == 7
-    assert np.all((np.diff(rows)[[0, 1, 3, 4]] - 1) % 7 == 0)
-
-
 def test_every_row_is_drawn_equally_often():
     generator = np.random.default_rng(3)
-    counts = sum(
-        np.bincount(resampled_rows(np.arange(10), 10, 4, generator), minlength=10) for _ in range(4000)
-    )
-    # Each count has a variance of at most four times that of single draws.
-    assert np.all(np.abs(counts / 4000 - 1) < 4 * np.sqrt(4 / 4000))
+    counts = sum(np.bincount(resampled_rows(np.arange(10), 10, generator), minlength=10) for _ in range(4000))
+    assert np.all(np.abs(counts / 4000 - 1) < 4 * np.sqrt(1 / 4000))
 
 
 def test_bootstrap_spreads_as_the_data_say(crash_map):
     data = table(3000)
     values = bootstrap_probabilities(
-        crash_map, data, LEVELS, np.random.default_rng(4), closing_speed_max=CAP, replicates=60, block_runs=1
+        crash_map, data, LEVELS, np.random.default_rng(4), closing_speed_max=CAP, replicates=60
     )
     base = Refit.by(crash_map, CAP).probability(data, LEVELS).probability
     assert values.min() < base < values.max()
@@ -102,7 +95,6 @@ def test_repeating_every_row_widens_nothing(crash_map):
             np.random.default_rng(5),
             closing_speed_max=CAP,
             replicates=30,
-            block_runs=1,
         )
         for repeats in (1, 2)
     )
@@ -119,7 +111,6 @@ def test_same_generator_same_bootstrap(crash_map):
             np.random.default_rng(6),
             closing_speed_max=CAP,
             replicates=5,
-            block_runs=2,
         )
         for _ in range(2)
     )
@@ -151,3 +142,9 @@ def test_budget_of_normal_parts():
     assert together["standard_deviation"] == pytest.approx(1e-6 * np.sqrt(0.0525), rel=0.03)
     assert together["ci_low"] < budget["ci_low"][:3].max()
     assert together["ci_high"] > budget["ci_high"][:2].max()
+
+
+def test_the_caption_of_the_budget_names_the_knots():
+    caption = (Path(__file__).parents[2] / "workflow" / "report" / "uncertainty.rst").read_text()
+    *first, last = map(str, INVERSE_TTC_KNOTS)
+    assert f"quantiles {', '.join(first)} and {last}" in caption

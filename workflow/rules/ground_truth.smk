@@ -137,9 +137,9 @@ rule bootstrap_uncertainty:
         seed=config["seed"],
         variant=MODEL,
         alpha=config["importance_sampling"]["alpha"],
-        uncertainty=config["uncertainty"],
+        replicates=config["uncertainty"]["replicates"],
         library=code_up_to("crash_map"),
     message:
-        "Resampling the lane changes, {params.uncertainty[replicates]} refits"
+        "Resampling the lane changes, {params.replicates} refits"
     script:
         "../scripts/bootstrap_uncertainty.py"

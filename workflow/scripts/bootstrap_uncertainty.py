@@ -19,7 +19,7 @@ if __name__ == "__main__":
             params.variant,
             encounters,
             child_generator(params.seed, "bootstrap"),
-            params.uncertainty,
+            params.replicates,
             params.alpha,
         )
         for name, path in snakemake.output.items():

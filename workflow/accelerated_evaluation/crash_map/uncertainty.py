@@ -4,7 +4,6 @@ import math
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import replace
 from itertools import product
-from typing import Any
 
 import numpy as np
 import pandas as pd
@@ -13,29 +12,20 @@ from scipy.special import ndtri
 from tqdm import trange
 
 from accelerated_evaluation.base.arrays import Array
-from accelerated_evaluation.base.sections import SHARE, integer, listed, section
+from accelerated_evaluation.base.sections import integer, section, with_constants
 from accelerated_evaluation.crash_map.exact import ALL, exact_probabilities
 from accelerated_evaluation.crash_map.maps import CrashMap
 from accelerated_evaluation.crash_map.sensitivity import Levels, Refit, is_repeated, warning_of_failure
 from accelerated_evaluation.laws.paper.models import IndependentLaw
 
-SECTION = section(
-    replicates=integer(
-        500, 10, 1_000_000, "Number of bootstrap samples, to each of which the law is fitted."
+INVERSE_TTC_KNOTS = 0.925, 0.95, 0.975  # the paper's quantile for the knot of TTC^-1, and its neighbours
+SECTION = with_constants(
+    section(
+        replicates=integer(
+            500, 10, 1_000_000, "Number of bootstrap samples, to each of which the law is fitted."
+        )
     ),
-    block_runs=integer(
-        1,
-        1,
-        100_000,
-        "Length of a block of the bootstrap. A block consists of this number of consecutive runs, and a run "
-        "is a row with its repetitions.",
-    ),
-    inverse_ttc_knots=listed(
-        [0.925, 0.95, 0.975],
-        SHARE,
-        "Alternative quantiles for the knot of TTC^-1, for the uncertainty in the choice of the model.",
-        fewest=2,
-    ),
+    {"block_runs": 1, "inverse_ttc_knots": [*INVERSE_TTC_KNOTS]},
 )
 NORMAL_POINTS = 100  # number of quantiles that represent a normal distribution
 PAPER_INTERVAL = 7.0e-7, 7.8e-7  # of importance sampling in the paper (section VI.C)
@@ -47,7 +37,7 @@ def study_uncertainty(
     variant: str,
     encounters: pd.DataFrame,
     generator: np.random.Generator,
-    settings: Mapping[str, Any],
+    replicates: int,
     alpha: float,
 ) -> dict[str, pd.DataFrame]:
     """Return the uncertainty of a crash probability, from refits of the model to resampled lane changes.
@@ -64,12 +54,11 @@ def study_uncertainty(
         Levels.of(studied),
         generator,
         closing_speed_max=studied.closing_speed_max,
-        replicates=settings["replicates"],
-        block_runs=settings["block_runs"],
+        replicates=replicates,
     )
     variants = [Levels.of(model) for model in models.values()]
-    knots, cap = settings["inverse_ttc_knots"], studied.closing_speed_max
-    choices = probabilities_of_choices(crash_map, encounters, variants, knots, cap)
+    cap = studied.closing_speed_max
+    choices = probabilities_of_choices(crash_map, encounters, variants, INVERSE_TTC_KNOTS, cap)
     probability = exact_probabilities(crash_map, studied)[ALL].probability
     refits = pd.DataFrame({"probability": bootstrap}).rename_axis("replicate").reset_index()
     return {
@@ -86,14 +75,12 @@ def bootstrap_probabilities(
     *,
     closing_speed_max: float,
     replicates: int,
-    block_runs: int,
 ) -> Array:
     """Return the crash probabilities of models that are fitted to resampled data, shape (replicates,).
 
-    A row and the rows that repeat it form one run. Blocks of consecutive runs are resampled (circular block
-    bootstrap, Politis and Romano 1992). Knots are chosen again at their quantile levels. The shares of the
-    segments and the lead speeds are those of the resampled rows. If a refit fails, its result is NaN, and a
-    warning is given. ``closing_speed_max`` is a cap [m/s].
+    A row and the rows that repeat it form one run, and runs are resampled. Knots are chosen again at their
+    quantile levels. The shares of the segments and the lead speeds are those of the resampled rows. If a
+    refit fails, its result is NaN, and a warning is given. ``closing_speed_max`` is a cap [m/s].
     """
     refit = Refit.by(crash_map, closing_speed_max)
     starts = np.flatnonzero(~is_repeated(encounters))
@@ -101,21 +88,19 @@ def bootstrap_probabilities(
     needed = needed.astype({"segment": "category"})  # rows of texts are slow to select and to group
     probabilities = np.full(replicates, np.nan)
     for replicate in trange(replicates, desc="bootstrap", unit=" refits"):
-        rows = resampled_rows(starts, len(encounters), block_runs, generator)
+        rows = resampled_rows(starts, len(encounters), generator)
         with warning_of_failure(f"bootstrap, refit {replicate}"):
             probabilities[replicate] = refit.probability(needed.iloc[rows], levels).probability
     return probabilities
 
 
-def resampled_rows(starts: Array, rows: int, block_runs: int, generator: np.random.Generator) -> Array:
-    """Return the rows of one bootstrap sample: random blocks of runs, until there are as many as in the data.
+def resampled_rows(starts: Array, rows: int, generator: np.random.Generator) -> Array:
+    """Return the rows of one bootstrap sample: as many random runs as there are in the data.
 
     A run is a row and the rows after it that are equal to it. ``starts`` has the first row of each run, in
-    increasing order from 0. After the last run, a block continues with the first one. The number of resampled
-    rows varies, because the runs have different lengths.
+    increasing order from 0. The number of resampled rows varies, because the runs have different lengths.
     """
-    blocks = generator.integers(starts.size, size=-(-starts.size // block_runs))
-    runs = (blocks[:, None] + np.arange(block_runs)).ravel()[: starts.size] % starts.size
+    runs = generator.integers(starts.size, size=starts.size)
     lengths = np.diff(starts, append=rows)[runs]
     place = np.arange(lengths.sum()) - np.repeat(np.cumsum(lengths) - lengths, lengths)
     return np.repeat(starts[runs], lengths) + place

@@ -26,6 +26,8 @@ from accelerated_evaluation.methods.importance_sampling import (
 from accelerated_evaluation.methods.problem import Problem
 
 CONSTANTS = {  # of the paper's method
+    "crash_iterations": 2,  # updates in a row by the crash itself, after which a search ends (section V.C.1)
+    "minimum_piece_events": 5,  # a piece with fewer events keeps its parameter theta (section V.C.4)
     "event_quantile": 0.1,  # share of a sample that the next relaxed event contains (section V.C.1)
     "range_per_ttc": 0.1,  # ratio of the thresholds of range and TTC, t_R / t_TTC [m/s] (section VI.B)
     "minimum_weight": 0.01,  # lower bound of the weight of a piece (section V.C.3)
@@ -44,16 +46,7 @@ KEYS = section(
     maximum_batches=integer(
         5, 1, 1000, "Batches of N that one iteration may take to find its events (section V.C.2)."
     ),
-    crash_iterations=integer(
-        2,
-        1,
-        100,
-        "A search ends when this number of updates in a row have used the crash itself (section V.C.1).",
-    ),
     minimum_events=integer(50, 1, 10_000_000, "Events that an iteration needs (section V.C.2)."),
-    minimum_piece_events=integer(
-        5, 1, 10_000_000, "A piece with fewer events keeps its parameter theta (section V.C.4)."
-    ),
 )
 SETTINGS = with_constants(KEYS, CONSTANTS)
 
