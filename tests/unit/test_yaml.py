@@ -8,8 +8,15 @@ from accelerated_evaluation import InputError, cli
 from accelerated_evaluation.base import strict_yaml
 from accelerated_evaluation.scenarios import SCENARIOS
 from accelerated_evaluation.scenarios.parameters import parameter_names
-from accelerated_evaluation.study.configuration import ConfigurationError, load, read_again, read_yaml
+from accelerated_evaluation.study.configuration import (
+    ConfigurationError,
+    load,
+    read_again,
+    read_yaml,
+    require_plain_numbers,
+)
 from accelerated_evaluation.vehicles.loading import load_vehicle
+from snakemake.cli import parse_config
 from snakemake.common.configfile import load_configfile
 
 
@@ -71,6 +78,38 @@ def test_a_number_with_a_power_is_a_number_whoever_reads_it(tmp_path):
     assert config["seed"] == "1e3"  # in quotation marks
     assert config["study"] == "1e5"
     assert strict_yaml.load("[1e9, .5e-3, 1_0E2, 1e, e5, 0x1f]") == [1e9, 5e-4, "1_0E2", "1e", "e5", 31]
+
+
+@pytest.mark.parametrize(
+    ("given", "meant"),
+    [
+        (
+            "answer={draws: 50, events: {impact_speed: [5, 1e1]}}",
+            {"draws": 50, "events": {"impact_speed": [5, 10]}},
+        ),
+        ("simulations={slow: true, executor: processes}", {"slow": True, "executor": "processes"}),
+        ("filters={range_max: 60.5, lead_speed_min: auto}", {"range_max": 60.5, "lead_speed_min": "auto"}),
+        ("data={sample: null, table: {path: 7}}", {"sample": None, "table": {"path": "7"}}),
+        ("vehicle={name: rss, parameters: {kp: 2}}", {"name": "rss", "parameters": {"kp": 2}}),
+        ("answer={draws: 1_0}", {"draws": "1_0"}),  # which the schema refuses
+    ],
+)
+def test_values_of_the_command_line_have_the_types_of_their_keys(given, meant):
+    config = read_again(parse_config([given]), [])
+    assert list(config.values()) == [meant]
+
+
+@pytest.mark.parametrize("text", ["1_0", "017", "08", "1_0.5"])
+def test_numbers_of_the_command_line_that_could_be_others_are_refused(text):
+    with pytest.raises(InputError, match=rf"--config seed: seen {text}; expected a number without"):
+        require_plain_numbers(["snakemake", "--cores", "1", "--config", "study=mine", f"seed={text}"])
+    with pytest.raises(InputError, match=f"--config seed: seen {text}"):
+        require_plain_numbers(["snakemake", f"--config=seed={text}"])
+
+
+def test_plain_numbers_and_other_texts_of_the_command_line_are_accepted():
+    plain = ["seed=10", "study=a_1", "answer={draws: 1_0}", "study=", "criteria=1e-7 per hour"]
+    require_plain_numbers(["snakemake", "--cores=01", "--config", "mine=01", *plain])
 
 
 @pytest.mark.parametrize("number", ["1e308", "1.0e+308", "1e9", "500", ".inf", ".nan", "-1e308"])

@@ -6,6 +6,7 @@
 # because the project is in another folder if another workflow uses this one as a module.
 
 import os
+import sys
 from dataclasses import asdict
 from pathlib import Path
 
@@ -45,6 +46,7 @@ try:
         PROJECT,
         cores=workflow.resource_settings.cores,
         is_main_process=workflow.is_main_process,
+        arguments=sys.argv,
     )
 except StudyError as error:
     raise WorkflowError(str(error)) from None

@@ -6,6 +6,7 @@
 import math
 import os
 from collections.abc import Iterable, Iterator, Mapping, Sequence
+from contextlib import suppress
 from difflib import get_close_matches
 from functools import reduce
 from operator import eq
@@ -134,11 +135,56 @@ def default_configuration() -> dict[str, Any]:
 
 
 def read_again(config: Mapping[str, Any], paths: Iterable[str | os.PathLike]) -> dict[str, Any]:
-    """Return a configuration that Snakemake has read from files with the values that `read_yaml` reads.
+    """Return a configuration that Snakemake has read with the values that its author means.
 
-    The values that do not come from these files are unchanged. The errors are those of `read_yaml`.
+    Values from files are those that `read_yaml` reads. All other values are from the command line, where
+    Snakemake reads the elements of mappings and lists as texts. They are numbers, true, false or null where
+    the schema does not allow such a text. The errors are those of `read_yaml`.
     """
-    return strict_yaml.restored(dict(config), reduce(_merged, map(read_yaml, map(Path, paths)), {}))
+    read = reduce(_merged, map(read_yaml, map(Path, paths)), {})
+    return _converted(strict_yaml.restored(dict(config), read), read, schema())
+
+
+def _converted(value: Any, read: Any, part: Mapping[str, Any]) -> Any:  # noqa: ANN401
+    """Return a value with its texts converted to the types of its schema, unless files contain the value."""
+    if value == read:
+        return value
+    if isinstance(value, Mapping):
+        known, others = read if isinstance(read, Mapping) else {}, part.get("additionalProperties") or {}
+        below = part.get("properties", {})
+        return {key: _converted(each, known.get(key), below.get(key, others)) for key, each in value.items()}
+    if isinstance(value, list):
+        return [_converted(each, None, part.get("items", {})) for each in value]
+    types = part.get("type", "string")
+    others = {types} - {"string"} if isinstance(types, str) else {*types} - {"string"}
+    if isinstance(value, str) and others:
+        with suppress(yaml.YAMLError):
+            meant = strict_yaml.load(value)
+            return meant if StrictValidator({"type": [*others]}).is_valid(meant) else value
+    return value
+
+
+def require_plain_numbers(arguments: Iterable[str]) -> None:
+    """Raise InputError if the command line sets a key to a number that a configuration file could not have.
+
+    Snakemake reads ``seed=1_0`` as 10 and ``seed=017`` as 17.
+    """
+    for argument in arguments:
+        name, _, value = argument.removeprefix("--config=").partition("=")
+        if name not in schema()["properties"]:
+            continue
+        meant = None
+        with suppress(ValueError):
+            float(value)  # Snakemake takes for a number what Python takes for one
+            with suppress(yaml.YAMLError):
+                meant = strict_yaml.load(value)
+            if not isinstance(meant, int | float):
+                raise InputError(
+                    f"--config {name}",
+                    seen=value,
+                    expected="a number without leading zeros and underscores, such as 10 or 2.5e-3",
+                    change="Write it so.",
+                )
 
 
 def completed(config: Mapping[str, Any]) -> dict[str, Any]:

@@ -108,7 +108,7 @@ def in_words(schema: Mapping[str, Any]) -> str:
 def _type_in_words(name: str, schema: Mapping[str, Any], bounds: str) -> str:
     if name == "array":
         low, high = schema["minItems"], schema.get("maxItems")
-        size = f"list of {low if low == high else f'at least {low}'}"
+        size = f"list of {low}" if low == high else f"list of at least {low}" if low else "list"
         return f"{size}, each {in_words(schema['items'])}{', none twice' * schema.get('uniqueItems', False)}"
     if name in ("integer", "number"):
         return f"{name} {bounds}".rstrip()
@@ -116,6 +116,8 @@ def _type_in_words(name: str, schema: Mapping[str, Any], bounds: str) -> str:
         if schema.get("pattern") == "^auto$":
             return "auto"
         return "non-empty text" if "minLength" in schema else "text"
+    if name == "object" and "properties" in schema:
+        return f"mapping with keys such as {', '.join([*schema['properties']][:5])}"
     return TYPES.get(name, name)
 
 

@@ -14,7 +14,14 @@ from accelerated_evaluation.records.sources import SOURCES
 from accelerated_evaluation.records.verdict import require_checks
 from accelerated_evaluation.scenarios import SCENARIOS
 from accelerated_evaluation.scenarios.record_table import named_records_of
-from accelerated_evaluation.study.configuration import completed, load_modules, read_again, resolved, validate
+from accelerated_evaluation.study.configuration import (
+    completed,
+    load_modules,
+    read_again,
+    require_plain_numbers,
+    resolved,
+    validate,
+)
 from accelerated_evaluation.study.dependencies import in_order, without_unused
 from accelerated_evaluation.study.limits import with_values
 from accelerated_evaluation.study.preflight import (
@@ -57,19 +64,21 @@ class StudyInputs:
         *,
         cores: int | None,
         is_main_process: bool,
+        arguments: Iterable[str] = (),
     ) -> Self:
         """Complete and check a configuration, and find all files that it names.
 
         ``config`` is as Snakemake has merged it, and ``paths`` are the configuration files, which are read
         again, because Snakemake accepts repeated keys and reads some numbers as others. Paths of records are
-        relative to the working directory or to the folder of the project. The processes of jobs, which are
-        not the main process, skip slow checks. StudyError is raised if the configuration is not valid, or if
-        a file or vehicle that it names cannot be used.
+        relative to the working directory or to the folder of the project. ``arguments`` are those of the
+        command line. The processes of jobs, which are not the main process, skip slow checks. StudyError is
+        raised if the configuration is not valid, or if a file or vehicle that it names cannot be used.
         """
         paths = list(paths)
-        config = read_again(config, paths)
-        config["modules"] = load_modules(config, paths)
-        config = completed(config)
+        if is_main_process:
+            require_plain_numbers(arguments)
+        config = {**config, "modules": load_modules(config, paths)}
+        config = completed(read_again(config, paths))
         validate(config)
         scenario = SCENARIOS[config["scenario"]["name"]]
         criteria_of(config["criteria"], scenario)
