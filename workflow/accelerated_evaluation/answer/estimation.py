@@ -68,7 +68,7 @@ from accelerated_evaluation.records.checks import Records
 from accelerated_evaluation.records.verdict import Verdict, verdict_on
 from accelerated_evaluation.scenarios import Scenario
 from accelerated_evaluation.vehicles.external.slow import SlowVehicle, is_slow, loaded_for
-from accelerated_evaluation.vehicles.loading import load_vehicle, vehicles_of
+from accelerated_evaluation.vehicles.loading import load_vehicle, section_of, vehicles_of
 from accelerated_evaluation.vehicles.protocol import event_named
 
 
@@ -300,8 +300,7 @@ def estimate_event(settings: Settings, request: Request) -> Estimated:
     ]
     wanted = [each.reference for each in criteria if each.reference]
     references = {
-        name: {"name": name, "parameters": {}, "files": [], "deterministic": None}
-        | settings.compared_vehicles.get(name, {})
+        name: section_of(name, settings.compared_vehicles.get(name))
         for name in dict.fromkeys([*request.reference, *wanted])
     }
     for name, section in references.items():

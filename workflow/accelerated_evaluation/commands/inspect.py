@@ -64,6 +64,7 @@ class Inspect:
         from accelerated_evaluation.scenarios.record_table import named_records_of
         from accelerated_evaluation.study.configuration import load, resolved
         from accelerated_evaluation.vehicles.external.slow import loaded_for
+        from accelerated_evaluation.vehicles.loading import section_of
 
         is_config = arguments.records.suffix.lower() in (".yaml", ".yml")
         given = _given(arguments.records, arguments.scenario, is_config=is_config)
@@ -71,7 +72,7 @@ class Inspect:
         scenario = SCENARIOS[config["scenario"]["name"]]
         vehicle = config["vehicle"]
         if arguments.vehicle is not None:
-            vehicle = {"name": arguments.vehicle, "parameters": {}, "files": []}
+            vehicle = section_of(arguments.vehicle)
         if "segments" in scenario.stages:
             config = resolved(config)
             cap = config["models"]["closing_speed_max"]

@@ -29,7 +29,7 @@ from accelerated_evaluation.vehicles.external.checked import CheckedVehicle, For
 from accelerated_evaluation.vehicles.external.slow import SlowVehicle, loaded_for
 from accelerated_evaluation.vehicles.external.watched import run_apart
 from accelerated_evaluation.vehicles.external.workers import PROCESSES
-from accelerated_evaluation.vehicles.loading import load_vehicle
+from accelerated_evaluation.vehicles.loading import load_vehicle, section_of
 from accelerated_evaluation.vehicles.moving import require_motion, speeds_in
 from accelerated_evaluation.vehicles.protocol import Vehicle
 
@@ -160,7 +160,7 @@ class Simulate:
             "executor": PROCESSES,
             "options": {},
         }
-        section = {"name": name, "parameters": parameters, "files": []}
+        section = section_of(name, {"parameters": parameters})
         is_stored = not arguments.again and (":" not in name or arguments.keep)
 
         def simulate() -> None:

@@ -34,10 +34,9 @@ def compared_sections(compared: Mapping[str, Mapping[str, Any]]) -> dict[str, di
 
     If a section has no key ``name``, its label is the name of a built-in vehicle.
     """
-    return {
-        label: {"name": label, "parameters": {}, "files": [], "deterministic": None, **entry}
-        for label, entry in compared.items()
-    }
+    from accelerated_evaluation.vehicles.loading import section_of  # the compiler takes a second
+
+    return {label: section_of(label, entry) for label, entry in compared.items()}
 
 
 def require_records(records: NamedRecords) -> None:

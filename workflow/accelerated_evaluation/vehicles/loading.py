@@ -9,7 +9,7 @@ from typing import Any
 
 from accelerated_evaluation.base.arguments import checked, described
 from accelerated_evaluation.base.errors import InputError, StudyError
-from accelerated_evaluation.base.sections import TEXT, flag, listed, mapping, section, text
+from accelerated_evaluation.base.sections import TEXT, default_of, flag, listed, mapping, section, text
 from accelerated_evaluation.base.tables import require_file
 from accelerated_evaluation.base.users_code import error_in_words, import_file, kept_alive
 from accelerated_evaluation.scenarios import A_SCENARIO, SCENARIOS
@@ -202,6 +202,11 @@ def vehicle_files(name: str, parameters: Mapping[str, Any], scenario: Scenario =
         return [name.rpartition(":")[0] or name]
     vehicle = load_vehicle(name, scenario, **parameters)
     return [str(file) for file in vehicle.vehicle.files] if isinstance(vehicle, CheckedVehicle) else []
+
+
+def section_of(name: str, given: Mapping[str, Any] | None = None) -> dict[str, Any]:
+    """Return the complete section of a vehicle, with defaults for the keys that are not given."""
+    return default_of(SECTION) | {"name": name} | dict(given or {})
 
 
 def section_files(vehicle: Mapping[str, Any], scenario: Scenario = CUT_IN) -> list[str]:
