@@ -14,7 +14,7 @@ from accelerated_evaluation.base.sections import default_of
 from accelerated_evaluation.records.sources import SOURCES
 from accelerated_evaluation.study import configuration
 from accelerated_evaluation.study.configuration import ConfigurationError, load, tables_of_keys, validate
-from accelerated_evaluation.study.consistency import keys, schema
+from accelerated_evaluation.study.schema import keys, schema
 from jsonschema import Draft202012Validator
 
 REPOSITORY = Path(__file__).resolve().parents[2]

@@ -6,7 +6,7 @@ from pathlib import Path
 import yaml
 from accelerated_evaluation.publishing.interface import INTERFACE, described_tables, written
 from accelerated_evaluation.publishing.study import TABLES, Study
-from accelerated_evaluation.study.consistency import keys
+from accelerated_evaluation.study.schema import keys
 
 ROOT = Path(__file__).parents[2]
 

@@ -1,7 +1,7 @@
 """Sections of the configuration, as JSON Schema with defaults; each stands in the module that reads it.
 
 Each key is a part of a JSON Schema: type, limits, a description with the unit, and ``default``. The schema of
-the whole configuration (`study.consistency.schema`), its defaults and the tables in ``config/keys.md`` are
+the whole configuration (`study.schema.schema`), its defaults and the tables in ``config/keys.md`` are
 generated from these sections.
 """
 

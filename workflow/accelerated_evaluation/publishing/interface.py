@@ -20,7 +20,7 @@ from accelerated_evaluation.publishing.study import TABLES
 from accelerated_evaluation.records.sources import SOURCES
 from accelerated_evaluation.scenarios import SCENARIOS
 from accelerated_evaluation.study.configuration import default_configuration
-from accelerated_evaluation.study.consistency import in_words, keys
+from accelerated_evaluation.study.schema import in_words, keys
 
 INTERFACE = PROJECT / "INTERFACE.yaml"
 HEAD = """\

@@ -21,16 +21,10 @@ from accelerated_evaluation.base.extensions import load_files
 from accelerated_evaluation.base.files import project_file, write_text
 from accelerated_evaluation.base.sections import default_of
 from accelerated_evaluation.records.limits import AUTO, AUTOMATIC
-from accelerated_evaluation.study.consistency import (
-    WORKFLOW,
-    conditions,
-    in_words,
-    keys,
-    schema,
-    shown,
-)
+from accelerated_evaluation.study.consistency import conditions
 from accelerated_evaluation.study.jobs import without
 from accelerated_evaluation.study.limits import value_of, with_limits, with_values
+from accelerated_evaluation.study.schema import WORKFLOW, in_words, keys, schema, shown
 
 with without("rfc3987_syntax"):
     from jsonschema import Draft202012Validator, ValidationError, validators
