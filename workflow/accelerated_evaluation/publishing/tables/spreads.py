@@ -198,10 +198,10 @@ def rests_in_words(extrapolation: pd.DataFrame, data_quality: pd.DataFrame | Non
         number = readable(others["events"] * others["probability"], DIGITS)
         without = f"; laws that are fitted without the records that crash expect {number}"
     return (
-        f"{words} A check without a model: {whole['recorded']:.0f} of {whole['records']:,.0f} records crash "
-        f"the vehicle when they are replayed, which is {replayed} (95 % interval {low} to {high}). The "
-        f"answer expects {expected}, of which {within} within the records{without}. The check is weak: it "
-        f"can only contradict a mean outside of this interval."
+        f"{words} A check without a model: the vehicle crashes in {whole['recorded']:.0f} of "
+        f"{whole['records']:,.0f} replayed records, a share of {replayed} (95 % interval {low} to {high}). The "
+        f"answer expects {expected} such crashes, {within} of them like recorded cut-ins{without}. The check "
+        f"is weak: it can only contradict an answer whose mean lies outside this interval."
     )
 
 
