@@ -199,9 +199,9 @@ def rests_in_words(extrapolation: pd.DataFrame, data_quality: pd.DataFrame | Non
         without = f"; laws that are fitted without the records that crash expect {number}"
     return (
         f"{words} A check without a model: the vehicle crashes in {whole['recorded']:.0f} of "
-        f"{whole['records']:,.0f} replayed records, a share of {replayed} (95 % interval {low} to {high}). The "
-        f"answer expects {expected} such crashes, {within} of them like recorded cut-ins{without}. The check "
-        f"is weak: it can only contradict an answer whose mean lies outside this interval."
+        f"{whole['records']:,.0f} replayed records, a share of {replayed} (95 % interval {low} to {high}). "
+        f"The answer expects {expected} such crashes, {within} of them like recorded encounters{without}. "
+        f"The check is weak: it can only contradict an answer whose mean lies outside this interval."
     )
 
 
