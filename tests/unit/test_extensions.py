@@ -216,6 +216,22 @@ def test_members_of_the_library_that_a_module_imports_first_are_not_its_own(tmp_
     assert run.stdout == "['mine'] ['records']\n", run.stderr
 
 
+def test_a_process_of_a_study_trusts_the_check_of_its_names_and_imports_no_other_member(tmp_path):
+    """The process that read the configuration has made the check, and has imported all members for it."""
+    (tmp_path / "mine.py").write_text(CHECK.format(name="mine", body="return 1"))
+    (tmp_path / "study.yaml").write_text("modules: [mine.py]\n")
+    (tmp_path / "main.py").write_text(
+        "import sys\nfrom accelerated_evaluation.records.checks import CHECKS\n"
+        "from accelerated_evaluation.study.configuration import load\nload(['study.yaml'])\n"
+        "print(CHECKS['mine'](None), 'accelerated_evaluation.records.checks.units' in sys.modules)\n"
+    )
+    for known, printed in ((str(tmp_path / "mine.py"), "1 False\n"), ("", "1 True\n")):
+        here = os.environ | {extensions.VARIABLE: known}
+        run = [sys.executable, "main.py"]
+        found = subprocess.run(run, cwd=tmp_path, env=here, capture_output=True, text=True)
+        assert found.stdout == printed, found.stderr
+
+
 def test_an_installed_package_adds_members_by_its_entry_point(tmp_path):
     """In a process of its own: the registry finds a package that nobody imports."""
     package, metadata = tmp_path / "their_cars", tmp_path / "their_cars-1.0.dist-info"

@@ -40,6 +40,9 @@ class Extension:
     name: str  # path of the file, or name of the package and of its entry point
     files: list[Path] = field(default_factory=list)  # code of the module
     members: list[tuple[Members, str]] = field(default_factory=list)  # registries, and names in them
+    # Whether another process has found that no member of the library has a name of these, and started this
+    # one. All members of the library would be imported for it, and most jobs need few of them.
+    is_checked: bool = False
 
     @property
     def rooms(self) -> set[str]:
@@ -78,10 +81,11 @@ def load_files(paths: Iterable[Path]) -> None:
     fulfil the contract of its kind.
     """
     for path in map(Path.resolve, paths):
-        if str(path) not in EXTENSIONS:
-            with located("modules"):
-                _add(Extension(str(path), [path]), lambda path=path: import_file(path, "import"))
         known = os.environ.get(VARIABLE, "").split(os.pathsep)
+        if str(path) not in EXTENSIONS:
+            extension = Extension(str(path), [path], is_checked=str(path) in known)
+            with located("modules"):
+                _add(extension, lambda path=path: import_file(path, "import"))
         if str(path) not in known:
             os.environ[VARIABLE] = os.pathsep.join([*filter(None, known), str(path)])
 

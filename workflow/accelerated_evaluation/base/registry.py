@@ -19,8 +19,9 @@ class Registry(Mapping[str, Member], Generic[Member]):
 
     A member registers itself with the decorator `add`, in the module that defines it. To find a member, the
     registry imports the module that has the name of the member. If there is no such module, it imports the
-    extensions (`base.extensions`) and all modules of the package and of its subpackages. Adding a member
-    therefore needs one new file and no entry in any list, and modules that are not needed are not imported.
+    extensions (`base.extensions`), and then all modules of the package and of its subpackages. Adding a
+    member therefore needs one new file and no entry in any list, and modules that are not needed are not
+    imported.
 
     ``what`` is the name of the kind in messages, such as ``"vehicle"``. ``package`` and its ``__path__``
     contain the modules of the members. ``attribute`` of a member, if it is stated, is set to its name.
@@ -52,7 +53,8 @@ class Registry(Mapping[str, Member], Generic[Member]):
             if self._attribute is not None:
                 setattr(member, self._attribute, name)
             self._require(name, member)
-            if (extension := extensions.current()) is not None:
+            extension = extensions.current()
+            if extension is not None and not extension.is_checked:
                 self._import_all()  # so that an extension cannot replace a member of the library
             if self._members.get(name, member) is not member:
                 raise InputError(
@@ -87,13 +89,12 @@ class Registry(Mapping[str, Member], Generic[Member]):
     def __contains__(self, name: object) -> bool:
         """Return whether there is a member with this name.
 
-        The module of the same name is imported first. The others, which may be large, are imported only if
-        the name is not found there.
+        The module of the same name is imported first, then the extensions. The other modules, which may be
+        large, are imported only if the name is not found there.
         """
-        if name not in self._members:
-            self._import_namesake(name)
-        if name not in self._members:
-            self._complete()
+        for step in (lambda: self._import_namesake(name), extensions.load_known, self._import_all):
+            if name not in self._members:
+                step()
         return name in self._members
 
     def __iter__(self) -> Iterator[str]:
