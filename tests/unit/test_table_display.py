@@ -23,7 +23,7 @@ def frame(rows):
 
 def test_a_short_table_has_no_index_and_no_column_that_repeats_one_value():
     html = as_html(frame(2))
-    assert "<p>In all rows, data: made up.</p>" in html
+    assert "<p>Equal in all rows: data = made up.</p>" in html
     assert "<th>ours, from</th>" in html
     assert html.count("<th>") == 2
     assert html.count("careful human (UN R157)") == html.count("<td>mine</td>") == 2

@@ -143,7 +143,8 @@ class Page extends Settings {
     if (fewer) [low, median, high] = [1 / high, 1 / median, 1 / low];
     const rest = `(80 % interval: ${readable(low)} to ${readable(high)}). `;
     return (fewer ? `With ${whom} it happens ${readable(median)} times as often ` : `It happens ${readable(median)} times as often as with ${whom} `) + rest
-      + `The probability that it happens less often with this vehicle is ${percent(safer / total)}.`;
+      + (safer === total ? "It happens less often with this vehicle in every draw of the models."
+        : `The probability that it happens less often with this vehicle is ${percent(safer / total)}.`);
   }
 
   numbersOf({ quantiles: q, mean, draws }) {

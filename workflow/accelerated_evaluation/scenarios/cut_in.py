@@ -1,4 +1,4 @@
-"""The scenario cut-in: another vehicle changes into the lane of the vehicle under test, ahead of it.
+"""The scenario cut-in: another vehicle changes lane in front of the vehicle under test.
 
 The variables lead speed, range and closing speed are specific to this module, the laws of cut-ins, the
 records of lane changes and the vehicles. All other parts of the library work with any scenario.
@@ -121,7 +121,7 @@ EU_2022_1426 = tuple(
 CUT_IN = SCENARIOS.add("cut_in")(
     Scenario(
         name="cut_in",
-        description="another vehicle changes into the lane of the vehicle under test, ahead of it",
+        description="another vehicle changes lane in front of the vehicle under test",
         variables=(
             Variable(
                 "lead_speed",

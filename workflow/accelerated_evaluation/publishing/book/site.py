@@ -33,6 +33,7 @@ from accelerated_evaluation.publishing.provenance import commit_of, page_of_code
 from accelerated_evaluation.publishing.published import FIGURES
 from accelerated_evaluation.publishing.study import TABLES, Study
 from accelerated_evaluation.publishing.tables.claims import departure
+from accelerated_evaluation.publishing.tables.display import NAMES
 from accelerated_evaluation.publishing.tables.exact import contradictions
 from accelerated_evaluation.publishing.tables.paper_claims import PAPER_PROBABILITY
 from accelerated_evaluation.publishing.tables.spreads import rests_in_words
@@ -51,7 +52,8 @@ def known_to_pages(study: Study, records: Iterable[str]) -> dict[str, Any]:
     """
     answer = study.answer
     return {
-        "vehicle": study.config["vehicle"],
+        "vehicle": (vehicle := study.config["vehicle"]),
+        "tested": NAMES.get(vehicle["name"], vehicle["name"]),
         "crash": answer[answer["event"] == "crash"].iloc[0],
         "rests": rests_in_words(study.extrapolation),
         "paper": _of_the_paper(study) if study.has("exact", "crude") else None,

@@ -225,9 +225,9 @@ def as_html(table: pd.DataFrame) -> str:
     """
     shown = presented(table)
     repeated = _repeated(shown)
-    line = "; ".join(f"{name}: {shown[name].iloc[0]}" for name in repeated)
+    line = "; ".join(f"{name} = {shown[name].iloc[0]}" for name in repeated)
     shown = shown.drop(columns=repeated)
-    above = f"<p>In all rows, {escape(line)}.</p>" if line else ""
+    above = f"<p>Equal in all rows: {escape(line)}.</p>" if line else ""
     if len(shown) <= LONG:
         return above + _html(shown)
     rest = _html(shown.iloc[SHOWN:])
