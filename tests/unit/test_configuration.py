@@ -324,7 +324,8 @@ def test_conditions_on_wrong_values_are_not_reported_twice():
 
 
 def test_no_configuration_at_all_is_refused():
-    assert violations([]) == ["top level: seen []; expected mapping"]
+    (line,) = violations([])
+    assert line.startswith("top level: seen []; expected mapping with keys such as study, ")
 
 
 def test_error_survives_a_process_boundary():

@@ -9,7 +9,7 @@ from typing import Any
 
 from accelerated_evaluation.base.files import write_text
 from accelerated_evaluation.publishing.named_numbers import FUNCTIONS, Tables, read_numbers
-from accelerated_evaluation.publishing.tables.spreads import rests_in_words
+from accelerated_evaluation.publishing.tables.evidence import rests_in_words
 from accelerated_evaluation.publishing.texts import FILLED, refill
 
 FOLDERS = ("docs", "fewruns", "benchmarks")

@@ -34,9 +34,9 @@ from accelerated_evaluation.publishing.published import FIGURES
 from accelerated_evaluation.publishing.study import TABLES, Study
 from accelerated_evaluation.publishing.tables.claims import departure
 from accelerated_evaluation.publishing.tables.display import NAMES
+from accelerated_evaluation.publishing.tables.evidence import rests_in_words
 from accelerated_evaluation.publishing.tables.exact import contradictions
 from accelerated_evaluation.publishing.tables.paper_claims import PAPER_PROBABILITY
-from accelerated_evaluation.publishing.tables.spreads import rests_in_words
 from accelerated_evaluation.publishing.texts import fill
 
 # Packages whose versions the last page lists: those behind numbers, figures and pages. environment.txt pins

@@ -78,19 +78,6 @@ compared_table = result_table("compared", digits=DIGITS)
 exposure_table = result_table("exposure", digits=DIGITS, digest=with_intervals)
 
 
-def rates_in_words(exposure: pd.DataFrame) -> str:
-    """Return the crash rates per million kilometres and hours as a sentence, or that they are not known."""
-    crashes = exposure[exposure["event"] == "crash"]
-    if crashes.empty:
-        return "In how many kilometres or hours the records were made is not known, so there is no rate."
-    medians = [
-        f"{readable(1e6 * row.median, DIGITS)} (80 % interval {readable(1e6 * row.low80, DIGITS)} to "
-        f"{readable(1e6 * row.high80, DIGITS)}) per million {row.per}s"
-        for row in crashes.itertuples()
-    ]
-    return f"**Crashes of cut-ins, median: {' and '.join(medians)}.**"
-
-
 @table("answer_budget", digits=3)
 def answer_budget_table(answer_budget: pd.DataFrame, lead_motion: pd.DataFrame | None = None) -> pd.DataFrame:
     """Return the budget of the uncertainty of the crash probability, by source, for publication.

@@ -8,14 +8,7 @@ import pandas as pd
 from numpy.typing import ArrayLike
 from scipy.special import ndtri, stdtrit
 
-from accelerated_evaluation.answer.extrapolation import ALL, CAPPED, FAR, NEAR, RECORDED
-from accelerated_evaluation.answer.far_records import EVERY_LAW
-from accelerated_evaluation.answer.variants import WITHOUT_CRASHES
-from accelerated_evaluation.base.percent import in_percent
 from accelerated_evaluation.methods.importance_sampling import crude_simulations
-from accelerated_evaluation.publishing.published import result_table
-from accelerated_evaluation.publishing.tables.display import readable
-from accelerated_evaluation.publishing.tables.laws import interval_column, with_intervals
 
 LEVEL = 0.95  # of all spreads but that of the pooled probability
 PAPERS_RULE = "sequential"  # name of the paper's stopping rule in the study of coverage
@@ -138,97 +131,3 @@ def crude_sample_size(exact: pd.DataFrame, alpha: float, beta: float) -> Spread:
     probability = float(exact.set_index("segment").loc["all", "probability"])
     value = crude_simulations(probability, alpha, beta) if probability > 0 else math.inf
     return exactly(value, "none, from the exact probability")
-
-
-DIGITS = 2
-
-
-def without_replay(extrapolation: pd.DataFrame) -> pd.DataFrame:
-    """Return the parts of the answer with their 80 % intervals, and the numbers of replayed records.
-
-    The table has no parts if no crash is known.
-    """
-    if extrapolation.empty:
-        return extrapolation
-    shown = ["part", "share", "probability", "median", "80 %", "expected", "recorded"]
-    ends = interval_column(extrapolation["low80"], extrapolation["high80"])
-    return extrapolation.assign(**{"80 %": ends})[shown]
-
-
-def rests_in_words(extrapolation: pd.DataFrame, data_quality: pd.DataFrame | None = None) -> str:
-    """Return a paragraph that says how much of the answer lies beyond the records; empty without crashes.
-
-    The parts are those of cut-ins, by closing speed, or otherwise those by distance from the records. The
-    table ``data_quality`` has the crash probability without the records that crash the vehicle.
-    """
-    rows = extrapolation.set_index("part")
-    if rows.empty or rows["share"].isna().any():
-        return ""
-    near, far = rows.loc[NEAR, "share"] + rows.loc[FAR, "share"], rows.loc[FAR, "share"]
-    beyond = (
-        f"{in_percent(near)} of the predicted crashes close faster than any record at a similar range, and "
-        f"{in_percent(far)} faster than any record at all."
-        if CAPPED in rows.index
-        else f"{in_percent(near)} of the predicted crashes are farther from the nearest record than 95 % of "
-        f"the records are from each other, and {in_percent(far)} farther than any record is."
-    )
-    whole = rows.loc[ALL]
-    mean, inside = (readable(rows.loc[part, "probability"], DIGITS) for part in (ALL, RECORDED))
-    start, only = ("It is an extrapolation: of", "only ") if near > 0.5 else ("Of", "")
-    words = (
-        f"**What the answer rests on.** {beyond} {start} the mean {mean}, {only}{inside} belongs to crashes "
-        "like those that were recorded."
-    )
-    if pd.isna(whole["recorded"]):
-        return words
-    share = whole["recorded"] / whole["records"]
-    replayed, low, high, expected, within = (
-        readable(value, DIGITS)
-        for value in (
-            share,
-            whole["replay_low95"],
-            whole["replay_high95"],
-            whole["expected"],
-            rows.loc[RECORDED, "expected"],
-        )
-    )
-    without = ""
-    if data_quality is not None and whole["recorded"]:
-        others = data_quality.set_index("reading").loc[WITHOUT_CRASHES]
-        number = readable(others["events"] * others["probability"], DIGITS)
-        without = f"; laws that are fitted without the records that crash expect {number}"
-    return (
-        f"{words} A check without a model: the vehicle crashes in {whole['recorded']:.0f} of "
-        f"{whole['records']:,.0f} replayed records, a share of {replayed} (95 % interval {low} to {high}). "
-        f"The answer expects {expected} such crashes, {within} of them like recorded encounters{without}. "
-        f"The check is weak: it can only contradict an answer whose mean lies outside this interval."
-    )
-
-
-# Shares of the answer by distance of the predicted crashes from the records.
-extrapolation_table = result_table("extrapolation", digits=DIGITS, digest=without_replay)
-
-# The answer for other choices of laws, weights, priors and splines.
-choices_table = result_table("choices", digits=DIGITS, digest=with_intervals)
-
-
-def of_all_laws(far_records: pd.DataFrame) -> pd.DataFrame:
-    """Return the mean of the counts over all laws, by group of records."""
-    return far_records[far_records["law"] == EVERY_LAW].drop(columns="law")
-
-
-# Expected and counted records beyond the levels of the far tail.
-far_records_table = result_table("far_records", digits=3, digest=of_all_laws)
-
-
-def with_both_intervals(near_misses: pd.DataFrame) -> pd.DataFrame:
-    """Return the events with their dispersion, and both 95 % intervals in one column each."""
-    ends = {
-        name: interval_column(near_misses[f"{prefix}low95"], near_misses[f"{prefix}high95"])
-        for name, prefix in (("95 %", ""), ("95 % with clusters", "clustered_"))
-    }
-    return near_misses.drop(columns=near_misses.filter(regex="95$").columns).assign(**ends)
-
-
-# Intervals of near misses that allow for clusters of critical records.
-near_misses_table = result_table("near_misses", digits=DIGITS, digest=with_both_intervals)
