@@ -67,10 +67,8 @@ def motion_table(
         ratio = opening.size / records.size if has_opening else OPENING_PER_CLOSING
         share, recorded = ratio / (1 + ratio), opening if has_opening else mirrored(records)
         exacts = {"closing": problem.exact}
-        wholes = _kinds(problem, motion or Ngsim(), recorded, share, deepcopy(generator))
-        halves = {}
-        if motion is None:
-            halves = _kinds(problem, Ngsim(0.5), recorded, share, deepcopy(generator))
+        motions = [Ngsim(), Ngsim(0.5)] if motion is None else [motion]
+        wholes, *halves = _kinds(problem, motions, recorded, share, deepcopy(generator))
         fewer = PLACES // FEWER  # the spread of the factors is larger than their errors
         spread = problem.closing_with(resampled, deepcopy(generator), fewer) if resampled else []
         factors = [each.factor()[0] for each in spread]
@@ -80,22 +78,25 @@ def motion_table(
             factor, error = found.factor()
             if factors and gap == "closing":
                 error = float(np.hypot(error, np.std(factors, ddof=1)))
-            half = halves[gap].factor()[0] if gap in halves else np.nan
+            half = halves[0][gap].factor()[0] if halves else np.nan
             rows.append((name, gap, *own, factor, error, half))
     return pd.DataFrame(rows, columns=COLUMNS)
 
 
 def _kinds(
     problem: MovingProblem,
-    motion: LeadMotion,
+    motions: Sequence[LeadMotion],
     recorded: DistinctRecords,
     share: float,
     generator: np.random.Generator,
-) -> dict[str, Means]:
-    """Return the estimates for closing, opening and all cut-ins."""
-    closing = problem.closing(motion, generator)
-    opening = problem.opening(recorded, motion, generator)
-    return {"closing": closing, "opening": opening, "all": closing.together(opening, share)}
+) -> list[dict[str, Means]]:
+    """Return the estimates for closing, opening and all cut-ins, for each law of motion."""
+    closing = problem.closing_with(motions, generator)
+    opening = problem.opening_with(recorded, motions, generator)
+    return [
+        {"closing": one, "opening": other, "all": one.together(other, share)}
+        for one, other in zip(closing, opening, strict=True)
+    ]
 
 
 def motion_budget(moving: pd.DataFrame, vehicle: str, together: float) -> pd.DataFrame:

@@ -21,6 +21,7 @@ are used.
 """
 
 from collections.abc import Iterator, Mapping, Sequence
+from copy import deepcopy
 from dataclasses import dataclass, replace
 from functools import cached_property
 
@@ -183,27 +184,41 @@ class MovingProblem:
         return [Means.of(weights * terms[[0, which]], largest) for which in range(1, len(terms))]
 
     def opening(self, recorded: DistinctRecords, motion: LeadMotion, generator: np.random.Generator) -> Means:
-        """Estimate the crash probability of an opening cut-in with a constant and a changing lead speed.
+        """Estimate the crash probability of an opening cut-in with a constant and a changing lead speed."""
+        (found,) = self.opening_with(recorded, [motion], generator)
+        return found
 
-        Recorded cut-ins are drawn with replacement. A pilot decides how. If it has a crash, cut-ins with
-        short ranges and rare motions are drawn preferentially, and the terms are weighted. Otherwise
-        crashes are so rare that only a limit can be found, and all terms have the same weight, because the
-        limit is proportional to the largest weight. The pilot itself is not used, so that there is no bias.
+    def opening_with(
+        self, recorded: DistinctRecords, motions: Sequence[LeadMotion], generator: np.random.Generator
+    ) -> list[Means]:
+        """Return estimates as those of `opening` for several laws of motion with equally many inputs.
+
+        Recorded cut-ins are drawn with replacement. A pilot decides how, for each law. If it has a crash,
+        cut-ins with short ranges and rare motions are drawn preferentially, and the terms are weighted.
+        Otherwise crashes are so rare that only a limit can be found, and all terms have the same weight,
+        because the limit is proportional to the largest weight. The pilot itself is not used, so that there
+        is no bias. All laws of motion have the same draws, as in `closing_with`.
         """
-        if self._opening_terms(recorded, motion, PILOT, True, generator).any():
-            terms = self._opening_terms(recorded, motion, OPENING, True, generator)
-            return Means.of(terms, 2 * LARGEST_WEIGHT)
-        return Means.of(self._opening_terms(recorded, motion, RARE, False, generator), 1.0)
+        pilot = self._opening_terms(recorded, motions, PILOT, True, generator)
+        is_preferred = (pilot[0].any() | pilot[1:].any(axis=1)).tolist()
+        found = {}
+        for preferred, size, largest in ((True, OPENING, 2 * LARGEST_WEIGHT), (False, RARE, 1.0)):
+            which = [k for k, each in enumerate(is_preferred) if each == preferred]
+            if which:
+                own = [motions[k] for k in which]
+                terms = self._opening_terms(recorded, own, size, preferred, deepcopy(generator))
+                found |= {k: Means.of(terms[[0, row]], largest) for row, k in enumerate(which, 1)}
+        return [found[k] for k in range(len(motions))]
 
     def _opening_terms(
         self,
         recorded: DistinctRecords,
-        motion: LeadMotion,
+        motions: Sequence[LeadMotion],
         size: int,
         is_preferred: bool,
         generator: np.random.Generator,
     ) -> Array:
-        """Return weighted crashes of drawn opening cut-ins, shape (2, size); see `opening`."""
+        """Return weighted crashes of drawn opening cut-ins, shape (1 + laws, size); see `opening_with`."""
         nearness, parts = 1 / recorded.range_, []
         chance = np.full(recorded.size, 1 / recorded.size)
         if is_preferred:
@@ -212,21 +227,21 @@ class MovingProblem:
         for count in sizes:
             row = generator.choice(recorded.size, count, p=chance)
             if is_preferred:
-                inputs, weights = draw_wide_inputs(motion, count, generator)
+                inputs, weights = draw_wide_inputs(motions[0], count, generator)
             else:
-                inputs, weights = generator.random((count, motion.inputs)), np.ones(count)
+                inputs, weights = generator.random((count, motions[0].inputs)), np.ones(count)
             inner = np.empty((count, 0))
             if isinstance(self.vehicle, RandomVehicle):
                 inner = self.vehicle.draw_inner(count, generator)
             parts.append((row, inputs, weights, inner))
         row, inputs, weights, inner = map(np.concatenate, zip(*parts, strict=True))
         recorded_cut_ins = np.array([recorded.lead_speed, recorded.range_, recorded.closing_speed])
-        crashes = np.empty((2, size))
+        crashes = np.empty((1 + len(motions), size))
         # In the order of the records, because a law of motion is faster for encounters that are repeated.
         for part in np.array_split(np.argsort(row, kind="stable"), len(sizes)):
             own = inner[part] if inner.shape[1] else None
             drawn = recorded_cut_ins[:, row[part]]
-            crashes[:, part] = list(self._crashes(drawn, inputs[part], own, [motion]))
+            crashes[:, part] = list(self._crashes(drawn, inputs[part], own, motions))
         return weights / (recorded.size * chance[row]) * crashes
 
     def _crashes(
