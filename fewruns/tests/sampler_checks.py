@@ -54,7 +54,7 @@ def drive(sampler, event, stopping=STOPPING):
         if isinstance(batch, two_phase.TwoPhaseBatch):
             flags.append(happened.mean())
             twice.append(batch.controlled + (batch.weight * happened / batch.inclusion).sum())
-    counted = -len(combining.counted_batches(sampler.progress.estimates))
+    counted = -len(combining.consistent_batches(sampler.progress.estimates))
     return Course(sampler.estimate(stopping), sampler, np.mean(flags[counted:]), np.mean(twice[counted:]))
 
 

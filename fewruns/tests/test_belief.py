@@ -44,17 +44,17 @@ def surprise(probability, z):
 def put_to_the_test(runs, *, misleading):
     """Return a belief that foretold some runs of the second phase, and then saw them."""
     belief, z, later = Belief(WholeSpace(DIMENSION), None), first_runs(), near_the_boundary(runs, 3)
-    belief.fit(seen(z, misleading=misleading))
+    belief.fit(seen(z, misleading=misleading), learn=True)
     after = seen(np.vstack([z, later]), misleading=misleading)
     after.foreseen = belief.foresee(later)
-    belief.fit(after)
+    belief.fit(after, learn=True)
     return belief
 
 
 @pytest.mark.parametrize("misleading", [False, True])
 def test_smooth_scores_foretell_more_than_flags_and_misleading_ones_less(misleading):
     belief, new = Belief(WholeSpace(DIMENSION), None), near_the_boundary(400, 2)
-    belief.fit(seen(first_runs(), misleading=misleading))
+    belief.fit(seen(first_runs(), misleading=misleading), learn=True)
     by_flags, by_scores = (surprise(said, new) for said in belief.foresee(new).T)
     assert (by_scores > by_flags) if misleading else (by_scores < 0.7 * by_flags)
 
@@ -87,7 +87,7 @@ def test_flags_speak_for_both_before_scores_say_anything():
     belief, z = Belief(WholeSpace(DIMENSION), None), draw_wide(30, DIMENSION, np.random.default_rng(4))
     progress = seen(z)
     progress.happened = np.zeros(30, bool)
-    belief.fit(progress)
+    belief.fit(progress, learn=True)
     by_flags, by_scores = belief.foresee(z).T
     assert (by_flags == by_scores).all()
     np.testing.assert_allclose(belief.probability(z), by_flags, rtol=1e-3, atol=2e-6)
@@ -104,14 +104,14 @@ def test_beside_a_predecessor_the_own_flags_are_the_second_opinion():
     """The scores of the predecessor are not known, so that the regression would know less than the flags."""
     belief, old = beside_a_predecessor()
     progress, new = seen(first_runs()[:20]), near_the_boundary(50, 2)
-    belief.fit(progress)
+    belief.fit(progress, learn=True)
     own = EventSurrogate(DIMENSION)
     own.fit(progress.z, progress.happened, learn=False)
     by_all, by_own = belief.foresee(new).T
     np.testing.assert_allclose(by_own, own.probability(new))
     assert np.median(by_own) > 3 * np.median(by_all)  # the predecessor was safe there
     nothing = Belief(WholeSpace(DIMENSION), old)
-    nothing.fit(Progress.start(DIMENSION))
+    nothing.fit(Progress.start(DIMENSION), learn=True)
     by_all, by_own = nothing.foresee(new).T
     assert (by_all == by_own).all()
 
@@ -123,7 +123,7 @@ def test_a_predecessor_cannot_rule_out_what_the_own_flags_hold_possible():
     runs = runs[runs[:, 0] < 0]  # where both are safe
     progress = seen(np.vstack([z, runs]))
     progress.foreseen = np.column_stack([np.full(len(runs), 1e-6), np.full(len(runs), 0.3)])
-    belief.fit(progress)
+    belief.fit(progress, learn=True)
     new = near_the_boundary(50, 2)
     _, by_own = belief.foresee(new).T
     trust = belief._calibration.trust
@@ -138,7 +138,7 @@ def test_what_lies_across_the_directions_counts_as_noise():
     progress.z, progress.score = z, 4.5 - z[:, 0] - z[:, 1] / 2
     progress.happened = progress.score < 0
     belief = Belief(Subspace(np.eye(DIMENSION)[:, :1]), None)
-    belief.fit(progress)
+    belief.fit(progress, learn=True)
     new = near_the_boundary(500, 6)
     exact = norm.cdf(2 * (new[:, 0] - 4.5))
 
@@ -187,7 +187,7 @@ def test_runs_of_the_search_compare_the_surrogates_with_two_inputs(dimension, co
         progress.z, progress.happened = z, z[:, 0] > 4.5
         progress.score = np.sin(40 * z[:, 1]) if misleading else 4.5 - z[:, 0]
         belief = Belief(WholeSpace(dimension), None)
-        belief.fit(progress)
+        belief.fit(progress, learn=True)
         trust = belief._calibration.trust
         if compared:
             assert (trust < 0.3) if misleading else (trust > 0.7)

@@ -137,7 +137,7 @@ def test_a_part_next_to_the_known_one_is_not_missed(monkeypatch):
     found = estimate(event, 1)
     assert found.converged
     assert 0.5 < found.probability / exact < 2
-    monkeypatch.setattr("fewruns.results.points_in_open_balls", lambda n, z, *_: z[:0])
+    monkeypatch.setattr("fewruns.exclusion.points_in_open_balls", lambda n, z, *_: z[:0])
     wrong = estimate(event, 1)
     assert wrong.converged
     assert wrong.high < 0.5 * exact

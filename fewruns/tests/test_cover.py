@@ -5,10 +5,11 @@ import math
 
 import numpy as np
 import pytest
-from fewruns import Cover, InputError, Sampler, SystemProblem, estimate, results
+from fewruns import Cover, InputError, Sampler, SystemProblem, estimate
 from fewruns.certificate import BY_DEFAULT
-from fewruns.combining import combine, counted_batches, estimate_batch
+from fewruns.combining import combine, consistent_batches, estimate_batch
 from fewruns.constants import CORE, COVER_MISSED, MODES, REACHED
+from fewruns.exclusion import Exclusion
 from fewruns.running import estimate_problem
 from fewruns.wide_laws import draw_wide
 from sampler_checks import STOPPING, drive, new_sampler, numbers, resumed, standard_normal_event
@@ -35,7 +36,7 @@ def test_the_unseen_mode_is_the_nearest_without_a_run(dimension, curvature):
     generator = np.random.default_rng(dimension)
     z, cover = draw_wide(40, dimension, generator), Cover(0.5, curvature)
     while cover.unseen(z) > 1e-3:
-        z = np.vstack([z, cover.next_runs(5, z, 1e-3, generator)])
+        z = np.vstack([z, cover.next_runs(5, z, 1e-3, cover.unseen(z), generator)])
     bound, trials = norm.isf(cover.unseen(z)), 40_000
     error = 4 * math.sqrt(COVER_MISSED / trials) + 4 * math.sqrt(COVER_MISSED / MODES)
     assert 0 < bound < 11
@@ -52,7 +53,8 @@ def test_next_runs_exclude_all_modes_with_few_runs(dimension):
     cover, z = Cover.by_default(dimension), draw_wide(20, dimension, generator)
     added = 0
     while cover.unseen(z) > probability:
-        z, added = np.vstack([z, cover.next_runs(5, z, probability, generator)]), added + 5
+        further = cover.next_runs(5, z, probability, cover.unseen(z), generator)
+        z, added = np.vstack([z, further]), added + 5
         assert added <= 80
     wide = draw_wide(len(z), dimension, generator)
     u = isotropic(generator, 20_000, dimension)
@@ -101,7 +103,7 @@ def when_the_cover_began(course, stopping=STOPPING):
     """Return whether the first run of a cover came before the interval was narrow."""
     progress = course.sampler.progress
     first = [(batch.weight == 0).any() for batch in progress.batches].index(True)
-    known = [batch for batch in counted_batches(progress.estimates[:first]) if batch.runs]
+    known = [batch for batch in consistent_batches(progress.estimates[:first]) if batch.runs]
     low, high = combine(known).interval(stopping.alpha)
     return (high - low) / 2 > stopping.beta * combine(known).probability
 
@@ -209,7 +211,7 @@ def test_a_part_that_only_the_cover_has_found_restarts_the_estimate(monkeypatch)
     direction = isotropic(np.random.default_rng(1), 20, 2)
     approach, inside = disc + direction[:10] * np.linspace(1.5, 0.0, 10)[:, None], disc + 0.4 * direction[10:]
     covers = iter([approach, inside])
-    monkeypatch.setattr(results, "runs_of_cover", lambda *_, **__: next(covers))
+    monkeypatch.setattr(Exclusion, "runs", lambda *_: next(covers))
     for points in (approach, inside):
         assert (sampler.ask(certify=True) == points).all()
         assert not progress.pending.aimed.any()
@@ -224,7 +226,7 @@ def test_a_part_that_only_the_cover_has_found_restarts_the_estimate(monkeypatch)
     for _ in range(3):
         sampler.tell(*event.evaluate(sampler.ask()))
     assert progress.cover_runs.size == 0
-    assert len(counted_batches(progress.estimates)) < len(progress.estimates) - estimates
+    assert len(consistent_batches(progress.estimates)) < len(progress.estimates) - estimates
     exact = norm.sf(4.5) + ncx2.cdf(0.9**2, 2, 4.6**2)
     predicted = [each.prediction.probability / exact for each in progress.estimates]
     assert predicted[estimates - 1] < 0.15

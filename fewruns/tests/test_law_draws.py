@@ -117,8 +117,8 @@ def test_the_law_is_drawn_if_no_recent_batch_gave_an_estimate_and_not_after_one_
     event, sampler = half_plane(), new_sampler(batch_size=5)
     while not sampler.is_narrow(STOPPING):
         step(sampler, event)
-    monkeypatch.setattr("fewruns.sampler.ENOUGH_UNLEARNT", 20)
-    monkeypatch.setattr("fewruns.sampler.ENOUGH_BATCHES", 4)
+    monkeypatch.setattr("fewruns.checks.ENOUGH_UNLEARNT", 20)
+    monkeypatch.setattr("fewruns.checks.ENOUGH_BATCHES", 4)
     estimates = sampler.progress.estimates
     for i in range(-vain, 0):
         estimates[i] = replace(estimates[i], prediction=Prediction(0.0, np.inf))

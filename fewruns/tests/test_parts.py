@@ -2,8 +2,8 @@
 
 import numpy as np
 import pytest
-from fewruns import Stopping, results
-from fewruns.combining import counted_batches
+from fewruns import Stopping, exclusion
+from fewruns.combining import consistent_batches
 from fewruns.parts import draw_in_balls_together, open_balls, shares_of_parts
 from fewruns.wide_laws import draw_wide
 from sampler_checks import drive, new_sampler, resumed, standard_normal_event
@@ -97,16 +97,16 @@ def test_open_balls_are_closed_by_few_runs(radius):
 def test_an_estimate_does_not_converge_while_it_ignores_an_event(monkeypatch):
     """Without clearances, a seed converges below the probability, although runs have met the ball."""
     event, goal = standard_normal_event(margin, dimension=3), Stopping()
-    monkeypatch.setattr(results, "points_in_open_balls", lambda n, z, *_: z[:0])
+    monkeypatch.setattr(exclusion, "points_in_open_balls", lambda n, z, *_: z[:0])
     with monkeypatch.context() as without:
-        without.setattr(results, "open_balls", lambda z, *_: z[:0])
+        without.setattr(exclusion, "open_balls", lambda z, *_: z[:0])
         wrong = drive(sampler := new_sampler(3, 0, 5), event, goal)
     assert wrong.result.converged
     assert wrong.result.high < 2 * PLANE
     sampler = resumed(sampler)  # a sampler does not check its certificate again before it has more runs
-    progress, counted = sampler.progress, counted_batches(sampler.progress.estimates)
+    progress, counted = sampler.progress, consistent_batches(sampler.progress.estimates)
     assert ((margin(progress.z) <= 0) & (progress.z[:, 0] < 0)).any()
     assert not sampler.has_converged(goal)
     right = drive(sampler, event, Stopping(maximum_simulations=sampler.simulations + 100)).result
-    assert counted[0] not in counted_batches(progress.estimates)  # the estimate has begun again
+    assert counted[0] not in consistent_batches(progress.estimates)  # the estimate has begun again
     assert right.low < 2 * PLANE < right.high

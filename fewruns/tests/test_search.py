@@ -7,7 +7,7 @@ import pytest
 from fewruns.constants import GRADED_RUNS, JITTER
 from fewruns.gaussian_process import thinned
 from fewruns.graded import GradedSurrogate, end_of_events, graded
-from fewruns.second_phase import draw_approach, target_outcome
+from fewruns.search import draw_approach, target_outcome
 from fewruns.wide_laws import draw_wide, rarity
 from sampler_checks import new_sampler
 from scipy.stats import multivariate_normal
@@ -156,7 +156,7 @@ def runs_to_the_first_event(seed):
 
 def test_a_score_that_leads_astray_is_not_followed_forever(monkeypatch):
     found = np.array([runs_to_the_first_event(seed) for seed in range(12)])
-    monkeypatch.setattr("fewruns.sampler.PATIENCE", math.inf)
+    monkeypatch.setattr("fewruns.search.PATIENCE", math.inf)
     followed = np.array([runs_to_the_first_event(seed) for seed in range(12)])
     late = followed > 80  # the others met the event before the patience ended, and are the same
     assert (found[~late] == followed[~late]).all()

@@ -62,7 +62,7 @@ def test_a_control_variate_that_is_not_reweighted_is_wrong(samplers):
 
 def counted(progress):
     """Return the batches that count, with the flags of their runs."""
-    number = len(combining.counted_batches(progress.estimates))
+    number = len(combining.consistent_batches(progress.estimates))
     runs = sum(len(batch.z) for batch in progress.batches[-number:])
     flags = np.split(
         progress.happened[-runs:], np.cumsum([len(b.z) for b in progress.batches[-number:]])[:-1]
@@ -81,7 +81,7 @@ def test_the_errors_are_those_of_the_estimates(posteriors):
 @pytest.mark.seeds
 def test_without_another_law_the_estimate_is_the_samplers(samplers, posteriors):
     for sampler, posterior in zip(samplers, posteriors, strict=True):
-        own = combining.combine(combining.counted_batches(sampler.progress.estimates)).probability
+        own = combining.combine(combining.consistent_batches(sampler.progress.estimates)).probability
         assert posterior.probabilities[2] == pytest.approx(own, rel=1e-9)
 
 
@@ -109,7 +109,7 @@ def cross(samplers):
     """Return the posteriors with cross-fitted control variates."""
     posteriors = []
     for sampler in samplers:
-        controls = cross_fitted(sampler, len(combining.counted_batches(sampler.progress.estimates)))
+        controls = cross_fitted(sampler, len(combining.consistent_batches(sampler.progress.estimates)))
         posteriors.append(laws().estimate(sampler, controls=controls))
     return posteriors
 
@@ -128,14 +128,14 @@ def test_a_surrogate_that_has_seen_the_batch_itself_hides_the_error(samplers, cr
     monkeypatch.setattr(Progress, "without", lambda progress, left_out: whole(progress, left_out[:0]))
     wrong = []
     for sampler in samplers[:20]:
-        controls = cross_fitted(sampler, len(combining.counted_batches(sampler.progress.estimates)))
+        controls = cross_fitted(sampler, len(combining.consistent_batches(sampler.progress.estimates)))
         batches = sampler.progress.batches[-len(controls) :]
         for control, batch, (_, happened) in zip(controls, batches, counted(sampler.progress), strict=True):
             wrong.extend((happened - control.runs)[batch.control > 0] ** 2)
     honest = []
     monkeypatch.setattr(Progress, "without", whole)
     for sampler in samplers[:20]:
-        controls = cross_fitted(sampler, len(combining.counted_batches(sampler.progress.estimates)))
+        controls = cross_fitted(sampler, len(combining.consistent_batches(sampler.progress.estimates)))
         for control, (batch, happened) in zip(controls, counted(sampler.progress), strict=True):
             honest.extend((happened - control.runs)[batch.control > 0] ** 2)
     assert np.mean(wrong) < 0.8 * np.mean(honest)
@@ -178,7 +178,7 @@ def test_the_shared_error_is_at_least_that_predicted_before_the_runs(samplers):
     The control variates of this test are the outcomes themselves, so that the runs show no second phase.
     """
     for sampler in samplers[:10]:
-        batches = combining.counted_batches(sampler.progress.estimates)
+        batches = combining.consistent_batches(sampler.progress.estimates)
         importance = np.array([batch.importance for batch in batches])
         variations = np.array([batch.prediction.variation / batch.runs for batch in batches])
         predicted = np.sqrt((importance / importance.sum()) ** 2 @ variations)

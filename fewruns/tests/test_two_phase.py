@@ -4,7 +4,7 @@ from dataclasses import dataclass
 
 import numpy as np
 import pytest
-from fewruns import combining, pools, results, two_phase
+from fewruns import combining, pools, two_phase
 from fewruns.constants import AGREEMENT, BEST, EVEN, FLOOR, KEPT, REACH, USABLE, WORTHLESS
 from fewruns.progress import Progress
 from sampler_checks import drive, half_plane, new_sampler
@@ -248,7 +248,7 @@ GOOD, POOR = 0.9 * USABLE**2, 1.1 * USABLE**2
 )
 def test_batches_count_while_they_share_one_view_of_the_event(known, first):
     assert 1.9 < AGREEMENT < 2.2
-    kept = combining.counted_batches(of_batches(*known))
+    kept = combining.consistent_batches(of_batches(*known))
     assert [each.probability for each in kept] == list(range(first, len(known)))
 
 
@@ -266,9 +266,9 @@ def test_batches_count_while_they_share_one_view_of_the_event(known, first):
 def test_an_estimate_that_was_known_and_is_not_has_begun_again(known, again):
     progress = Progress.start(2)
     progress.estimates = of_batches(*known)
-    assert results.has_begun_again(progress) == again
+    assert progress.has_begun_again == again
     progress.chance_since = len(known)  # noise is why the batches no longer count, and no wrong prediction
-    assert not results.has_begun_again(progress)
+    assert not progress.has_begun_again
 
 
 @pytest.mark.parametrize(("observed", "predicted", "larger"), [(4.0, 0.01, 4.0), (1.0, 0.25, 0.25 * 2.5**2)])

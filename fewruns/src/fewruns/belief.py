@@ -24,7 +24,6 @@ from fewruns.constants import (
     MOST_TRUST,
     NOISY_AMPLITUDE,
     NOISY_LOG_ODDS,
-    RELEARN,
     SLOPE_SPREAD,
     SUREST,
 )
@@ -124,17 +123,15 @@ class Belief:
         self._second: Callable[[Array], Array] | None = None
         self._calibration = Calibration()
 
-    def fit(self, progress: Progress) -> None:
-        """Fit both surrogates to all runs, and learn their parameters again if there are enough new runs.
+    def fit(self, progress: Progress, *, learn: bool) -> None:
+        """Fit both surrogates to all runs, and ``learn`` their parameters again.
 
         The boundary of a thin set that is oblique to the scores is learnt from fewer runs along its principal
         axes.
         """
         z, happened, runs = self.space.coordinates(progress.z), progress.happened, len(progress.z)
-        learn = not progress.estimates or runs >= RELEARN * progress.learnt_at
         turned: list[Array] = []
         if learn:
-            progress.learnt_at = runs
             mattered = [] if progress.centres is None else [self.space.coordinates(progress.centres)]
             turned = [axes for points in (*mattered, z[happened]) for axes in principal_axes(points)]
         self.flags.fit(z, happened, learn=learn, turned=turned)
@@ -165,7 +162,7 @@ class Belief:
         other = Belief(self.space, self._predecessor, noisy=self._noisy)
         other.flags.axes, other.flags.theta = self.flags.axes, self.flags.theta
         other.scores.theta = self.scores.theta
-        other.fit(progress)
+        other.fit(progress, learn=False)
         return other
 
     def probability(self, z: Array) -> Array:

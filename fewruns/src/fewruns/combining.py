@@ -90,8 +90,8 @@ def estimate_batch(batch: TwoPhaseBatch, happened: Flags) -> BatchEstimate:
     )
 
 
-def counted_batches(batches: Sequence[BatchEstimate], usable: float = USABLE) -> Sequence[BatchEstimate]:
-    """Return the last batches, on which the estimate is based; none if it has not begun."""
+def consistent_batches(batches: Sequence[BatchEstimate], usable: float = USABLE) -> Sequence[BatchEstimate]:
+    """Return the last batches with consistent predictions, on which the estimate is based, or none."""
     *_, first = (None, *beginnings(batches, usable))
     return batches[len(batches) if first is None else first :]
 

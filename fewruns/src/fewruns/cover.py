@@ -70,11 +70,16 @@ class Cover:
         missed = np.cumsum(~self._met(z, u, b)) > COVER_MISSED * np.arange(1, MODES + 1)
         return float(ndtr(-b[missed.argmax()] if missed.any() else -FARTHEST))
 
-    def next_runs(self, n: int, z: Array, probability: float, generator: np.random.Generator) -> Array:
-        """Return n points, shape (n, d), that exclude most modes at least as probable as ``probability``."""
+    def next_runs(
+        self, n: int, z: Array, probability: float, unseen: float, generator: np.random.Generator
+    ) -> Array:
+        """Return n points, shape (n, d), that exclude most modes at least as probable as ``probability``.
+
+        The modes that are at least as probable as ``unseen`` contain a run z already (`unseen`).
+        """
         dimension, farthest = z.shape[1], -float(ndtri(probability))
         # The near modes come first. They are a small share of all modes, but none of them may be missed.
-        farthest = min(farthest, max(1.0, -2 * float(ndtri(self.unseen(z)))))
+        farthest = min(farthest, max(1.0, -2 * float(ndtri(unseen))))
         # Other modes than those of `unseen`, which would otherwise be excluded better than all others.
         u, b = draw_modes(MODES, dimension, farthest, generator)
         if (met := self._met(z, u, b)).all():

@@ -43,14 +43,14 @@ class Control:
         return cls(runs, belief.probability(batch.kept) / batch.kept_control)
 
 
-def cross_fitted(sampler: Sampler, counted: int) -> list[Control]:
-    """Return control variates for the last ``counted`` batches, each from a surrogate fitted without it."""
+def cross_fitted(sampler: Sampler, stored: int) -> list[Control]:
+    """Return control variates for the last ``stored`` batches, each from a surrogate fitted without it."""
     progress, sizes = sampler.progress, [len(batch.z) for batch in sampler.progress.batches]
     ends = len(progress.z) - sum(sizes) + np.cumsum([0, *sizes])
-    runs = [np.arange(*part) for part in pairwise(ends)][-counted:]
-    batches, controls = progress.batches[-counted:], []
+    runs = [np.arange(*part) for part in pairwise(ends)][-stored:]
+    batches, controls = progress.batches[-stored:], []
     with threadpool_limits(1, "blas"):  # the matrices are small
-        for fold in range(min(FOLDS, counted)):
+        for fold in range(min(FOLDS, stored)):
             belief = sampler.belief.refitted(progress.without(np.concatenate(runs[fold::FOLDS])))
             controls.append([Control.by(belief, batch) for batch in batches[fold::FOLDS]])
-    return [controls[place % FOLDS][place // FOLDS] for place in range(counted)]
+    return [controls[place % FOLDS][place // FOLDS] for place in range(stored)]

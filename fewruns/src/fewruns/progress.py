@@ -1,5 +1,6 @@
 """The progress of a sampler: its runs so far, the requested batch, what was derived, and draws of the law."""
 
+from collections.abc import Sequence
 from dataclasses import dataclass, field
 from itertools import takewhile
 from typing import Annotated, Self
@@ -8,8 +9,8 @@ import numpy as np
 from scipy.special import bdtrc, betaincinv
 
 from fewruns.arrays import Array, Flags, Indices
-from fewruns.combining import BatchEstimate
-from fewruns.constants import AGREEMENT, CONTRADICTION, REACH
+from fewruns.combining import BatchEstimate, beginnings, combine, consistent_batches
+from fewruns.constants import AGREEMENT, CONTRADICTION, NOISY_USABLE, REACH, RELEARN, UNSEEN_ALPHA, USABLE
 from fewruns.repeats import RepeatBatch, Repeats
 from fewruns.two_phase import TwoPhaseBatch
 
@@ -64,9 +65,6 @@ class PlainBatch:
     phase: str  # WIDE, SEARCH, PLAIN (draws of the law in the search) or LAW (draws that are no runs)
 
 
-# A number of runs that is never reached, so that lengths and axes are not learnt again.
-NEVER = 10**9
-
 WIDE, SEARCH, PLAIN, LAW = "wide", "search", "plain", "law"
 Batch = PlainBatch | RepeatBatch | TwoPhaseBatch
 
@@ -114,6 +112,16 @@ class Progress:
         return cls(*nothing, LawDraws.none(dimension), LawDraws.none(dimension))
 
     @property
+    def simulations(self) -> int:
+        """Number of all simulations, including repetitions of runs and draws of the law."""
+        return len(self.z) + len(self.repeats) + len(self.law_draws)
+
+    @property
+    def is_learnt_again(self) -> bool:
+        """Whether there are so many new runs that the parameters of the surrogates are learnt again."""
+        return not self.estimates or len(self.z) >= RELEARN * self.learnt_at
+
+    @property
     def cover_runs(self) -> Indices:
         """The runs of the batches of a cover since the last batch that was sampled."""
         pairs = zip(reversed(self.estimates), reversed(self.batches), strict=False)
@@ -121,7 +129,7 @@ class Progress:
         return np.arange(len(self.z) - sum(len(batch.z) for _, batch in covers), len(self.z))
 
     def without(self, left_out: Indices) -> "Progress":
-        """Return the progress without some runs, for surrogates with unchanged axes and lengths."""
+        """Return the progress without some runs, for surrogates that are fitted to the others."""
         kept = np.setdiff1d(np.arange(len(self.z)), left_out)
         foreseen = kept[kept >= len(self.z) - len(self.foreseen)] - len(self.z)
         return Progress(
@@ -132,5 +140,91 @@ class Progress:
             self.plain,
             estimates=self.estimates,
             foreseen=self.foreseen[foreseen],
-            learnt_at=NEVER,
         )
+
+    # ---- the batches of the estimate
+
+    @property
+    def consistent(self) -> Sequence[BatchEstimate]:
+        """The last batches with consistent predictions, without those before noise was noticed."""
+        return consistent_batches(self.estimates[self.chance_since :], self._usable)
+
+    @property
+    def sampled(self) -> Sequence[BatchEstimate]:
+        """The batches on which the estimate is based: the consistent ones, except those of a cover alone."""
+        return [batch for batch in self.consistent if batch.runs]
+
+    @property
+    def stored(self) -> list[tuple[BatchEstimate, TwoPhaseBatch]]:
+        """The consistent batches whose runs are stored, with their estimates."""
+        number = min(len(self.consistent), len(self.batches))
+        first = len(self.batches) - number
+        return list(zip(self.consistent[len(self.consistent) - number :], self.batches[first:], strict=True))
+
+    @property
+    def mean(self) -> float:
+        """The estimate from the batches on which it is based; 0 if there are none."""
+        batches = self.sampled
+        return combine(batches).probability if batches else 0.0
+
+    def reaches_prediction(self, factor: float) -> bool:
+        """Return whether the estimate is more than the last predicted probability divided by ``factor``.
+
+        If not, the surrogate has learnt of a part of the event that most batches of the estimate missed.
+        """
+        return self.mean > self.estimates[-1].prediction.probability / factor
+
+    def has_learnt(self, batches: int) -> bool:
+        """Return whether there was an estimate after any of the last ``batches`` batches."""
+        return any(first is not None for first in self._beginnings[-batches:])
+
+    @property
+    def has_begun_again(self) -> bool:
+        """Whether there is no estimate now, although batches since noise was noticed had given one."""
+        if len(self.sampled) >= 2:
+            return False
+        batches = self.estimates[self.chance_since :]
+        return any(
+            first is not None and sum(batch.runs > 0 for batch in batches[first : last + 1]) >= 2
+            for last, first in enumerate(self._beginnings)
+        )
+
+    @property
+    def _beginnings(self) -> list[int | None]:
+        return [*beginnings(self.estimates[self.chance_since :], self._usable)]
+
+    @property
+    def _usable(self) -> float:
+        """The coefficient of variation of a run below which the surrogate is usable."""
+        return NOISY_USABLE if self.is_noisy else USABLE
+
+    # ---- random outcomes
+
+    @property
+    def is_noisy(self) -> bool:
+        """Whether the outcomes of most runs are random."""
+        return self.repeats.vary_often
+
+    @property
+    def may_lapse(self) -> bool:
+        """Whether outcomes may be random in a few of the runs, which the runs may have missed."""
+        return self.chance and not self.is_noisy
+
+    @property
+    def is_contradicted(self) -> bool:
+        """Whether the draws of the law contain far more events than the present estimate allows."""
+        return self.law_draws.contradict(self.mean)
+
+    @property
+    def is_counted(self) -> bool:
+        """Whether the event of a system that may lapse is so frequent that the draws of the law show it.
+
+        They then contain more events than the estimate from all other runs allows, and they count instead.
+        """
+        return self.may_lapse and self.is_contradicted
+
+    @property
+    def unseen_lapses(self) -> float:
+        """A bound on the probability that lapses add; 0 if there are none, or if they are counted."""
+        is_unseen = self.may_lapse and not self.is_counted
+        return self.law_draws.interval(2 * UNSEEN_ALPHA)[1] if is_unseen else 0.0

@@ -18,55 +18,43 @@ import numpy as np
 from numpy.typing import ArrayLike
 from threadpoolctl import ThreadpoolController
 
-from fewruns import results
+from fewruns import results, wording
 from fewruns.arrays import Array, Flags
 from fewruns.belief import Belief
 from fewruns.certificate import BY_DEFAULT, Certificate
+from fewruns.checks import Checks
 from fewruns.combining import estimate_batch
 from fewruns.constants import (
-    BEYOND,
     CERTIFIED,
     CORE,
     COVERED,
     DEFENCE,
     DEFENCE_ALONE,
-    DRIFT_LAG,
-    DRIFT_PAIRS,
-    ENOUGH_BATCHES,
-    ENOUGH_UNEXPECTED,
-    ENOUGH_UNLEARNT,
     FEW,
     FIRST_REPEATS,
     FREQUENT_REACH,
     FREQUENT_START,
     LARGEST_SCORE,
-    LONGEST,
-    LONGEST_SHARE,
-    MOST_INPUTS_OF_FLAGS,
-    MOST_INPUTS_OF_SCORES,
-    PATIENCE,
     POOL,
     REACH,
     REACHED,
     RELEARN,
-    SEARCHED,
     SHORT_START,
     SHORT_STEP,
     START,
     STEP,
-    UNSEEN_ALPHA,
 )
 from fewruns.cover import Cover
 from fewruns.directions import learn_directions
 from fewruns.errors import InputError
 from fewruns.estimates import Estimate, Stopping
-from fewruns.graded import say_more
+from fewruns.exclusion import Exclusion
 from fewruns.pools import Defence, WholeSpace, space_along
 from fewruns.problems import Predecessor
-from fewruns.progress import LAW, PLAIN, SEARCH, WIDE, Batch, PlainBatch, Progress
-from fewruns.repeats import RepeatBatch, choose_repeats, end_differently
-from fewruns.second_phase import SecondPhase, draw_approach
-from fewruns.statements import events_below_others, point_the_wrong_way
+from fewruns.progress import LAW, PLAIN, WIDE, Batch, PlainBatch, Progress
+from fewruns.repeats import RepeatBatch, end_differently
+from fewruns.search import Search
+from fewruns.second_phase import SecondPhase
 from fewruns.two_phase import TwoPhaseBatch
 from fewruns.wide_laws import draw_wide, rarity
 
@@ -164,8 +152,7 @@ class Sampler:
         self.generator = generator
         self.emphasis: Callable[[Array], Array] | None = None
         self.belief = Belief(WholeSpace(dimension), predecessor)
-        # For which runs and certificate it was last computed whether the certificate is met, and the answer.
-        self._certified: tuple[object, bool] = None, False
+        self._known: tuple[object, Exclusion] | None = None  # the last exclusion, and for which runs it is
         # Number of the first runs, their largest rarity, and the step of rarity with one run of the search.
         start, step = (SHORT_START, SHORT_STEP) if self._relies_on_cover else (START, STEP)
         self._first, self._step = (FREQUENT_START, FREQUENT_REACH) if frequent else (start, REACH), step
@@ -181,7 +168,15 @@ class Sampler:
         With ``certify``, most runs exclude unobserved parts of the event, as needed when the interval is
         narrow. For a deterministic system with at most two inputs, such runs begin earlier.
         """
-        return self._pending_batch(certify=certify).z.copy()
+        progress = self.progress
+        if progress.pending is None:
+            if not certify:
+                progress.narrow_at = None
+            elif progress.narrow_at is None:
+                progress.narrow_at = len(progress.z)
+            with BLAS.limit(limits=1):
+                progress.pending = self._check(certify=certify) or self._design(certify=certify)
+        return progress.pending.z.copy()
 
     def tell(self, happened: ArrayLike, score: ArrayLike | None = None) -> None:
         """Receive the outcomes of the batch that `ask` returned last: flags and scores, shape (n,).
@@ -199,7 +194,7 @@ class Sampler:
             self._take_repeats(batch, happened, score)
         elif isinstance(batch, PlainBatch) and batch.phase == LAW:
             progress.law_draws = progress.law_draws.extended(batch.z, happened)
-            progress.chance |= results.is_contradicted(progress)  # the system may then lapse
+            progress.chance |= progress.is_contradicted  # the system may then lapse
         else:
             progress.z = np.vstack([progress.z, batch.z])
             progress.happened = np.append(progress.happened, happened)
@@ -226,17 +221,17 @@ class Sampler:
         elif batch.phase == WIDE:
             progress.wide_draws = np.vstack([progress.wide_draws, [len(batch.z), 0.0, self._first[1]]])
         else:
-            progress.searched += len(batch.z) / self._search_reach
+            progress.searched += len(batch.z) / self._search.reach
         progress.rarest = rarest
 
     def _take_repeats(self, batch: RepeatBatch, happened: Flags, score: Array) -> None:
         """Compare repetitions with their runs; a difference shows that outcomes may be random."""
         progress, first = self.progress, batch.repeated
         differed = end_differently(progress.happened[first], progress.score[first], happened, score)
-        was_noisy = progress.repeats.vary_often
+        was_noisy = progress.is_noisy
         progress.repeats = progress.repeats.extended(batch, happened, differed, score)
         progress.chance |= bool(differed.any())
-        if (is_noisy := progress.repeats.vary_often) != was_noisy:
+        if (is_noisy := progress.is_noisy) != was_noisy:
             # Earlier predictions and estimates assumed another kind of outcome, so they are not used.
             progress.chance_since = len(progress.estimates)
             progress.foreseen, progress.learnt_at = np.empty((0, 2)), 0
@@ -245,7 +240,7 @@ class Sampler:
     @property
     def simulations(self) -> int:
         """Number of simulations whose outcomes have been received, including repeats and draws of the law."""
-        return len(self.progress.z) + len(self.progress.repeats) + len(self.progress.law_draws)
+        return self.progress.simulations
 
     @property
     def repeats_next(self) -> bool:
@@ -271,7 +266,7 @@ class Sampler:
         """Return whether no more runs are needed except to narrow the interval."""
         if self.is_counted:
             return True
-        excluded = self._has_excluded_all_else() and self._can_exclude
+        excluded = self._has_excluded_all_else() and self._exclusion.is_sufficient
         return excluded and not self.may_lapse and not self.progress.repeats.drift
 
     def has_ended(self, *, is_narrow: bool) -> bool:
@@ -283,76 +278,66 @@ class Sampler:
         if self.may_lapse:
             return is_narrow and self.is_counted
         return self.progress.repeats.drift or (
-            is_narrow and (self._gives_up or self._has_excluded_all_else())
+            is_narrow and (self._exclusion.gives_up or self._has_excluded_all_else())
         )
-
-    @property
-    def _gives_up(self) -> bool:
-        """Whether other parts of the event are not excluded, although that has taken as long as it may."""
-        if not self._is_late or not self.progress.estimates[-1].runs:
-            return False
-        return results.is_covered(self.progress, self.required) and not self._is_certified
-
-    @property
-    def _is_late(self) -> bool:
-        """Whether the default certificate has taken as many runs as it may since the interval was narrow."""
-        narrow_at = self.progress.narrow_at
-        if self.certificate is not None or narrow_at is None:
-            return False
-        longest = max(LONGEST_SHARE * narrow_at, LONGEST, LONGEST * self.dimension / 3)
-        return len(self.progress.z) >= narrow_at + longest
-
-    @property
-    def _is_certified(self) -> bool:
-        """Whether the runs exclude all other parts of the event that the certificate speaks of."""
-        known = self.simulations, len(self.progress.estimates), self.required
-        if self._certified[0] != known:
-            self._certified = known, results.is_certified(self.progress, self.required)
-        return self._certified[1]
 
     @property
     def may_lapse(self) -> bool:
         """Whether the system may fail at random in a few of its runs, which the runs may have missed."""
-        return results.may_lapse(self.progress)
+        return self.progress.may_lapse
 
     @property
     def is_counted(self) -> bool:
-        """Whether the estimate is the share of events among the draws of the law (`results.is_counted`)."""
-        return results.is_counted(self.progress)
+        """Whether the estimate is the share of events among the draws of the law (`Progress.is_counted`)."""
+        return self.progress.is_counted
 
     @property
     def unseen_lapses(self) -> float:
         """A bound on the probability that lapses add to an estimate; 0 without lapses, or if they count."""
-        return results.unseen_lapses(self.progress)
+        return self.progress.unseen_lapses
 
     def repeats_wanted(self, *, certify: bool) -> int:
         """Return how many repetitions are still required; ``certify`` adds those for convergence."""
-        repeats = self.progress.repeats
-        if self.deterministic is True:
-            return 0
-        if repeats.vary_often:
-            first = max(FIRST_REPEATS + DRIFT_PAIRS - len(repeats), 0)
-            return first or repeats.pairs_wanted(self._late_repeats(certify=certify))
-        if self.progress.chance and self.deterministic is None and len(repeats):
-            return 0
-        wanted = self.enough_repeats if certify and not self.progress.chance else FIRST_REPEATS
-        return max(wanted - len(repeats), 0)
-
-    def _late_repeats(self, *, certify: bool) -> int:
-        """Return how often the runs that show a drift should have been repeated after the early repeats."""
-        runs = self.progress.repeats.repeated[: FIRST_REPEATS + DRIFT_PAIRS]
-        return int(certify) + (len(self.progress.z) > DRIFT_LAG * (runs.max() + 1))
-
-    def _draws_wanted(self) -> int:
-        """Return how many draws of the law are still wanted before an estimate can have converged."""
-        if self.deterministic is not None or self.progress.chance:
-            return 0
-        return max(self.enough_draws - len(self.progress.law_draws), 0)
+        return self._checks.repeats_wanted(certify=certify)
 
     @property
     def required(self) -> Certificate | Cover:
         """The required certificate; by default a cover, which is stricter for flags without scores."""
-        return self.certificate or Cover.by_default(self.dimension, with_scores=self._has_scores)
+        return self._exclusion.required
+
+    def estimate(self, stopping: Stopping) -> Estimate:
+        """Return the estimate from the runs so far; ``tables["runs"]`` has a row for each run.
+
+        The diagnostics ``unseen_mode`` and ``unseen_any`` bound the probability of unobserved parts
+        (`Certificate`).
+        """
+        progress, exclusion, checks = self.progress, self._exclusion, self._checks
+        converged = self.has_converged(stopping)
+        found = results.estimate(progress, self.batch_size, stopping, exclusion, converged=converged)
+        words = {
+            "reason": wording.reason(progress, stopping, exclusion, checks, is_settled=self.is_settled()),
+            "excluded": wording.excluded(progress, exclusion, checks, found.probability),
+            "warning": wording.warning(progress, exclusion),
+        }
+        return results.with_lapses(replace(found, **words), progress, stopping)
+
+    @property
+    def _exclusion(self) -> Exclusion:
+        """What the runs exclude, which is computed once for each state of the runs."""
+        known = self.simulations, len(self.progress.estimates), self.certificate, self.batch_size
+        if self._known is None or self._known[0] != known or self._known[1].progress is not self.progress:
+            self._known = known, Exclusion(self.progress, self.certificate, self.batch_size)
+        return self._known[1]
+
+    @property
+    def _checks(self) -> Checks:
+        """The checks for random outcomes."""
+        return Checks(self.progress, self.deterministic, self.enough_repeats, self.enough_draws)
+
+    @property
+    def _search(self) -> Search:
+        """The search for the event."""
+        return Search(self.progress, self.belief.space, self._step)
 
     @property
     def _relies_on_cover(self) -> bool:
@@ -363,170 +348,26 @@ class Sampler:
         by_cover = not isinstance(self.certificate, Certificate)
         return by_cover and self.dimension <= COVERED and self.deterministic is True
 
-    @property
-    def _has_scores(self) -> bool:
-        return say_more(self.progress.happened, self.progress.score)
-
-    @property
-    def _can_exclude(self) -> bool:
-        """Whether the certificate was stated, or the default one excludes parts of a moderate size."""
-        most = MOST_INPUTS_OF_SCORES if self._has_scores else MOST_INPUTS_OF_FLAGS
-        return self.certificate is not None or self.dimension <= most
-
-    def _is_drawn(self, *, certify: bool) -> bool:
-        """Return whether the next runs are draws of the law itself.
-
-        They are the last check before convergence, and are also due if surrogates do not learn the event. Of
-        a system that may lapse they are at least half of the runs, and all that are left then.
-        """
-        progress = self.progress
-        batches = max(ENOUGH_UNLEARNT // self.batch_size, ENOUGH_BATCHES)
-        enough = len(progress.foreseen) >= batches * self.batch_size
-        unlearnt = enough and not results.has_learnt(progress, batches)
-        if not self.may_lapse and not self._draws_wanted():
-            return unlearnt
-        is_last = certify and self._is_certified
-        unlearnt |= sum(batch.surprising for batch in progress.estimates) >= ENOUGH_UNEXPECTED
-        if not self.may_lapse:
-            return is_last or unlearnt
-        few = 2 * len(progress.law_draws) < self.simulations
-        is_checked = self.deterministic is True or len(progress.repeats) > 0
-        return is_checked and (is_last or unlearnt or few or self.is_counted)
-
     def _has_excluded_all_else(self) -> bool:
         """Return whether the certificate is met and all checks are made; only lapses may then remain."""
-        if self.repeats_wanted(certify=True) or self._draws_wanted():
+        if self._checks.missing or not self._exclusion.is_certified:
             return False
-        if not self._is_certified:
-            return False
-        return not self._relies_on_cover or results.reaches_prediction(self.progress, REACHED)
-
-    def estimate(self, stopping: Stopping) -> Estimate:
-        """Return the estimate from the runs so far; ``tables["runs"]`` has a row for each run.
-
-        The diagnostics ``unseen_mode`` and ``unseen_any`` bound the probability of unobserved parts
-        (`Certificate`).
-        """
-        found = results.estimate(
-            self.progress, self.batch_size, stopping, self.required, converged=self.has_converged(stopping)
-        )
-        words = {
-            "reason": self._reason(stopping),
-            "excluded": self._excluded(found.probability),
-            "warning": self._warning(),
-        }
-        found = replace(found, **words)
-        return results.with_lapses(found, self.progress, stopping)
-
-    def _reason(self, stopping: Stopping) -> str:
-        """Return in one sentence why the estimate has converged, or why it has not."""
-        progress, missing = self.progress, self.repeats_wanted(certify=True) + self._draws_wanted()
-        if progress.repeats.drift:
-            return "the system drifts: repetitions of the same runs differ in one direction"
-        if self.may_lapse and not self.is_counted:
-            return "outcomes may be random in a few of the runs, which the runs cannot exclude"
-        if not progress.happened.any() and not progress.law_draws.events:
-            return "no run has met the event"
-        if results.has_begun_again(progress) and not self.is_counted:
-            return (
-                "the estimate begins again without its earlier batches, because later runs did not agree "
-                "with what was predicted from them"
-            )
-        if progress.chance_since and results.combined_estimate(progress, stopping)[0] is None:
-            return (
-                "the earlier batches no longer count, because repetitions show that most outcomes are random"
-            )
-        if not self.is_narrow(stopping):
-            return "the interval is wider than required"
-        if self.is_settled():
-            return "the interval is narrow, and the certificate is met"
-        if not self._is_certified:
-            further = (
-                f"after {len(progress.z) - progress.narrow_at} further runs" if self._gives_up else "yet"
-            )
-            return f"the interval is narrow, but other parts of the event are not excluded {further}"
-        if missing:
-            return f"the interval is narrow, but {missing} checks for random outcomes are missing"
-        if not self._can_exclude:
-            return "with so many inputs, only a stated certificate excludes other parts of the event"
-        return (
-            "the surrogate predicts more than the estimate, which may have missed a part that was found late"
-        )
-
-    def _excluded(self, probability: float) -> str:
-        """Return what other parts of the event the runs exclude, and what outcomes by chance."""
-        progress, required, parts = self.progress, self.required, "no other part of the event"
-        if required == BY_DEFAULT:
-            parts = "other parts of the event, because it was stated that there are none"
-        elif self._is_certified:
-            parts = f"parts of the event with more than {required.share:g} times its probability"
-            if required.curvature:
-                parts += f" and a radius of at least {1 / required.curvature:.2g} normal scores"
-            by_scores = isinstance(required, Cover) and self._has_scores and self.dimension <= FEW
-            parts += ", and smaller ones to which the scores lead" * by_scores
-        if self.deterministic is not None or progress.chance or not len(progress.repeats):
-            return parts
-        rate = 1 - UNSEEN_ALPHA ** (1 / len(progress.repeats))
-        added = min(rate, progress.law_draws.interval(2 * UNSEEN_ALPHA)[1])
-        words = (
-            f"{parts}; other outcomes in more than {100 * rate:.2g} % of repeated runs. Lapses at this rate"
-        )
-        words += f" in all runs could add {added:.2g} to the probability"
-        return words + f", {added / probability:.2g} times the estimate" * (probability > 0)
-
-    def _warning(self) -> str:
-        """Return what the runs say against statements about the problem."""
-        progress, words = self.progress, []
-        if point_the_wrong_way(progress.happened, progress.score):
-            words.append("scores of events are larger than those of other runs, but should be smaller")
-        is_upper = self.required == BY_DEFAULT and not progress.chance  # as stated
-        if is_upper and (events := events_below_others(progress.z, progress.happened)):
-            of = np.count_nonzero(progress.happened)
-            where = f"in each input, at least {events} of {of} events have a run without the event above them"
-            words.append(f"upper_set was stated, but {where}")
-        return "; ".join(words)
+        return not self._relies_on_cover or self.progress.reaches_prediction(REACHED)
 
     # ---- design of a batch
 
-    def _pending_batch(self, *, certify: bool = False) -> Batch:
-        if self.progress.pending is None:
-            if not certify:
-                self.progress.narrow_at = None
-            elif self.progress.narrow_at is None:
-                self.progress.narrow_at = len(self.progress.z)
-            with BLAS.limit(limits=1):
-                beyond = results.where_to_search(self.progress, self.required)
-                by_draws = certify and isinstance(self.required, Certificate)
-                defence = Defence(DEFENCE_ALONE if by_draws else DEFENCE, beyond)
-                checks = self._repeats(certify=certify) or self._draws(certify=certify)
-                self.progress.pending = checks or self._design(defence, certify=certify)
-        return self.progress.pending
+    def _check(self, *, certify: bool) -> RepeatBatch | PlainBatch | None:
+        """Choose runs to repeat, or draws of the law itself; return None while neither is due."""
+        n, is_last, repeats = self.batch_size, certify and self._exclusion.is_certified, None
+        if not self._search.goes_on and is_last == certify:
+            repeats = self._checks.repeats(n, certify=certify)
+        return repeats or self._checks.draws(n, self.generator, is_last=is_last)
 
-    def _repeats(self, *, certify: bool) -> RepeatBatch | None:
-        """Choose runs to repeat; return None if no repetition is required now."""
-        progress = self.progress
-        if not (count := min(self.repeats_wanted(certify=certify), self.batch_size)):
-            return None
-        if self._is_searching() or (certify and not self._is_certified):
-            return None
-        expected = np.zeros(len(progress.z), bool)
-        expected[len(progress.z) - len(progress.foreseen) :] = progress.foreseen.max(axis=1, initial=0) > 0.5
-        known = progress.z, progress.happened, progress.score, progress.repeats
-        is_late = progress.repeats.vary_often and len(progress.repeats) >= FIRST_REPEATS + DRIFT_PAIRS
-        rounds = self._late_repeats(certify=certify) if is_late else 0
-        frequent = results.frequent_runs(progress, max(self.enough_repeats, 1))
-        return choose_repeats(*known, count, expected, frequent, rounds=rounds)
-
-    def _draws(self, *, certify: bool) -> PlainBatch | None:
-        """Draw from the law itself, as the last check or because of lapses; None while this is not due."""
-        if not self._is_drawn(certify=certify):
-            return None
-        count = min(self._draws_wanted() or self.batch_size, self.batch_size)
-        return PlainBatch(self.generator.standard_normal((count, self.dimension)), LAW)
-
-    def _design(self, defence: Defence, *, certify: bool) -> Batch:
+    def _design(self, *, certify: bool) -> Batch:
         """Choose the next batch: wide draws at first, then the search, then the second phase."""
-        progress, generator = self.progress, self.generator
+        progress, generator, exclusion = self.progress, self.generator, self._exclusion
+        by_draws = certify and isinstance(self.required, Certificate)
+        defence = Defence(DEFENCE_ALONE if by_draws else DEFENCE, exclusion.beyond)
         if self.predecessor is None:
             happened, score = progress.happened, progress.score
             start, reach = self._first
@@ -536,37 +377,27 @@ class Sampler:
                 count = min(self.batch_size, first)
                 return PlainBatch(draw_wide(count, self.dimension, generator, reach), WIDE)
             self._learn_directions()
-            if self._is_searching():
-                return self._search()
-        self.belief.fit(progress)
-        cover, required = np.empty((0, self.dimension)), self.required
-        if isinstance(required, Cover) and (
-            certify or (self._relies_on_cover and results.can_cover(progress))
-        ):
-            given = progress, required, self.batch_size, generator
-            cover = results.runs_of_cover(*given, by_cover_alone=self._is_late)
+            if self._search.goes_on:
+                return self._search.batch(self.batch_size, generator)
+        self._fit()
+        cover, by_cover = np.empty((0, self.dimension)), isinstance(self.required, Cover)
+        if by_cover and (certify or (self._relies_on_cover and exclusion.can_cover)):
+            cover = exclusion.runs(generator)
         # If the interval is narrow, few runs are sampled, from which the surrogate learns what a cover shows.
-        few = min(self.batch_size, CERTIFIED) if certify and isinstance(required, Cover) else self.batch_size
+        few = min(self.batch_size, CERTIFIED) if certify and by_cover else self.batch_size
         sampled, known = max(few - len(cover), 0), self.belief
         if len(cover) and len(since := progress.cover_runs):
             # The estimate does not know a part that only the last runs of the cover have shown.
             known = self.belief.refitted(progress.without(since))
         given = self.belief, progress, sampled, cover, known.probability(cover) >= CORE
-        return SecondPhase(*given, defence, self.emphasis, generator).batch()
+        batch, progress.centres = SecondPhase(*given, defence, self.emphasis, generator).batch()
+        return batch
 
-    def _search(self) -> PlainBatch:
-        """Choose the next batch of the search; if it is long in vain, some are draws of the law.
-
-        They find events in the bulk of the law, where the search has few runs, and bound their probability.
-        """
-        progress, space, n = self.progress, self.belief.space, min(self.batch_size, SEARCHED)
-        in_vain = not progress.happened.any() and progress.searched >= PATIENCE
-        turn = len(progress.sizes) % 3 if in_vain and progress.searched >= 4 * PATIENCE else 0
-        if turn == 1:
-            return PlainBatch(self.generator.standard_normal((n, self.dimension)), PLAIN)
-        known = space.coordinates(progress.z), progress.happened, progress.score
-        z = draw_approach(n, self._search_reach, *known, self.generator, in_vain=in_vain, in_bulk=turn == 2)
-        return PlainBatch(space.draw(z, self.generator), SEARCH)
+    def _fit(self) -> None:
+        """Fit the surrogates to all runs, and learn their parameters again if there are enough new runs."""
+        if learn := self.progress.is_learnt_again:
+            self.progress.learnt_at = len(self.progress.z)
+        self.belief.fit(self.progress, learn=learn)
 
     def _learn_directions(self) -> None:
         """If there are many normal scores and enough new runs, learn the directions of the event again."""
@@ -576,20 +407,10 @@ class Sampler:
             return
         progress.directions = learn_directions(progress.z, progress.happened, progress.score, known)
         space = space_along(progress.directions, self.dimension)
-        self.belief = Belief(space, None, noisy=progress.repeats.vary_often)
-        progress.learnt_at = runs if self._is_searching() else 0  # with 0, the surrogates learn again
+        self.belief = Belief(space, None, noisy=progress.is_noisy)
+        progress.learnt_at = runs if self._search.goes_on else 0  # with 0, the surrogates learn again
         events = progress.z[progress.happened]
         progress.rarest = rarity(self.belief.space.coordinates(events)).min(initial=REACH)
-
-    def _is_searching(self) -> bool:
-        """Return whether the search continues: it needs an event and one run in every step of rarity."""
-        progress = self.progress
-        return not progress.happened.any() or (not progress.estimates and progress.searched < 1 / self._step)
-
-    @property
-    def _search_reach(self) -> float:
-        """Rarity up to which the search extends: that of the most probable known event plus `BEYOND`."""
-        return min(self.progress.rarest + BEYOND, REACH)
 
 
 def _check_settings(

@@ -11,9 +11,7 @@ from typing import Any
 
 import numpy as np
 
-from fewruns import results
 from fewruns.arrays import Array, Indices
-from fewruns.combining import BatchEstimate
 from fewruns.crossfit import Control, cross_fitted
 from fewruns.emphasis import Emphasis
 from fewruns.errors import InputError
@@ -151,18 +149,19 @@ class SeveralLaws:
             Whether the event happened in each run, shape (runs,); by default the event that was sampled. If
             the sampler counts its events (`Sampler.is_counted`), in each draw of the law.
         controls
-            Predicted probabilities of the event at the batches of `counted`, by default those with which they
-            were drawn. If they are given, the errors are divided into a common part and a part of each law.
+            Predicted probabilities of the event at the batches of `Progress.stored`, by default those with
+            which they were drawn. If they are given, the errors are divided into a common part and a part of
+            each law.
         """
         progress = sampler.progress
         if sampler.is_counted:
             return self._of_draws(progress.law_draws, happened)
-        counted, known = self.counted(progress), progress.happened if happened is None else happened
-        if len(counted) < 2 or not known.any():
+        stored, known = progress.stored, progress.happened if happened is None else happened
+        if len(stored) < 2 or not known.any():
             return None
-        first = len(progress.batches) - len(counted)
-        batches = progress.batches[first:]
-        importance = np.array([estimate.importance for estimate in counted])
+        first = len(progress.batches) - len(stored)
+        estimated, batches = zip(*stored, strict=True)
+        importance = np.array([estimate.importance for estimate in estimated])
         importance /= importance.sum()
         last = np.cumsum([len(batch.z) for batch in batches])
         flags = np.split(known[len(known) - last[-1] :], last[:-1])
@@ -180,7 +179,8 @@ class SeveralLaws:
             variances = variances + weight**2 * variance
         if not estimates.mean() > 0:
             return None
-        predicted = _predicted_error(importance, counted)
+        variations = np.array([each.prediction.variation / max(each.runs, 1) for each in estimated])
+        predicted = float(np.sqrt(importance**2 @ variations))
         found = _with_errors(estimates, variances, predicted, np.count_nonzero(importance))
         return found if controls is None else divided(found, parts, predicted)
 
@@ -189,10 +189,10 @@ class SeveralLaws:
 
         A surrogate that was fitted without a batch predicts its control variate, which takes some seconds.
         """
-        counted = len(self.counted(sampler.progress))
-        if counted < 2 or sampler.is_counted:
+        stored = len(sampler.progress.stored)
+        if stored < 2 or sampler.is_counted:
             return self.estimate(sampler)
-        return self.estimate(sampler, controls=cross_fitted(sampler, counted))
+        return self.estimate(sampler, controls=cross_fitted(sampler, stored))
 
     def emphasis(self, found: LawEstimates) -> Emphasis:
         """Return the value for `Sampler.emphasis` with which the estimates become equally precise."""
@@ -204,23 +204,17 @@ class SeveralLaws:
         return effective_number(weights * progress.happened[runs])
 
     def weights(self, progress: Progress) -> tuple[Indices, Array]:
-        """Return the runs of the batches of `counted`, shape (n,), and their weights under each law, (K, n).
+        """Return the runs of the stored batches of the estimate, shape (n,), and their weights, shape (K, n).
 
         The sum of the weights of the events is the estimate without control variates.
         """
-        counted = self.counted(progress)
-        total, weights = sum(estimate.importance for estimate in counted), []
-        for number in range(len(progress.batches) - len(counted), len(progress.batches)):
-            batch, estimate = progress.batches[number], progress.estimates[number - len(progress.batches)]
+        stored = progress.stored
+        total, weights = sum(estimate.importance for estimate, _ in stored), []
+        for number, (estimate, batch) in enumerate(stored, len(progress.batches) - len(stored)):
             shares = estimate.importance / total * batch.weight / batch.inclusion
             weights.append(self._ratios_of(number, batch).runs * shares)
         joined = np.hstack(weights)
         return np.arange(joined.shape[1]) + len(progress.happened) - joined.shape[1], joined
-
-    @staticmethod
-    def counted(progress: Progress) -> Sequence[BatchEstimate]:
-        """Return those batches of the estimate of the sampler (`counted_batches`) whose runs are stored."""
-        return results.counted(progress)[-len(progress.batches) :] if progress.batches else []
 
     def _of_draws(self, draws: LawDraws, happened: Array | None) -> LawEstimates | None:
         """Return the weighted shares of an event among the draws of the law; None without an event."""
@@ -256,12 +250,6 @@ def reweight(batch: TwoPhaseBatch, ratios: Ratios, happened: Array, control: Con
     squares = controlled * ratios.kept @ batch.kept_weight + terms * ratios.runs @ batch.weight
     second_phase = (terms**2 * (1 - batch.inclusion)).sum(axis=1) * n / max(n - 1, 1)
     return controlled.sum(axis=1) + terms.sum(axis=1), np.maximum(squares, 0.0) + second_phase
-
-
-def _predicted_error(importance: Array, counted: Sequence[BatchEstimate]) -> float:
-    """Return the relative error of the estimate under the sampled law, as predicted before the runs."""
-    variations = np.array([batch.prediction.variation / max(batch.runs, 1) for batch in counted])
-    return float(np.sqrt(importance**2 @ variations))
 
 
 def _with_errors(estimates: Array, variances: Array, predicted: float, batches: int) -> LawEstimates:

@@ -247,7 +247,7 @@ def _resumed(state: State) -> Sampler:
     sampler = Sampler(generator=_generator_in(state.generator), **settings)
     progress = sampler.progress = state.progress
     space = space_along(progress.directions, state.dimension)
-    sampler.belief = Belief(space, state.predecessor, noisy=progress.repeats.vary_often)
+    sampler.belief = Belief(space, state.predecessor, noisy=progress.is_noisy)
     flags, scores = sampler.belief.flags, sampler.belief.scores
     shapes = flags.axes.shape, flags.theta.shape, scores.theta.shape
     if (read := (state.axes.shape, state.theta.shape, state.graded_theta.shape)) != shapes:

@@ -131,7 +131,7 @@ class Runs:
 
     def answer(self, events: Sequence[Event], estimate: Estimate) -> Answer:
         """Return the answer from all runs, with an estimate of the sampling."""
-        batches, counted = len(self.laws.counted(self.sampler.progress)), self.sampler.is_counted
+        batches, counted = len(self.sampler.progress.stored), self.sampler.is_counted
         controls = cross_fitted(self.sampler, batches) if batches >= 2 and not counted else None
         main = self.problem.event
         others = [event for event in events if event != main]

@@ -1,0 +1,79 @@
+"""What an estimate says in words: its reason, what its runs exclude, and what contradicts statements."""
+
+import numpy as np
+
+from fewruns.certificate import BY_DEFAULT
+from fewruns.checks import Checks
+from fewruns.constants import FEW, UNSEEN_ALPHA
+from fewruns.cover import Cover
+from fewruns.estimates import Stopping
+from fewruns.exclusion import Exclusion
+from fewruns.progress import Progress
+from fewruns.results import combined_estimate, is_narrow
+from fewruns.statements import events_below_others, point_the_wrong_way
+
+
+def reason(
+    progress: Progress, stopping: Stopping, exclusion: Exclusion, checks: Checks, *, is_settled: bool
+) -> str:
+    """Return in one sentence why an estimate has converged, or why it has not."""
+    if progress.repeats.drift:
+        return "the system drifts: repetitions of the same runs differ in one direction"
+    if progress.may_lapse and not progress.is_counted:
+        return "outcomes may be random in a few of the runs, which the runs cannot exclude"
+    if not progress.happened.any() and not progress.law_draws.events:
+        return "no run has met the event"
+    if progress.has_begun_again and not progress.is_counted:
+        return (
+            "the estimate begins again without its earlier batches, because later runs did not agree "
+            "with what was predicted from them"
+        )
+    if progress.chance_since and combined_estimate(progress, stopping)[0] is None:
+        return "the earlier batches no longer count, because repetitions show that most outcomes are random"
+    if not is_narrow(progress, stopping):
+        return "the interval is wider than required"
+    if is_settled:
+        return "the interval is narrow, and the certificate is met"
+    if not exclusion.is_certified:
+        after = f"after {len(progress.z) - progress.narrow_at} further runs" if exclusion.gives_up else "yet"
+        return f"the interval is narrow, but other parts of the event are not excluded {after}"
+    if checks.missing:
+        return f"the interval is narrow, but {checks.missing} checks for random outcomes are missing"
+    if not exclusion.is_sufficient:
+        return "with so many inputs, only a stated certificate excludes other parts of the event"
+    return "the surrogate predicts more than the estimate, which may have missed a part that was found late"
+
+
+def excluded(progress: Progress, exclusion: Exclusion, checks: Checks, probability: float) -> str:
+    """Return what other parts of the event the runs exclude, and what outcomes by chance."""
+    required, parts = exclusion.required, "no other part of the event"
+    if required == BY_DEFAULT:
+        parts = "other parts of the event, because it was stated that there are none"
+    elif exclusion.is_certified:
+        parts = f"parts of the event with more than {required.share:g} times its probability"
+        if required.curvature:
+            parts += f" and a radius of at least {1 / required.curvature:.2g} normal scores"
+        by_scores = isinstance(required, Cover) and exclusion.has_scores and exclusion.dimension <= FEW
+        parts += ", and smaller ones to which the scores lead" * by_scores
+    if checks.deterministic is not None or progress.chance or not len(progress.repeats):
+        return parts
+    rate = 1 - UNSEEN_ALPHA ** (1 / len(progress.repeats))
+    added = min(rate, progress.law_draws.interval(2 * UNSEEN_ALPHA)[1])
+    words = (
+        f"{parts}; other outcomes in more than {100 * rate:.2g} % of repeated runs. Lapses at this rate "
+        f"in all runs could add {added:.2g} to the probability"
+    )
+    return words + f", {added / probability:.2g} times the estimate" * (probability > 0)
+
+
+def warning(progress: Progress, exclusion: Exclusion) -> str:
+    """Return what the runs say against statements about the problem; empty if nothing."""
+    words = []
+    if point_the_wrong_way(progress.happened, progress.score):
+        words.append("scores of events are larger than those of other runs, but should be smaller")
+    is_upper = exclusion.required == BY_DEFAULT and not progress.chance  # as stated
+    if is_upper and (events := events_below_others(progress.z, progress.happened)):
+        of = np.count_nonzero(progress.happened)
+        where = f"in each input, at least {events} of {of} events have a run without the event above them"
+        words.append(f"upper_set was stated, but {where}")
+    return "; ".join(words)
