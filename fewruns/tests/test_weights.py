@@ -5,7 +5,8 @@ import math
 import numpy as np
 import pytest
 from fewruns import SeveralLaws
-from fewruns.estimates import (
+from fewruns.results import event_ratios
+from fewruns.weights import (
     PRIOR_RATIOS,
     PRIOR_SHAPE,
     effective_number,
@@ -13,7 +14,6 @@ from fewruns.estimates import (
     pareto_k,
     pareto_shape,
 )
-from fewruns.results import event_ratios
 from sampler_checks import drive, half_plane, new_sampler
 from scipy.stats import genpareto
 

@@ -16,6 +16,8 @@ from fewruns.arrays import Flags
 from fewruns.constants import AGREEMENT, BEST, COVERED, SURE, USABLE
 from fewruns.two_phase import Prediction, TwoPhaseBatch
 
+TERMS = 50  # number of terms of the series in `boundary`
+
 
 @dataclass(frozen=True)
 class BatchEstimate:
@@ -133,9 +135,6 @@ def combine(batches: Sequence[BatchEstimate]) -> Combined:
     return Combined(
         probability, float(observed), float(weight**2 @ variations * probability**2), len(batches)
     )
-
-
-TERMS = 50  # number of terms of the series in `boundary`
 
 
 @lru_cache

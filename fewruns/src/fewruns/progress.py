@@ -14,6 +14,10 @@ from fewruns.constants import AGREEMENT, CONTRADICTION, NOISY_USABLE, REACH, REL
 from fewruns.repeats import RepeatBatch, Repeats
 from fewruns.two_phase import TwoPhaseBatch
 
+# Phases of batches without an estimate: draws of the wide distribution, the search, draws of the law as runs
+# of the search, and draws of the law that are no runs.
+WIDE, SEARCH, PLAIN, LAW = "wide", "search", "plain", "law"
+
 
 @dataclass(frozen=True)
 class LawDraws:
@@ -62,10 +66,9 @@ class PlainBatch:
     """A batch of n runs without an estimate: wide draws, a part of the search, or draws of the law itself."""
 
     z: Annotated[Array, "batch", "dimension"]  # normal scores
-    phase: str  # WIDE, SEARCH, PLAIN (draws of the law in the search) or LAW (draws that are no runs)
+    phase: str
 
 
-WIDE, SEARCH, PLAIN, LAW = "wide", "search", "plain", "law"
 Batch = PlainBatch | RepeatBatch | TwoPhaseBatch
 
 

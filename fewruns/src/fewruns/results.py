@@ -9,9 +9,10 @@ from numpy.typing import NDArray
 from fewruns.arrays import Array
 from fewruns.combining import Combined, anytime_interval, combine
 from fewruns.constants import UNSEEN_ALPHA
-from fewruns.estimates import Estimate, Stopping, effective_number, largest_pareto_k, pareto_k
+from fewruns.estimates import Estimate, Stopping
 from fewruns.exclusion import Exclusion
 from fewruns.progress import Progress
+from fewruns.weights import effective_number, largest_pareto_k, pareto_k
 from fewruns.wide_laws import bound_without_event
 
 ROUNDING = 1e-12  # relative tolerance

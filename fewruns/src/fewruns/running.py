@@ -1,5 +1,6 @@
 """The loop that runs the batches of a sampler, and the estimate for any function."""
 
+import math
 import os
 from collections.abc import Callable, Iterator, Sequence
 from functools import partial
@@ -9,6 +10,7 @@ from typing import Any
 
 import numpy as np
 
+from fewruns.arguments import is_whole, require
 from fewruns.arrays import Array, Flags
 from fewruns.constants import ENOUGH_DRAWS, ENOUGH_REPEATS, FIRST_REPEATS
 from fewruns.errors import InputError
@@ -131,8 +133,15 @@ def estimate(
     (True, True, True)
     """
     dimension, marginals = _dimension_of(inputs)
-    if isinstance(generator, int) and not isinstance(generator, bool) and generator >= 0:
+    if is_whole(generator, 0):
         generator = np.random.Generator(np.random.PCG64(generator))
+    require("function", function, "a function of points, shape (n, d)", fits=callable(function))
+    is_generator = isinstance(generator, np.random.Generator)
+    require("generator", generator, "a numpy.random.Generator or a seed", fits=is_generator)
+    is_rule = isinstance(stopping, Stopping)
+    require("stopping", stopping, "a rule such as Stopping(maximum_simulations=500)", fits=is_rule)
+    is_usable = on_batch is None or callable(on_batch)
+    require("on_batch", on_batch, "a function of an estimate, or None", fits=is_usable)
     for name in settings:
         if name not in SETTINGS:
             expected = f"one of {', '.join(SETTINGS)}"
@@ -208,7 +217,7 @@ def _answer(function: Callable[[Array], Flags | Response], x: Array) -> Response
 
 def _dimension_of(inputs: int | Sequence[Marginal]) -> tuple[int, Sequence[Marginal] | None]:
     """Return the number of inputs, and their distributions if they are stated."""
-    if isinstance(inputs, int | np.integer):
+    if is_whole(inputs, -math.inf):
         return int(inputs), None
     if isinstance(inputs, Sequence) and all(hasattr(law, "ppf") and hasattr(law, "isf") for law in inputs):
         return len(inputs), inputs

@@ -19,6 +19,7 @@ from numpy.typing import ArrayLike
 from threadpoolctl import ThreadpoolController
 
 from fewruns import results, wording
+from fewruns.arguments import check_settings, outcomes
 from fewruns.arrays import Array, Flags
 from fewruns.belief import Belief
 from fewruns.certificate import BY_DEFAULT, Certificate
@@ -34,8 +35,6 @@ from fewruns.constants import (
     FIRST_REPEATS,
     FREQUENT_REACH,
     FREQUENT_START,
-    LARGEST_SCORE,
-    POOL,
     REACH,
     REACHED,
     RELEARN,
@@ -139,7 +138,19 @@ class Sampler:
         enough_draws: int = 0,
         frequent: bool = False,
     ) -> None:
-        _check_settings(dimension, generator, batch_size, certificate, deterministic)
+        check_settings(
+            dimension=dimension,
+            generator=generator,
+            batch_size=batch_size,
+            fingerprint=fingerprint,
+            certificate=certificate,
+            upper_set=upper_set,
+            predecessor=predecessor,
+            deterministic=deterministic,
+            enough_repeats=enough_repeats,
+            enough_draws=enough_draws,
+            frequent=frequent,
+        )
         if predecessor is not None:
             predecessor.check(dimension)
         self.dimension, self.batch_size, self.fingerprint = dimension, batch_size, fingerprint
@@ -188,7 +199,7 @@ class Sampler:
         if (batch := progress.pending) is None:
             expected, change = "those of a requested batch", "Call `ask` once before each `tell`."
             raise InputError("the outcomes", seen="no requested batch", expected=expected, change=change)
-        happened, score = _outcomes(happened, score, len(batch.z))
+        happened, score = outcomes(happened, score, len(batch.z))
         progress.pending = None
         if isinstance(batch, RepeatBatch):
             self._take_repeats(batch, happened, score)
@@ -411,48 +422,3 @@ class Sampler:
         progress.learnt_at = runs if self._search.goes_on else 0  # with 0, the surrogates learn again
         events = progress.z[progress.happened]
         progress.rarest = rarity(self.belief.space.coordinates(events)).min(initial=REACH)
-
-
-def _check_settings(
-    dimension: object, generator: object, batch_size: object, certificate: object, deterministic: object
-) -> None:
-    """Raise InputError if an argument of a sampler has another type or is out of range."""
-    for name, value, fits, expected in (
-        ("dimension", dimension, _is_count(dimension), "a whole number, at least 1"),
-        ("generator", generator, isinstance(generator, np.random.Generator), "a numpy.random.Generator"),
-        (
-            "batch_size",
-            batch_size,
-            _is_count(batch_size) and batch_size <= POOL // 4,
-            f"a whole number, 1 to {POOL // 4}",
-        ),
-        (
-            "certificate",
-            certificate,
-            isinstance(certificate, Certificate | Cover | None),
-            "a Cover, a Certificate or None",
-        ),
-        ("deterministic", deterministic, isinstance(deterministic, bool | None), "True, False or None"),
-    ):
-        if not fits:
-            raise InputError(name, seen=repr(value), expected=expected, change="Choose another value.")
-
-
-def _is_count(value: object) -> bool:
-    return isinstance(value, int | np.integer) and not isinstance(value, bool) and value >= 1
-
-
-def _outcomes(happened: ArrayLike, score: ArrayLike | None, n: int) -> tuple[Flags, Array]:
-    """Return the flags and scores of n runs as arrays, shape (n,); without scores they are 0."""
-    happened, score = np.asarray(happened), np.zeros(n) if score is None else np.asarray(score)
-    if happened.dtype != bool or score.dtype.kind not in "biuf":
-        seen = f"flags of the type {happened.dtype} and scores of the type {score.dtype}"
-        expected = "booleans that state whether the event happens, and real numbers"
-        change = "Return, for example, `margin <= 0, margin`."
-        raise InputError("the outcomes", seen=seen, expected=expected, change=change)
-    if happened.shape != (n,) or score.shape != (n,) or np.isnan(score).any():
-        seen = f"{happened.shape} flags and {score.shape} scores, {np.isnan(score).sum()} of them NaN"
-        expected = f"{n} flags and {n} scores, each as an array of the shape ({n},), and numbers"
-        change = "Return one outcome for each of the points, in their order."
-        raise InputError("the outcomes", seen=seen, expected=expected, change=change)
-    return happened, np.clip(score.astype(float), -LARGEST_SCORE, LARGEST_SCORE)

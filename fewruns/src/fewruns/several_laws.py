@@ -15,10 +15,10 @@ from fewruns.arrays import Array, Indices
 from fewruns.crossfit import Control, cross_fitted
 from fewruns.emphasis import Emphasis
 from fewruns.errors import InputError
-from fewruns.estimates import effective_number
 from fewruns.progress import LawDraws, Progress
 from fewruns.sampler import Sampler
 from fewruns.two_phase import TwoPhaseBatch
+from fewruns.weights import effective_number
 
 INNER = (0.1, 0.9)  # quantile levels between which laws are used for the shared error
 LARGEST_LOG = 700.0  # logarithm of the largest density ratio

@@ -30,6 +30,8 @@ def reason(
         )
     if progress.chance_since and combined_estimate(progress, stopping)[0] is None:
         return "the earlier batches no longer count, because repetitions show that most outcomes are random"
+    if combined_estimate(progress, stopping)[0] is None and not progress.is_counted:
+        return "too few batches have given an estimate that agrees with the one before"
     if not is_narrow(progress, stopping):
         return "the interval is wider than required"
     if is_settled:
@@ -46,7 +48,7 @@ def reason(
 
 def excluded(progress: Progress, exclusion: Exclusion, checks: Checks, probability: float) -> str:
     """Return what other parts of the event the runs exclude, and what outcomes by chance."""
-    required, parts = exclusion.required, "no other part of the event"
+    required, parts = exclusion.required, "nothing, so that the event may have other parts"
     if required == BY_DEFAULT:
         parts = "other parts of the event, because it was stated that there are none"
     elif exclusion.is_certified:

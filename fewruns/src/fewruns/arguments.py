@@ -1,0 +1,81 @@
+"""Checks of what users pass: the arguments of a sampler, and the outcomes of runs."""
+
+import math
+from collections.abc import Callable
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from fewruns.arrays import Array, Flags
+from fewruns.certificate import Certificate
+from fewruns.constants import LARGEST_SCORE, POOL
+from fewruns.cover import Cover
+from fewruns.errors import InputError
+from fewruns.problems import Predecessor
+
+LARGEST_BATCH = POOL // 4
+
+
+def is_whole(value: object, least: int, most: float = math.inf) -> bool:
+    """Return whether a value is a whole number in a range; True and False are none."""
+    is_number = isinstance(value, int | np.integer) and not isinstance(value, bool)
+    return is_number and least <= value <= most
+
+
+def require(name: str, value: object, expected: str, *, fits: bool) -> None:
+    """Raise InputError if an argument does not fit what is expected."""
+    if not fits:
+        raise InputError(name, seen=f"{value!r:.80}", expected=expected, change="Choose another value.")
+
+
+def check_settings(**settings: object) -> None:
+    """Raise InputError if an argument of `Sampler` has another type or is out of range."""
+    for name, value in settings.items():
+        fits, expected = _RULES[name]
+        require(name, value, expected, fits=fits(value))
+
+
+def outcomes(happened: ArrayLike, score: ArrayLike | None, n: int) -> tuple[Flags, Array]:
+    """Return the flags and scores of n runs as arrays, shape (n,); without scores they are 0."""
+    try:
+        happened, score = np.asarray(happened), np.zeros(n) if score is None else np.asarray(score)
+    except ValueError:  # lists of different lengths
+        happened = score = np.empty(0, object)
+    if happened.dtype != bool or score.dtype.kind not in "biuf":
+        seen = f"flags of the type {happened.dtype} and scores of the type {score.dtype}"
+        expected = "booleans that state whether the event happens, and real numbers"
+        change = "Return, for example, `margin <= 0, margin`."
+        raise InputError("the outcomes", seen=seen, expected=expected, change=change)
+    if happened.shape != (n,) or score.shape != (n,) or np.isnan(score).any():
+        seen = f"{happened.shape} flags and {score.shape} scores, {np.isnan(score).sum()} of them NaN"
+        expected = f"{n} flags and {n} scores, each as an array of the shape ({n},), and numbers"
+        change = "Return one outcome for each of the points, in their order."
+        raise InputError("the outcomes", seen=seen, expected=expected, change=change)
+    return happened, np.clip(score.astype(float), -LARGEST_SCORE, LARGEST_SCORE)
+
+
+def _is_switch(value: object) -> bool:
+    return isinstance(value, bool)
+
+
+def _is_number_of_checks(value: object) -> bool:
+    return is_whole(value, 0)
+
+
+# Whether a value of each argument of a sampler can be used, and what is expected.
+_RULES: dict[str, tuple[Callable[[object], bool], str]] = {
+    "dimension": (lambda value: is_whole(value, 1), "a whole number, at least 1"),
+    "generator": (lambda value: isinstance(value, np.random.Generator), "a numpy.random.Generator"),
+    "batch_size": (lambda value: is_whole(value, 1, LARGEST_BATCH), f"a whole number, 1 to {LARGEST_BATCH}"),
+    "fingerprint": (lambda value: isinstance(value, str), "a text"),
+    "certificate": (
+        lambda value: isinstance(value, Certificate | Cover | None),
+        "a Cover, a Certificate or None",
+    ),
+    "upper_set": (_is_switch, "True or False"),
+    "predecessor": (lambda value: isinstance(value, Predecessor | None), "a Predecessor or None"),
+    "deterministic": (lambda value: isinstance(value, bool | None), "True, False or None"),
+    "enough_repeats": (_is_number_of_checks, "a whole number, at least 0"),
+    "enough_draws": (_is_number_of_checks, "a whole number, at least 0"),
+    "frequent": (_is_switch, "True or False"),
+}
