@@ -18,7 +18,7 @@ START = 20
 # Number of first simulations, and their largest rarity, if the event may be frequent and may have several
 # separate parts, as in scenarios with joint laws. The probability beyond this rarity is 5e-5. The runs
 # exclude half-spaces of probability 5e-3.
-FREQUENT_START, FREQUENT_REACH = 40, 10.0
+FREQUENT_START, FREQUENT_REACH = 2 * START, 10.0
 
 # Number of points of the wide distribution from which the runs of a batch of the search are chosen.
 CANDIDATES = 1000
@@ -183,10 +183,10 @@ CERTIFIED = 5
 # each input. With scores that jump, it would take thousands.
 LONGEST_SHARE, LONGEST = 0.5, 80
 
-# With more inputs than the first number, flags alone do not show that there are no other parts, and with more
-# than the second one, scores do not: the number of runs that exclude parts of the size of one normal score
-# grows exponentially with the inputs.
-MOST_INPUTS_OF_FLAGS, MOST_INPUTS_OF_SCORES = 2, 6
+# With more inputs than this, scores do not show that there are no other parts, because the number of runs that
+# exclude parts of the size of one normal score grows exponentially with the inputs. Flags alone do not show
+# it with more than `COVERED` inputs.
+MOST_INPUTS = 6
 
 # Scores are assumed to decrease towards an unknown part of the event at most this many times as steeply as
 # towards a known one.

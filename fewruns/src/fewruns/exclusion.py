@@ -19,8 +19,7 @@ from fewruns.constants import (
     FEW,
     LONGEST,
     LONGEST_SHARE,
-    MOST_INPUTS_OF_FLAGS,
-    MOST_INPUTS_OF_SCORES,
+    MOST_INPUTS,
 )
 from fewruns.cover import Cover
 from fewruns.graded import say_more
@@ -55,7 +54,7 @@ class Exclusion:
     @property
     def is_sufficient(self) -> bool:
         """Whether the certificate was stated, or the default one excludes parts of a moderate size."""
-        most = MOST_INPUTS_OF_SCORES if self.has_scores else MOST_INPUTS_OF_FLAGS
+        most = MOST_INPUTS if self.has_scores else COVERED
         return self.stated is not None or self.dimension <= most
 
     @cached_property
