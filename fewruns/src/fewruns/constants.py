@@ -183,9 +183,9 @@ CERTIFIED = 5
 # each input. With scores that jump, it would take thousands.
 LONGEST_SHARE, LONGEST = 0.5, 80
 
-# With more inputs than this, scores do not show that there are no other parts, because the number of runs that
-# exclude parts of the size of one normal score grows exponentially with the inputs. Flags alone do not show
-# it with more than `COVERED` inputs.
+# With more inputs than this, scores do not show that there are no other parts, because the number of runs
+# that exclude parts of the size of one normal score grows exponentially with the inputs. Flags alone do not
+# show it with more than `COVERED` inputs.
 MOST_INPUTS = 6
 
 # Scores are assumed to decrease towards an unknown part of the event at most this many times as steeply as
