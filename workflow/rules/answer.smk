@@ -62,11 +62,7 @@ rule study_answer:
         slow=SLOW,
         stopping=plan_of("surrogate")["stopping"],
         batch_size=config["surrogate"]["batch_size"],
-        draws=(
-            config["answer"]["draws"]
-            if "smooth laws" in STAGES
-            else config["scenario"]["draws"]
-        ),
+        draws=law_settings(SCENARIOS[SCENARIO], config).draws,
         events=config["answer"]["events"],
         closing_speed_max=config["answer"]["grid"]["closing_speed_max"],
         vehicle_content=VEHICLE_CONTENT,

@@ -10,9 +10,9 @@ import sys
 from dataclasses import asdict
 from pathlib import Path
 
+from accelerated_evaluation.answer.settings import law_settings, support_of
 from accelerated_evaluation.base.errors import StudyError
 from accelerated_evaluation.base.files import content_digest
-from accelerated_evaluation.laws.smooth.support import Support
 from accelerated_evaluation.methods import METHODS, configured_stopping
 from accelerated_evaluation.records.segments import segment_names
 from accelerated_evaluation.scenarios import SCENARIOS
@@ -55,16 +55,8 @@ config = INPUTS.config
 STUDY = config["study"]
 SCENARIO = config["scenario"]["name"]
 STAGES = SCENARIOS[SCENARIO].stages
-# Limits of the smooth laws of cut-ins, which contain the records; other laws have those of their scenario.
-SUPPORT = (
-    Support.within(
-        config["filters"],
-        config["models"]["closing_speed_max"],
-        config["segments"]["lead_speed_edges"],
-    ).content()
-    if "smooth laws" in STAGES
-    else None
-)
+LIMITS = support_of(SCENARIOS[SCENARIO], config)
+SUPPORT = None if LIMITS is None else LIMITS.content()
 RESULTS = Path("results") / STUDY
 FIGURES = Path("figures") / STUDY
 # Whether the vehicle is slow to simulate: a few hundred simulations are made, but no crash map and no crude Monte Carlo.
