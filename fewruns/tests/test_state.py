@@ -8,7 +8,8 @@ from operator import getitem
 import numpy as np
 import pytest
 from fewruns import InputError, Sampler, pools, read_state, state, two_phase, write_state
-from fewruns.state import FORMAT, VERSION, checksum, sampler_of
+from fewruns.state import FORMAT, VERSION, sampler_of
+from fewruns.typed_json import checksum
 from sampler_checks import (
     STOPPING,
     drive,

@@ -7,7 +7,7 @@ from typing import Annotated
 import numpy as np
 import pytest
 from fewruns.arrays import Array, Flags
-from fewruns.state import MISFIT, decode, encode
+from fewruns.typed_json import MISFIT, decode, encode
 
 
 @dataclass(frozen=True)

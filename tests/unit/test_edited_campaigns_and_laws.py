@@ -14,7 +14,7 @@ import pandas as pd
 import pytest
 from accelerated_evaluation import InputError, cli, read_law
 from accelerated_evaluation.records.segments import read_encounters
-from fewruns.state import checksum
+from fewruns.typed_json import checksum
 from hypothesis import HealthCheck, assume, given, settings
 from hypothesis import strategies as st
 from law_folder import begin_campaign, write_law_folder

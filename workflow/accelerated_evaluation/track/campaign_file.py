@@ -10,7 +10,8 @@ from pathlib import Path
 from typing import Any
 
 from fewruns.estimates import Stopping
-from fewruns.state import MISFIT, checksum, content_of, decode, encode, sampler_of
+from fewruns.state import content_of, sampler_of
+from fewruns.typed_json import MISFIT, checksum, decode, encode
 
 from accelerated_evaluation.base.errors import InputError, located
 from accelerated_evaluation.base.files import read_json, write_text
