@@ -29,7 +29,7 @@ from accelerated_evaluation.answer.extrapolation import (
 from accelerated_evaluation.answer.near_misses import dispersion, level_factors, near_miss_table
 from accelerated_evaluation.crash_map.lines import CrashLines, divided_at
 from accelerated_evaluation.laws.smooth.conditional import Places
-from accelerated_evaluation.publishing.figures.coverage import fig37_extrapolation
+from accelerated_evaluation.publishing.figures.extrapolation import fig37_extrapolation
 from accelerated_evaluation.publishing.tables.evidence import rests_in_words
 
 # Lead speed, range and closing speed of four records.

@@ -2,7 +2,7 @@
 
 import numpy as np
 import pandas as pd
-from accelerated_evaluation.publishing.figures.coverage import fig37_extrapolation
+from accelerated_evaluation.publishing.figures.extrapolation import fig37_extrapolation
 from accelerated_evaluation.publishing.figures.laws import fig25_vehicles
 from accelerated_evaluation.publishing.figures.surrogate import fig35_scenario_methods
 from accelerated_evaluation.publishing.tables.laws import vehicles_digest

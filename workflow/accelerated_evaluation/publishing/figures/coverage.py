@@ -1,19 +1,14 @@
-"""Beyond the paper: coverage of the intervals (figures 18 and 24), and where predicted crashes lie (37)."""
+"""Beyond the paper: coverage of the intervals (figures 18 and 24)."""
 
-import math
 from collections.abc import Iterable
 
 import matplotlib.pyplot as plt
 import numpy as np
 import pandas as pd
 from matplotlib.axes import Axes
-from matplotlib.colors import LogNorm
 from matplotlib.figure import Figure
-from matplotlib.patches import Patch
 from matplotlib.ticker import MaxNLocator, NullFormatter, PercentFormatter
 
-from accelerated_evaluation.answer.extrapolation import CAPPED, FAR, NEAR, RECORDED
-from accelerated_evaluation.base.percent import in_percent
 from accelerated_evaluation.methods.coverage import LEVELS
 from accelerated_evaluation.methods.intervals import binomial_interval
 from accelerated_evaluation.publishing.figures.dot_chart import (
@@ -28,7 +23,6 @@ from accelerated_evaluation.publishing.figures.dot_chart import (
 )
 from accelerated_evaluation.publishing.figures.style import COLUMN_WIDTH, note_source, paper_style, style_of
 from accelerated_evaluation.publishing.published import figure
-from accelerated_evaluation.scenarios.protocol import Scenario
 
 OURS = "this project"
 # Colour, marker and vertical shift of each procedure in figure 24.
@@ -171,104 +165,3 @@ def _coverage_rows(coverage: pd.DataFrame) -> pd.DataFrame:
     covered = (data["coverage"] * data["replicates"]).round().astype(int)
     bounds = [binomial_interval(k, n, 0.05) for k, n in zip(covered, data["replicates"], strict=True)]
     return data.assign(ci_low=[bound.low for bound in bounds], ci_high=[bound.high for bound in bounds])
-
-
-# Colour and marker of each part of the predicted crashes, which differ in grey as well.
-PARTS = {RECORDED: ("#08306b", "s"), NEAR: ("#4292c6", "o"), FAR: ("#b2182b", "^")}
-# What the parts mean if they are divided by the closing speed, and if by the distance from the records.
-BY_SPEED = {
-    RECORDED: "as fast as a record at a similar range",
-    NEAR: "faster than the records at a similar range",
-    FAR: "faster than all records",
-}
-BY_DISTANCE = {
-    RECORDED: "as near to a record as most records are",
-    NEAR: "farther away than most records are",
-    FAR: "farther away than any record is",
-}
-DRAWN_CRASHES = 1000  # largest number of crashes that is drawn
-SHOWN = 0.99  # share of the drawn crashes that lie within the limits of the axis
-CELLS = (50, 100)  # smallest and largest number of cells along each axis in which the records are counted
-LIGHTEST = 0.05  # number of records that would be white, so that a cell with one record can be seen
-
-
-@figure
-def fig37_extrapolation(
-    extrapolation: pd.DataFrame,
-    crash_places: pd.DataFrame,
-    encounters: pd.DataFrame,
-    scenario: Scenario,
-    source: str,
-) -> tuple[Figure, pd.DataFrame]:
-    """Draw the number of records in cells of the last two variables, and crashes drawn from the answer.
-
-    If small values of the first of them are important (``divided_by``), its axis is linear up to the smallest
-    limit and nearly logarithmic beyond. Variables whose sign does not matter have absolute values.
-
-    The figure, with the share of each part of the predicted crashes in its legend; and its data: a row for
-    each crash with its ``part``, and one for the middle of each cell with its number of ``records``.
-    """
-    across, up = scenario.variables[-2:]
-    names = list(scenario.names)
-    recorded, crashes = (
-        pd.DataFrame(scenario.as_in_law(table[names].to_numpy(float)), columns=names)
-        for table in (encounters, crash_places.head(DRAWN_CRASHES))
-    )
-    crashes["part"] = crash_places["part"].head(DRAWN_CRASHES).to_numpy()
-    small = (
-        scenario.divided_by[1][0] if scenario.divided_by and scenario.divided_by[0] == across.name else None
-    )
-    # The cells have equal widths on the axes.
-    scaled = np.arcsinh(recorded[across.name] / small) if small else recorded[across.name]
-    largest = recorded[up.name].max()
-    spans = [[0, scaled.max()], [0, largest]]
-    number = int(np.clip(math.sqrt(len(recorded)), *CELLS))
-    counts, *edges = np.histogram2d(scaled, recorded[up.name], number, spans)
-    if small:
-        edges[0] = small * np.sinh(edges[0])
-    middles, found = [(each[1:] + each[:-1]) / 2 for each in edges], np.nonzero(counts)
-    cells = pd.DataFrame({across.name: middles[0][found[0]], up.name: middles[1][found[1]]})
-    cells["records"] = counts[found].astype(int)
-    shares, by_speed = extrapolation.set_index("part"), CAPPED in set(extrapolation["part"])
-    # A few crashes far above the others would flatten everything else.
-    top = 1.05 * max([largest, *crashes[up.name].quantile([SHOWN]).dropna()])
-    with paper_style():
-        drawn, axes = plt.subplots(figsize=(1.4 * COLUMN_WIDTH, 3.2))
-        if small:
-            axes.set_xscale("asinh", linear_width=small)
-        most = int(cells["records"].max())
-        look = {"cmap": "Greys", "norm": LogNorm(LIGHTEST, most), "rasterized": True}
-        image = axes.pcolormesh(*edges, np.ma.masked_equal(counts.T, 0), **look)
-        grey = image.cmap(image.norm(math.sqrt(most)))
-        shade = f"records: 1 (light) to {most:,} (black) in a cell" if most > 1 else "records"
-        handles = [Patch(color=grey, label=shade)]
-        for part, meaning in (BY_SPEED if by_speed else BY_DISTANCE).items() if len(shares) else ():
-            (color, marker), rows = PARTS[part], crashes[crashes["part"] == part]
-            handles += axes.plot(
-                rows[across.name],
-                rows[up.name].clip(upper=top),
-                marker,
-                clip_on=False,
-                color=color,
-                markersize=2.5,
-                markerfacecolor="none",
-                markeredgewidth=0.5,
-                label=f"crashes, {meaning}: {in_percent(shares.loc[part, 'share'])}",
-            )
-        if by_speed:
-            look = {"color": "black", "linewidth": 0.6, "linestyle": ":"}
-            handles.append(axes.axhline(largest, label="fastest record", **look))
-        if higher := int((crashes[up.name] > top).sum()):
-            highest = f"{crashes[up.name].max():.0f} {up.unit}"
-            words = f"at the edge: {higher} of {len(crashes):,} crashes, up to {highest}"
-            handles += axes.plot([], [], linestyle="none", label=words)
-        end = max([recorded[across.name].max(), *crashes[across.name]])
-        axes.set(xlim=(0, end), ylim=(0, top), ylabel=up.label, xlabel=across.label)
-        if small:
-            decades = 10.0 ** np.arange(math.ceil(math.log10(small / 2)), math.floor(math.log10(end)) + 1)
-            axes.set_xticks([0, *decades], [f"{tick:g}" for tick in (0, *decades)])
-            between = np.outer(decades, np.arange(2, 10)).ravel()
-            axes.set_xticks(between[between < end], minor=True)
-        axes.legend(handles=handles, loc="lower center", bbox_to_anchor=(0.5, 1.0), fontsize=6)
-        note_source(drawn, source)
-    return drawn, pd.concat([crashes, cells], ignore_index=True)

@@ -12,7 +12,7 @@ from matplotlib.ticker import MaxNLocator
 
 from accelerated_evaluation.publishing.figures.style import COLUMN_WIDTH, PIECES, note_source, paper_style
 from accelerated_evaluation.publishing.published import figure
-from accelerated_evaluation.records.checks.units import CELL
+from accelerated_evaluation.records.checks.size import CELL
 from accelerated_evaluation.records.segments import MINIMUM_ROWS
 
 LARGEST_NARROW = 8  # largest number of cells along an axis of a figure for one column
