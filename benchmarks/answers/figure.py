@@ -8,8 +8,8 @@ from pathlib import Path
 
 import matplotlib.pyplot as plt
 import pandas as pd
+from accelerated_evaluation.publishing.figures.answer import draw_nested
 from accelerated_evaluation.publishing.figures.dot_chart import FRAME, ROW, name_rows, spaced
-from accelerated_evaluation.publishing.figures.laws import draw_nested
 from accelerated_evaluation.publishing.figures.style import (
     COLUMN_WIDTH,
     note_source,

@@ -6,7 +6,7 @@ import matplotlib as mpl
 import numpy as np
 import pandas as pd
 import pytest
-from accelerated_evaluation.publishing.figures.laws import fig23_answer
+from accelerated_evaluation.publishing.figures.answer import fig23_answer
 from accelerated_evaluation.publishing.figures.style import paper_style, save_figure
 from accelerated_evaluation.scenarios.cut_in import CUT_IN
 from accelerated_evaluation.vehicles.replay import write_trace

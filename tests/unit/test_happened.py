@@ -29,7 +29,6 @@ from accelerated_evaluation.laws.paper.models import recorded_lead_speeds
 from accelerated_evaluation.laws.smooth.conditional import Places
 from accelerated_evaluation.laws.smooth.dependent import DependentLaw
 from accelerated_evaluation.laws.smooth.family import Fitter, Member, members_at
-from accelerated_evaluation.publishing.figures.counted import fig30_preventable
 from accelerated_evaluation.publishing.figures.likeliest_crashes import (
     CRASHES,
     RECORDS,
@@ -37,6 +36,7 @@ from accelerated_evaluation.publishing.figures.likeliest_crashes import (
     fig29_nearest_records,
 )
 from accelerated_evaluation.publishing.figures.moving import LANE, SCALE, fig36_cut_in
+from accelerated_evaluation.publishing.figures.preventable import fig30_preventable
 from accelerated_evaluation.publishing.figures.style import save_figure
 from accelerated_evaluation.publishing.tables.display import NAMES
 from accelerated_evaluation.records.segments import complete

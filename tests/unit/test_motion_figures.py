@@ -4,7 +4,7 @@ import numpy as np
 import pandas as pd
 import pytest
 from accelerated_evaluation.answer.lead_motion import COLUMNS, MOTION
-from accelerated_evaluation.publishing.figures.likeliest_crashes import GROUPS, fig34_lead_motion
+from accelerated_evaluation.publishing.figures.lead_motion import GROUPS, fig34_lead_motion
 from accelerated_evaluation.publishing.tables.laws import answer_budget_table, lead_motion_table
 
 NONE = np.nan

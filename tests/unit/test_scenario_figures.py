@@ -2,8 +2,8 @@
 
 import numpy as np
 import pandas as pd
+from accelerated_evaluation.publishing.figures.answer import fig25_vehicles
 from accelerated_evaluation.publishing.figures.extrapolation import fig37_extrapolation
-from accelerated_evaluation.publishing.figures.laws import fig25_vehicles
 from accelerated_evaluation.publishing.figures.surrogate import fig35_scenario_methods
 from accelerated_evaluation.publishing.tables.laws import vehicles_digest
 from accelerated_evaluation.scenarios.left_turn import LEFT_TURN
