@@ -36,7 +36,10 @@ class Control:
 
     @classmethod
     def by(cls, belief: Belief, batch: TwoPhaseBatch) -> "Control":
-        """Return predictions of another surrogate; 0 where the kept points represent no control variate."""
+        """Return the control variate that another surrogate predicts for a batch.
+
+        It is 0 at runs where the batch had none, because its kept points then represent no such part.
+        """
         if not len(batch.kept):
             return cls.own(batch)
         runs = np.where(batch.control > 0, belief.probability(batch.z), 0.0)

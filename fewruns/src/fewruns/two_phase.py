@@ -198,7 +198,9 @@ def draw_batch(
     foresee: Callable[[Array], Array],
     generator: np.random.Generator,
 ) -> TwoPhaseBatch:
-    """Return a batch whose runs are drawn from a pool by systematic sampling, or are ``cover``, (m, d).
+    """Return a batch: runs that are drawn from a pool by systematic sampling, followed by the runs ``cover``.
+
+    The runs ``cover``, shape (m, d), only exclude other parts of the event.
 
     ``foresee`` returns the probabilities of the event at the runs by both surrogates, shape (n, 2).
     """

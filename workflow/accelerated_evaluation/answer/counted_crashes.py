@@ -184,8 +184,9 @@ def compare_with_counts(
 ) -> pd.DataFrame:
     """Tabulate predicted, replayed and counted crash rates per million miles with 95 % limits.
 
-    See `counted_rows`, `replayed_row` and `predicted_rows`; the tables of vehicles and exposure are those of
-    the study of laws.
+    ``vehicles`` and ``exposure`` are the tables of a study, ``events`` the events of the 100-Car study, and
+    ``published`` crash rates from other sources. `counted_rows`, `replayed_row` and `predicted_rows` make
+    the rows.
     """
     counts = count_events(events)
     most = count_of(counts, LANE_CHANGE, "crash")

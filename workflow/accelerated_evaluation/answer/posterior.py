@@ -125,7 +125,7 @@ class SampledPosterior(Posterior):
 
     @property
     def sources(self) -> tuple[str, ...]:
-        """Sources of uncertainty that the intervals contain, with the sampling."""
+        """Sources of uncertainty that the intervals contain; the last one is the sampling."""
         return (*super().sources, SAMPLING)
 
     @property

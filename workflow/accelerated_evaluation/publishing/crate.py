@@ -151,7 +151,7 @@ def _add_workflow(crate: ROCrate, files: dict[str, Entity], jobs: Sequence[Job])
 
 
 def _tool(crate: ROCrate, rule: str, files: dict[str, Entity], code: Sequence[str]) -> Entity:
-    """Add the code of a rule: its script or notebook, and the rooms of the library that these may use."""
+    """Add the code of a rule: its script or notebook, and the packages of the library that it may use."""
     lines = "".join(f"{files[path].id} {files[path]['sha256']}\n" for path in code)
     facts = {
         "@type": "SoftwareApplication",

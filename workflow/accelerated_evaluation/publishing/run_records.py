@@ -28,7 +28,7 @@ class Job:
     inputs: tuple[str, ...]
     outputs: list[str]
     checksums: Mapping[str, str]  # ``"sha256:..."`` of each input when the job read it, by path
-    # Digests of the code of the library that the job may have run, by room (`study.dependencies`).
+    # Digests of the code of the library that the job may have run, by package (`study.dependencies`).
     code: Mapping[str, str]
     started: datetime  # UTC
     ended: datetime  # UTC
@@ -70,7 +70,7 @@ def jobs_of(folders: Iterable[Path]) -> list[Job]:
 
 
 def require_unchanged(jobs: Iterable[Job]) -> None:
-    """Raise InputError with the first file or room of the library that has changed since a job used it."""
+    """Raise InputError with the first file or package of the library that has changed since a job used it."""
     now: dict[str, str] = {}
     for job in jobs:
         for room, recorded in job.code.items():

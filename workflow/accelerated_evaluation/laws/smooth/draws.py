@@ -188,7 +188,7 @@ class Hazards:
     def at(self, value: Array, row: NDArray[np.intp] | None = None) -> tuple[Array, Array]:
         """Return cumulative hazard and hazard, both (a, n), at one value for each set of covariates.
 
-        With ``row``, there is one value for each set of that index.
+        With ``row``, shape (n,), value i belongs to the set of covariates with the index ``row[i]``.
         """
         bin_ = np.clip(np.searchsorted(self.edges, value, side="right") - 1, 0, self.edges.size - 2)
         row = np.arange(value.size) if row is None else row

@@ -36,8 +36,8 @@ RECORDS = np.array([100, 10, 1])  # numbers of records that are expected beyond 
 # comparison: from 3 to 9 scales above the threshold, the hazard of a generalised Pareto law of shape 0.3
 # changes by a factor of 0.5, and that of a law of shape -0.1, which ends after 10 scales, by a factor of 7.
 SHAPE = 2.0
-# Equally probable standard deviations of the change of the log factors of places from one layer to the next,
-# from no change to 0.8, the prior standard deviation of the logarithm of a common factor.
+# Standard deviations of the change of the log factor of a place from one layer to the next, which are equally
+# probable before the records are known. The largest is the prior standard deviation of log common factors.
 DEVIATIONS = (0.0, 0.2, 0.4, 0.6, 0.8)
 CORRELATION = 0.5  # length scale of the fields, as a share of the interval of each variable
 KEPT = 0.95  # share of the variance of the fields that their principal components represent

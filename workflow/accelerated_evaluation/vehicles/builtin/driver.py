@@ -40,8 +40,8 @@ class ReferenceDriver(CompiledVehicle):
     kernel: ClassVar = staticmethod(follow_slice)
     tracer: ClassVar = staticmethod(trace_driver)
 
-    # Of the other car [m/s]; 0 for a car that is in the lane from the start. With a lateral speed the driver
-    # can react before the cut-in, or too late. Real cut-ins have 0.2 to 2 m/s.
+    # Sideways speed of the other car [m/s]; 0 for a car that is in the lane from the start. If it is above 0,
+    # the driver can react before the cut-in, or too late. Real cut-ins have speeds of 0.2 to 2 m/s.
     lateral_speed: float = zero_or_more(0.0)
     # Lateral distance of the centres [m] at which range and closing speed are given, if the other car moves
     # laterally: 3.5 for the start of its motion, 1.75 for its centre above the lane marking. If it is smaller

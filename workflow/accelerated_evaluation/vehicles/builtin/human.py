@@ -74,7 +74,7 @@ class Human:
     # 0, as for the reference drivers, because the driver watches the other car. This is an assumption, which
     # matters only if the lead vehicle changes its speed. With the lead motion ``ngsim``, the crash
     # probability of the default study is 1.4 times as large as with a constant lead speed. With a delay of
-    # .35 s it is 1.9 times as large, and with .7 s 11 times (standard errors .05, .2 and 2).
+    # 0.35 s it is 1.9 times as large, and with 0.7 s 11 times (standard errors 0.05, 0.2 and 2).
     delay: float = zero_or_more(0.0)
     swerves: bool = True  # whether some drivers swerve
     # Whether all drivers are from the population in the middle of the published ranges. By default each
