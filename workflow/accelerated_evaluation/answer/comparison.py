@@ -62,7 +62,7 @@ def ratios(own: Posterior, other: Posterior) -> tuple[Array, Array, Array]:
     """Return equally likely values of the ratio of two probabilities for each of K draws of the law.
 
     The three arrays of shape (K, values of own, values of other) are the ratio if unseen lapses add as much
-    as they can to the other probability, the ratio without them, and the ratio if they add to the own one.
+    as they can to the second probability, the ratio without them, and the ratio if they add to the first one.
     """
     others = other.probabilities[:, None, None] / other.noise[:, None, :]
     middle = own.probabilities[:, None, None] / own.noise[:, :, None] / others
