@@ -5,10 +5,11 @@ import math
 import numpy as np
 import pytest
 from fewruns import Predecessor, gaussian_process
-from fewruns.gaussian_process import EventSurrogate
+from fewruns.constants import UNUSED
+from fewruns.gaussian_process import EventSurrogate, with_distance
 from scipy.stats import multivariate_normal
 
-THETA = np.log([1.5, 0.8, 2.0])
+THETA = np.log([1.5, 0.8, 2.5, 2.0])  # lengths of two inputs and of the distance, and amplitude
 
 
 def matern(a, b, lengths):
@@ -29,6 +30,7 @@ def exact(z, sign, theta, new=None):
     these is the probability of an orthant.
     """
     points = z if new is None else np.vstack([z, new])
+    points = np.column_stack([points, np.hypot(*points.T)])  # the distance from the origin
     signs = sign if new is None else np.append(sign, 1.0)
     variance = math.exp(2 * theta[-1])
     latent = variance * (1 + matern(points, points, np.exp(theta[:-1])))
@@ -37,7 +39,7 @@ def exact(z, sign, theta, new=None):
 
 
 def surrogate_at(theta):
-    surrogate = EventSurrogate(len(theta) - 1)
+    surrogate = EventSurrogate(len(theta) - 2)
     surrogate.theta = np.array(theta)
     return surrogate
 
@@ -73,13 +75,13 @@ def test_probability_is_the_exact_posteriors(event, amplitude, tolerance):
     when the log evidence is known to 1e-3. Both grow with the amplitude.
     """
     z = np.array([[0.0, 0.0], [1.5, 0.3], [-0.4, 1.0]])[: len(event)]
-    theta = np.append(THETA[:2], math.log(amplitude))
+    theta = np.append(THETA[:-1], math.log(amplitude))
     surrogate = surrogate_at(theta)
     surrogate.fit(z, np.array(event), learn=False)
     new = np.array([[0.5, 0.2], [-1.0, -1.0], [4.0, 1.0]])
     sign = np.where(event, 1.0, -1.0)
     truth, wrong = (
-        [exact(z, sign, t, point) for point in new] for t in (theta, theta + np.array([0.7, 0.7, 0.0]))
+        [exact(z, sign, t, point) for point in new] for t in (theta, theta + np.array([0.7, 0.7, 0.7, 0.0]))
     )
     assert surrogate.probability(new) == pytest.approx(truth, abs=tolerance)
     assert surrogate.probability(new) != pytest.approx(wrong, abs=tolerance)
@@ -91,7 +93,7 @@ def test_evidence_is_the_exact_posteriors():
     surrogate.fit(z, sign > 0, learn=False)
     prior = 0.5 * (((THETA - surrogate._centre) / surrogate._scale) ** 2).sum()
     for _ in range(20):
-        loss, _ = surrogate._loss(THETA, z, sign)
+        loss, _ = surrogate._loss(THETA, with_distance(z), sign, surrogate._centre)
     assert prior - loss == pytest.approx(math.log(exact(z, sign, THETA)), abs=1e-2)
 
 
@@ -104,11 +106,11 @@ def test_gradient_of_the_loss():
 
     def loss(theta):
         for _ in range(40):  # until the sites have settled, which one call need not wait for
-            value = surrogate._loss(theta, z, sign)
+            value = surrogate._loss(theta, with_distance(z), sign, surrogate._centre)
         return value
 
     step = 1e-3
-    numeric = [(loss(THETA + step * e)[0] - loss(THETA - step * e)[0]) / (2 * step) for e in np.eye(3)]
+    numeric = [(loss(THETA + step * e)[0] - loss(THETA - step * e)[0]) / (2 * step) for e in np.eye(4)]
     gradient = loss(THETA)[1]
     assert gradient == pytest.approx(numeric, rel=1e-3, abs=1e-3)
     assert min(abs(gradient)) > 0.01  # so that a missing term would show
@@ -120,9 +122,25 @@ def test_learning_lowers_the_loss():
     fixed, learnt = EventSurrogate(2), EventSurrogate(2)
     fixed.fit(z, event, learn=False)
     learnt.fit(z, event, learn=True)
-    np.testing.assert_allclose(fixed.theta, np.log([1.5 * math.sqrt(2), 1.5 * math.sqrt(2), 20.0]))
+    np.testing.assert_allclose(fixed.theta, np.log([*[1.5 * math.sqrt(2)] * 2, UNUSED, 20.0]))
+    known = with_distance(z), sign, learnt._centre
     # two looks at evidence that is each known to 0.03
-    assert learnt._loss(learnt.theta, z, sign)[0] < fixed._loss(fixed.theta, z, sign)[0] - 0.06
+    assert learnt._loss(learnt.theta, *known)[0] < fixed._loss(fixed.theta, *known)[0] - 0.06
+
+
+@pytest.mark.parametrize("curved", [False, True])
+def test_the_distance_is_a_coordinate_if_the_boundary_is_curved_around_the_origin(curved):
+    """All runs are on one side, so that only the distance says something about the other side."""
+    z = 2.0 * np.random.default_rng(1).standard_normal((400, 2))
+    z, far = z[z[:, 0] > 0.5], np.array([[-5.0, 0.5], [-4.5, -1.5], [-5.0, 2.0]])
+    event = np.linalg.norm(z, axis=1) > 2.5 if curved else z[:, 0] > 2.0
+    surrogate = EventSurrogate(2)
+    surrogate.fit(z, event, learn=True)
+    assert (surrogate.theta[2] < math.log(UNUSED) - 1) == curved
+    there = surrogate.probability(far)
+    surrogate.theta[2] = math.log(UNUSED)
+    surrogate.fit(z, event, learn=False)
+    assert (there > surrogate.probability(far) + 0.05).all() == curved
 
 
 @pytest.mark.parametrize("learn", [False, True])

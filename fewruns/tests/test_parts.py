@@ -100,7 +100,7 @@ def test_an_estimate_does_not_converge_while_it_ignores_an_event(monkeypatch):
     monkeypatch.setattr(exclusion, "points_in_open_balls", lambda n, z, *_: z[:0])
     with monkeypatch.context() as without:
         without.setattr(exclusion, "open_balls", lambda z, *_: z[:0])
-        wrong = drive(sampler := new_sampler(3, 0, 5), event, goal)
+        wrong = drive(sampler := new_sampler(3, 14, 5), event, goal)
     assert wrong.result.converged
     assert wrong.result.high < 2 * PLANE
     sampler = resumed(sampler)  # a sampler does not check its certificate again before it has more runs

@@ -8,8 +8,17 @@ import pandas as pd
 import pytest
 from fewruns import Cover
 from fewruns.constants import REACH
+from fewruns.exclusion import Exclusion
 from fewruns.wide_laws import bound_without_event, draw_wide
-from sampler_checks import HALF_PLANE, STOPPING, courses, estimate, half_plane, standard_normal_event
+from sampler_checks import (
+    HALF_PLANE,
+    STOPPING,
+    courses,
+    estimate,
+    half_plane,
+    new_sampler,
+    standard_normal_event,
+)
 from scipy.stats import binom, norm, ttest_1samp
 
 TWO = norm.sf(4.0), norm.sf(4.3)
@@ -140,6 +149,18 @@ def test_the_limit_of_calls_holds(maximum):
 
 
 # ---- no event
+
+
+@pytest.mark.parametrize(
+    ("dimension", "narrow_at", "most"),
+    [(2, 70, 150), (3, 200, 300), (4, 100, 320), (4, 300, 450), (6, 100, 480)],
+)
+def test_the_certificate_takes_a_limited_number_of_runs(dimension, narrow_at, most):
+    """Half of the runs until the interval was narrow, or 80; with many inputs 80 for each input in total."""
+    progress = replace(new_sampler(dimension).progress, narrow_at=narrow_at)
+    for runs, is_late in ((most - 1, False), (most, True)):
+        known = replace(progress, z=np.zeros((runs, dimension)))
+        assert Exclusion(known, None, 5).is_late == is_late
 
 
 @pytest.mark.parametrize("graded", [True, False])

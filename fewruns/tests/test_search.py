@@ -4,7 +4,7 @@ import math
 
 import numpy as np
 import pytest
-from fewruns.constants import GRADED_RUNS, JITTER
+from fewruns.constants import GRADED_RUNS, JITTER, UNUSED
 from fewruns.gaussian_process import thinned
 from fewruns.graded import GradedSurrogate, end_of_events, graded
 from fewruns.search import draw_approach, target_outcome
@@ -24,9 +24,14 @@ def matern(a, b, lengths):
     return (1 + r + r * r / 3) * np.exp(-r)
 
 
+def with_radius(z):
+    """Return points with a third coordinate, the distance from the origin."""
+    return np.column_stack([z, np.hypot(*z.T)])
+
+
 def covariance(a, b, surrogate):
     lengths, variance = np.exp(surrogate.theta[:-2]), np.exp(2 * surrogate.theta[-2])
-    return variance * (1 + matern(a, b, lengths))
+    return variance * (1 + matern(with_radius(a), with_radius(b), lengths))
 
 
 def fitted(z, outcome):
@@ -78,6 +83,29 @@ def test_lengths_stay_as_they_are_until_they_are_learnt():
     assert (surrogate.theta == before).all()
     surrogate.fit(z, outcome, learn=True)
     assert surrogate.theta[1] - surrogate.theta[0] > 1  # the score does not change along the second direction
+    assert surrogate.theta[2] == before[2]  # the boundary is a plane, so that the distance does not matter
+
+
+def test_a_circle_is_learnt_on_one_side_for_the_other():
+    """The distance from the origin is a coordinate of its own, so that directions without a run need none."""
+    generator = np.random.default_rng(2)
+    z = draw_wide(120, 2, generator)
+    z = z[z[:, 0] > 0][:40]
+    radius = np.median(np.hypot(*z.T))
+    happened = np.hypot(*z.T) > radius
+    outcome = graded(happened, -np.hypot(*z.T))
+    surrogate, new = fitted(z, outcome), draw_wide(300, 2, generator)
+    new = new[new[:, 0] < -1]
+
+    def right():
+        """Return the share of the points on the other side whose outcome is predicted on the right side."""
+        below = surrogate.mean(new) < end_of_events(outcome, happened)
+        return (below == (np.hypot(*new.T) > radius)).mean()
+
+    assert right() > 0.9
+    surrogate.theta[2] = math.log(UNUSED)
+    surrogate.fit(z, outcome, learn=False)
+    assert right() < 0.75
 
 
 def test_loss_and_gradient_of_the_regression():
@@ -85,19 +113,21 @@ def test_loss_and_gradient_of_the_regression():
     z, score = scored(25)
     outcome = graded(np.zeros(25, bool), score)
     surrogate = fitted(z, outcome)
-    theta = np.log([2.0, 1.2, 1.5, 0.3])
+    theta = np.log([2.0, 1.2, 3.0, 1.5, 0.3])
 
     def loss(theta):
         lengths, (variance, noise) = np.exp(theta[:-2]), np.exp(2 * theta[-2:])
-        total = variance * (1 + matern(z, z, lengths)) + (noise + JITTER * variance) * np.eye(25)
+        total = variance * (1 + matern(with_radius(z), with_radius(z), lengths)) + (
+            noise + JITTER * variance
+        ) * np.eye(25)
         prior = 0.5 * (((theta - surrogate._centre) / surrogate._scale) ** 2).sum()
         constant = 0.5 * 25 * math.log(2 * math.pi)
         return prior - multivariate_normal(np.zeros(25), total).logpdf(outcome) - constant
 
-    value, gradient = surrogate._loss(theta)
+    value, gradient = surrogate._loss(theta, surrogate._centre)
     assert value == pytest.approx(loss(theta), abs=1e-8)
     step = 1e-4
-    numeric = [(loss(theta + step * e) - loss(theta - step * e)) / (2 * step) for e in np.eye(4)]
+    numeric = [(loss(theta + step * e) - loss(theta - step * e)) / (2 * step) for e in np.eye(5)]
     assert gradient == pytest.approx(numeric, rel=1e-5)
     assert min(abs(gradient)) > 0.01  # so that a missing term would show
 

@@ -179,8 +179,9 @@ COVER_REACH = 30.0
 CERTIFIED = 5
 
 # After its interval has become narrow, an estimate takes at most this share of its runs in addition, or
-# LONGEST runs if these are more, to meet the default certificate, with more than three inputs LONGEST / 3 for
-# each input. With scores that jump, it would take thousands.
+# LONGEST runs if these are more, to meet the default certificate. With more than three inputs, it may take
+# LONGEST runs for each input in total: all runs count for the certificate, so that an interval that is narrow
+# early leaves more to do. With scores that jump, it would take thousands.
 LONGEST_SHARE, LONGEST = 0.5, 80
 
 # With more inputs than this, scores do not show that there are no other parts, because the number of runs
@@ -210,6 +211,10 @@ BLOCKS = 20
 # represents noise, and the flags of a deterministic system have none.
 LENGTH, LENGTH_SPREAD = 1.5, 0.7
 AMPLITUDE, AMPLITUDE_SPREAD = 20.0, 0.8
+
+# Length along the distance from the origin, a further coordinate of the surrogates, if it does not matter.
+# Otherwise it has the prior of OUTWARD, and must increase the log posterior density by COST.
+UNUSED = 2e4
 
 # ---- many normal scores
 

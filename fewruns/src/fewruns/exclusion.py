@@ -82,8 +82,10 @@ class Exclusion:
         narrow_at = self.progress.narrow_at
         if self.stated is not None or narrow_at is None:
             return False
-        longest = max(LONGEST_SHARE * narrow_at, LONGEST, LONGEST * self.dimension / 3)
-        return len(self.progress.z) >= narrow_at + longest
+        total = narrow_at + max(LONGEST_SHARE * narrow_at, LONGEST)
+        if self.dimension > 3:
+            total = max(total, LONGEST * self.dimension)
+        return len(self.progress.z) >= total
 
     @property
     def gives_up(self) -> bool:

@@ -18,6 +18,7 @@ from fewruns.arrays import BLOCK, Array
 from fewruns.constants import (
     AMPLITUDE,
     AMPLITUDE_SPREAD,
+    COST,
     DAMPING,
     FIRST_PRECISION,
     JITTER,
@@ -29,10 +30,13 @@ from fewruns.constants import (
     LOG_AMPLITUDE_BOUNDS,
     LOG_LENGTH_BOUNDS,
     MOST_RUNS,
+    OUTWARD,
+    OUTWARD_SPREAD,
     ROUGHLY_SETTLED,
     SETTLED,
     SWEEPS,
     SYSTEM_LENGTH,
+    UNUSED,
 )
 from fewruns.problems import Predecessor
 
@@ -77,11 +81,30 @@ def evidence_gradient(runs: Array, covariance: Array, slope: Array, outer: Array
     return np.array([*by_length, 2 * (outer * covariance).sum()])
 
 
+def with_distance(z: Array) -> Array:
+    """Return points, shape (n, d), with the distance from the origin as a further coordinate, (n, d + 1)."""
+    return np.column_stack([z, np.linalg.norm(z, axis=1)])
+
+
 def negative_log_posterior(
     evidence: float, gradient: Array, score: Array, scale: Array
 ) -> tuple[float, Array]:
     """Return the negative log posterior density of k parameters with a normal prior, and its gradient."""
     return 0.5 * score @ score - evidence, score / scale - gradient
+
+
+def prior_of_lengths(
+    centre: Array, dimension: int, *, curved: bool
+) -> tuple[Array, list[tuple[float, float]]]:
+    """Return the prior medians of all log parameters, and the bounds of those of d lengths and the distance.
+
+    If the boundary is ``curved`` around the origin, the distance from it matters. Otherwise its length is
+    fixed, at its prior median, so that the prior has no influence.
+    """
+    centre = centre.copy()
+    centre[dimension] = math.log(1 / OUTWARD if curved else UNUSED)
+    of_distance = LOG_LENGTH_BOUNDS if curved else (math.log(UNUSED),) * 2
+    return centre, [LOG_LENGTH_BOUNDS] * dimension + [of_distance]
 
 
 def principal_axes(points: Array) -> list[Array]:
@@ -141,21 +164,22 @@ def selected_runs(runs: Array, event: NDArray[np.bool_], most: int) -> NDArray[n
 class EventSurrogate:
     """Predicted probability of the event at any point, given the flags of the simulated points.
 
-    If there is a predecessor, the points have one additional coordinate, 0 for the system under test and 1
-    for the predecessor. The length of this coordinate determines how much the runs of one system say about
-    the other.
+    Its coordinates are those of the points along the axes and, if the runs show that it matters, the distance
+    from the origin. If there is a predecessor, the points have one more coordinate, 0 for the system under
+    test and 1 for the predecessor. The length of this coordinate determines how much the runs of one system
+    say about the other.
     """
 
     def __init__(
         self, dimension: int, predecessor: Predecessor | None = None, amplitude: float = AMPLITUDE
     ) -> None:
         self._predecessor = predecessor
-        lengths = [LENGTH * math.sqrt(dimension)] * dimension
+        lengths = [*[LENGTH * math.sqrt(dimension)] * dimension, UNUSED]
         lengths += [SYSTEM_LENGTH] if predecessor else []
         self.axes = np.eye(dimension)  # directions along which the lengths are measured, as columns
         self.theta = np.log(
             [*lengths, amplitude]
-        )  # of the lengths, that of the systems last, and the amplitude
+        )  # of the lengths, then those of the distance and of the systems, and of the amplitude
         # Precision, and precision times mean, of the Gaussian factor that approximates the likelihood of each
         # flag, those of the predecessor first.
         self.sites = np.empty((2, 0))
@@ -163,6 +187,7 @@ class EventSurrogate:
         self._kept = np.arange(0)
         self._centre = self.theta.copy()
         self._scale = np.array([*[LENGTH_SPREAD] * len(lengths), AMPLITUDE_SPREAD])
+        self._scale[dimension] = OUTWARD_SPREAD
 
     def fit(self, z: Array, event: NDArray[np.bool_], *, learn: bool, turned: Sequence[Array] = ()) -> None:
         """Fit the surrogate to runs, shape (n, d); ``learn`` lengths and amplitude along the best axes."""
@@ -171,7 +196,9 @@ class EventSurrogate:
         sign = np.where(event, 1.0, -1.0)
         if learn:
             found = [self._learn(axes, z, sign) for axes in (np.eye(z.shape[1]), *turned)]
-            _, self.axes, self.theta = min(found, key=itemgetter(0))
+            best = min(found, key=itemgetter(0))
+            curved = self._learn(best[1], z, sign, curved=True)
+            _, self.axes, self.theta = min(best, curved, key=itemgetter(0))
             self.sites = np.empty((2, 0))
         runs, sign = self._keep(z, sign)
         self._lengths, self._variance = np.exp(self.theta[:-1]), math.exp(2 * self.theta[-1])
@@ -179,20 +206,24 @@ class EventSurrogate:
         covariance, _ = covariance_of_runs(self._runs, self._variance)
         _, self._factor, self._root, self._weights = self._propagate(covariance, sign, tolerance=SETTLED)
 
-    def _learn(self, axes: Array, z: Array, sign: Array) -> tuple[float, Array, Array]:
+    def _learn(
+        self, axes: Array, z: Array, sign: Array, *, curved: bool = False
+    ) -> tuple[float, Array, Array]:
         """Return the smallest loss along given axes, the axes, and theta, optimised from the prior median."""
-        self.axes, self.theta, self.sites = axes, self._centre.copy(), np.empty((2, 0))
-        kept = self._keep(z, sign)
-        bounds = [LOG_LENGTH_BOUNDS] * (len(self.theta) - 1) + [LOG_AMPLITUDE_BOUNDS]
+        centre, bounds = prior_of_lengths(self._centre, len(axes), curved=curved)
+        self.axes, self.theta, self.sites = axes, centre, np.empty((2, 0))
+        known = *self._keep(z, sign), centre
+        bounds += [LOG_LENGTH_BOUNDS] * (len(centre) - len(bounds) - 1) + [LOG_AMPLITUDE_BOUNDS]
         steps = {"maxiter": LEARNING_STEPS}
-        found = minimize(self._loss, self.theta, kept, "L-BFGS-B", jac=True, bounds=bounds, options=steps)
-        return float(found.fun), axes, found.x
+        found = minimize(self._loss, centre, known, "L-BFGS-B", jac=True, bounds=bounds, options=steps)
+        return float(found.fun) + COST * curved, axes, found.x
 
     def _keep(self, z: Array, sign: Array) -> tuple[Array, Array]:
         """Return the runs for the fit, those of the predecessor first, and their signs; add missing sites."""
         runs = self._placed(z)
         if (other := self._predecessor) is not None:
-            runs = np.vstack([np.column_stack([other.z @ self.axes, np.ones(len(other.z))]), runs])
+            known = with_distance(other.z @ self.axes)
+            runs = np.vstack([np.column_stack([known, np.ones(len(known))]), runs])
         new = np.repeat([[FIRST_PRECISION], [0.0]], len(sign) - self.sites.shape[1], axis=1)
         self.sites = np.hstack([self.sites, new])
         self._kept = selected_runs(runs / np.exp(self.theta[:-1]), sign > 0, MOST_RUNS)
@@ -209,8 +240,8 @@ class EventSurrogate:
         return ndtr(mean / np.sqrt(1 + variance))
 
     def _placed(self, z: Array) -> Array:
-        """Return points in coordinates along the axes, with the coordinate of the system under test."""
-        z = z @ self.axes
+        """Return points in coordinates along the axes, with their distance and the system under test."""
+        z = with_distance(z @ self.axes)
         return z if self._predecessor is None else np.column_stack([z, np.zeros(len(z))])
 
     def _propagate(
@@ -248,7 +279,7 @@ class EventSurrogate:
         self.left_out = ndtr(centre / width)
         return evidence, factor, root, weights
 
-    def _loss(self, theta: Array, z: Array, sign: Array) -> tuple[float, Array]:
+    def _loss(self, theta: Array, z: Array, sign: Array, centre: Array) -> tuple[float, Array]:
         """Return the negative log posterior density of log lengths and log amplitude, and its gradient."""
         variance = math.exp(2 * theta[-1])
         runs = z / np.exp(theta[:-1])
@@ -257,4 +288,4 @@ class EventSurrogate:
         inverse = dtrtrs(factor, np.diag(root), lower=1)[0]
         outer = 0.5 * (np.outer(weights, weights) - inverse.T @ inverse)
         gradient = evidence_gradient(runs, covariance, slope, outer, variance)
-        return negative_log_posterior(evidence, gradient, (theta - self._centre) / self._scale, self._scale)
+        return negative_log_posterior(evidence, gradient, (theta - centre) / self._scale, self._scale)

@@ -5,6 +5,7 @@ Phi^-1((rank - 1/2) / n). Only the order of the scores is used, because their sc
 """
 
 import math
+from operator import itemgetter
 
 import numpy as np
 from scipy.linalg.lapack import dpotrf, dpotri, dpotrs, dtrtrs
@@ -14,22 +15,26 @@ from scipy.special import ndtr, ndtri
 from fewruns.arrays import Array, Flags
 from fewruns.constants import (
     AMPLITUDE_SPREAD,
+    COST,
     GRADED_RUNS,
     GRADED_STEPS,
     LEAST_VARIANCE,
     LENGTH,
     LENGTH_SPREAD,
     LOG_AMPLITUDE_BOUNDS,
-    LOG_LENGTH_BOUNDS,
     LOG_NOISE_BOUNDS,
     NOISE,
+    OUTWARD_SPREAD,
+    UNUSED,
 )
 from fewruns.gaussian_process import (
     covariance_between,
     covariance_of_runs,
     evidence_gradient,
     negative_log_posterior,
+    prior_of_lengths,
     thinned,
+    with_distance,
 )
 
 
@@ -57,25 +62,30 @@ class GradedSurrogate:
 
     def __init__(self, dimension: int) -> None:
         """Set the priors of the logarithms of the lengths, of the amplitude and of the noise."""
-        self._centre = np.log([*[LENGTH * math.sqrt(dimension)] * dimension, 1.0, NOISE[0]])
-        self._scale = np.array([*[LENGTH_SPREAD] * dimension, AMPLITUDE_SPREAD, NOISE[1]])
-        self._bounds = [LOG_LENGTH_BOUNDS] * dimension + [LOG_AMPLITUDE_BOUNDS, LOG_NOISE_BOUNDS]
-        self.theta = self._centre.copy()  # logarithms of the lengths, of the amplitude and of the noise
+        # Logarithms of the lengths, that of the distance last, of the amplitude and of the noise.
+        self.theta = np.log([*[LENGTH * math.sqrt(dimension)] * dimension, UNUSED, 1.0, NOISE[0]])
+        self._centre = self.theta.copy()
+        self._scale = np.array([*[LENGTH_SPREAD] * dimension, OUTWARD_SPREAD, AMPLITUDE_SPREAD, NOISE[1]])
 
     def fit(self, z: Array, outcome: Array, *, learn: bool) -> None:
         """Fit the regression to all runs or `GRADED_RUNS` of them; ``learn`` its parameters again."""
         kept = thinned(np.argsort(outcome, kind="stable"), GRADED_RUNS)  # the smallest outcomes first
-        self._z, self._outcome = z[kept], outcome[kept]
+        self._z, self._outcome = with_distance(z[kept]), outcome[kept]
         if learn:
-            steps = {"maxiter": GRADED_STEPS}
-            found = minimize(
-                self._loss, self._centre, method="L-BFGS-B", jac=True, bounds=self._bounds, options=steps
-            )
-            self.theta = found.x
+            found = [self._learn(z.shape[1], curved=curved) for curved in (False, True)]
+            self.theta = min(found, key=itemgetter(0))[1]
         self._runs = self._z / np.exp(self.theta[:-2])
         self._variance, noise_variance = np.exp(2 * self.theta[-2:])
         covariance, _ = covariance_of_runs(self._runs, self._variance)
         self._factor, self._weights = self._solve(covariance, noise_variance)
+
+    def _learn(self, dimension: int, *, curved: bool) -> tuple[float, Array]:
+        """Return the smallest loss and its theta, optimised from the prior median."""
+        centre, bounds = prior_of_lengths(self._centre, dimension, curved=curved)
+        bounds += [LOG_AMPLITUDE_BOUNDS, LOG_NOISE_BOUNDS]
+        steps = {"maxiter": GRADED_STEPS}
+        found = minimize(self._loss, centre, centre, "L-BFGS-B", jac=True, bounds=bounds, options=steps)
+        return float(found.fun) + COST * curved, found.x
 
     def mean(self, z: Array) -> Array:
         """Return the mean outcome at z, shape (m, d), which takes less time than `expect`."""
@@ -108,14 +118,15 @@ class GradedSurrogate:
 
     def _covariance(self, z: Array) -> Array:
         """Return the covariances between points z, shape (m, d), and the runs."""
-        return covariance_between(z / np.exp(self.theta[:-2]), self._runs, self._variance)[0]
+        points = with_distance(z) / np.exp(self.theta[:-2])
+        return covariance_between(points, self._runs, self._variance)[0]
 
     def _solve(self, covariance: Array, noise_variance: float) -> tuple[Array, Array]:
         """Return the Cholesky factor of the covariance with noise, and its inverse times the outcomes."""
         factor, _ = dpotrf(covariance + noise_variance * np.eye(len(covariance)), lower=1, clean=1)
         return factor, dpotrs(factor, self._outcome, lower=1)[0]
 
-    def _loss(self, theta: Array) -> tuple[float, Array]:
+    def _loss(self, theta: Array, centre: Array) -> tuple[float, Array]:
         """Return the negative log posterior density of the log parameters, and its gradient."""
         variance, noise_variance = np.exp(2 * theta[-2:])
         runs = self._z / np.exp(theta[:-2])
@@ -127,4 +138,4 @@ class GradedSurrogate:
         outer = 0.5 * (np.outer(weights, weights) - inverse)
         gradient = evidence_gradient(runs, covariance, slope, outer, variance)
         gradient = np.append(gradient, 2 * noise_variance * np.trace(outer))
-        return negative_log_posterior(evidence, gradient, (theta - self._centre) / self._scale, self._scale)
+        return negative_log_posterior(evidence, gradient, (theta - centre) / self._scale, self._scale)

@@ -26,7 +26,7 @@ from fewruns.progress import SEARCH, PlainBatch, Progress
 from fewruns.sampler import Sampler
 from fewruns.typed_json import MISFIT, checksum, decode, encode
 
-FORMAT, VERSION = "fewruns sampler", 5
+FORMAT, VERSION = "fewruns sampler", 6
 RESTART = "Name the state of a sampler, or a path where there is no file yet, to begin a new run."
 
 # What is kept of the progress of another version. Only the runs are required.
