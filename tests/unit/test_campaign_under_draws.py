@@ -10,7 +10,7 @@ from accelerated_evaluation.answer.by_few_runs import laws_of
 from accelerated_evaluation.records.segments import write_encounters
 from accelerated_evaluation.track.campaign import Campaign
 from accelerated_evaluation.track.campaign_file import law_of, source_of, stopping, write_campaign
-from accelerated_evaluation.track.limits import DrivenOutcome
+from accelerated_evaluation.track.driven import DrivenOutcome
 from accelerated_evaluation.track.under_draws import ALONE, _reach, laws_under, read_draws, whole_in_words
 from accelerated_evaluation.vehicles.protocol import CRASH
 from mean_law import braking_probabilities, encounters_, law_, one_draw  # noqa: F401

@@ -19,7 +19,7 @@ if TYPE_CHECKING:  # these imports take seconds, and --help does not need them
     from accelerated_evaluation.laws import Law
     from accelerated_evaluation.records.verdict import Verdict
     from accelerated_evaluation.scenarios import Scenario
-    from accelerated_evaluation.track.limits import InputFile
+    from accelerated_evaluation.track.law_files import InputFile
 
 
 class Subcommand(Protocol):
@@ -85,7 +85,7 @@ def given_law(arguments: argparse.Namespace) -> NamedLaw:
     from accelerated_evaluation.records.segments import read_encounters
     from accelerated_evaluation.records.verdict import verdict_on_encounters
     from accelerated_evaluation.scenarios import SCENARIOS
-    from accelerated_evaluation.track.limits import law_in, source_of
+    from accelerated_evaluation.track.law_files import law_in, source_of
 
     scenario = SCENARIOS[arguments.scenario]
     if "segments" not in scenario.stages:

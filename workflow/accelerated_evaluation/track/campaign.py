@@ -24,17 +24,9 @@ from accelerated_evaluation.methods import Estimate, Stopping
 from accelerated_evaluation.methods.surrogate import rules_for, study_errors
 from accelerated_evaluation.scenarios.cut_in import CUT_IN
 from accelerated_evaluation.scenarios.protocol import Event, Scenario
-from accelerated_evaluation.track.limits import (
-    BEYOND,
-    UNLIMITED,
-    DrivenOutcome,
-    InputFile,
-    Limits,
-    law_in,
-    outcome_in_words,
-    outcomes_of,
-    require_limits,
-)
+from accelerated_evaluation.track.driven import BEYOND, DrivenOutcome, outcome_in_words, outcomes_of
+from accelerated_evaluation.track.law_files import InputFile, law_in
+from accelerated_evaluation.track.limits import UNLIMITED, Limits, require_limits
 from accelerated_evaluation.track.scenarios import ConcreteScenario
 
 SMALLEST_BATCH, LARGEST_BATCH = 2, 500  # numbers of runs

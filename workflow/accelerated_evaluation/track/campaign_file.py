@@ -20,7 +20,8 @@ from accelerated_evaluation.laws import Law
 from accelerated_evaluation.methods.surrogate import study_errors
 from accelerated_evaluation.scenarios import SCENARIOS
 from accelerated_evaluation.track.campaign import Campaign, Run
-from accelerated_evaluation.track.limits import InputFile, Limits, law_in, source_of
+from accelerated_evaluation.track.law_files import InputFile, law_in, source_of
+from accelerated_evaluation.track.limits import Limits
 
 FORMAT, VERSION = "accelerated-evaluation campaign", 1
 RESTORE = "Restore a copy of the file; report outcomes from the track with `campaign tell`."

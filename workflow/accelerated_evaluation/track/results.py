@@ -18,7 +18,7 @@ from accelerated_evaluation.methods import Estimate, Stopping, normal_reach
 from accelerated_evaluation.methods.surrogate import chance_in_words, unseen_in_words
 from accelerated_evaluation.scenarios.protocol import Scenario
 from accelerated_evaluation.track.campaign import Campaign, Run
-from accelerated_evaluation.track.limits import BEYOND, DrivenOutcome, outcome_in_words
+from accelerated_evaluation.track.driven import BEYOND, DrivenOutcome, outcome_in_words
 
 FLAGS = {
     "1": True,

@@ -13,7 +13,7 @@ from accelerated_evaluation.base.errors import InputError
 from accelerated_evaluation.laws import Law
 from accelerated_evaluation.laws.draws import Draws
 from accelerated_evaluation.track.campaign import Campaign
-from accelerated_evaluation.track.limits import law_in, source_of
+from accelerated_evaluation.track.law_files import law_in, source_of
 
 ALONE = (
     "laws        the interval above is that of the sampling alone; with --under "
