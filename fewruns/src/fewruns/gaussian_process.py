@@ -40,6 +40,8 @@ from fewruns.constants import (
 )
 from fewruns.problems import Predecessor
 
+LOG_ROOT_2PI = 0.5 * math.log(2 * math.pi)
+
 
 def covariance_between(
     a: Array, b: Array, variance: float, *, with_slope: bool = False
@@ -121,9 +123,6 @@ def thinned(order: NDArray[np.intp], most: int) -> NDArray[np.intp]:
     first, others = order[: most // 2], np.sort(order[most // 2 :])
     even = others[np.linspace(0, len(others) - 1, most - len(first)).round().astype(int)]
     return np.sort(np.append(first, even))
-
-
-LOG_ROOT_2PI = 0.5 * math.log(2 * math.pi)
 
 
 def _scaled_on_both_sides(covariance: Array, root: Array) -> Array:

@@ -58,7 +58,7 @@ def end_of_events(outcome: Array, happened: Flags) -> float:
 
 
 class GradedSurrogate:
-    """Gaussian process regression of the graded outcome, with the covariance of `kernel`."""
+    """Gaussian process regression of the graded outcome, with the covariance of `covariance_between`."""
 
     def __init__(self, dimension: int) -> None:
         """Set the priors of the logarithms of the lengths, of the amplitude and of the noise."""

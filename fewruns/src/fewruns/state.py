@@ -56,15 +56,15 @@ class State:
     graded_theta: Annotated[Array, "graded lengths"]
 
 
-NAMES = tuple(State.__dataclass_fields__)
-SETTINGS = NAMES[: NAMES.index("generator")]
+FIELDS = tuple(State.__dataclass_fields__)
+ARGUMENTS = FIELDS[: FIELDS.index("generator")]
 
 
 def content_of(sampler: Sampler) -> dict[str, Any]:
     """Return the state of a sampler as dictionaries, lists and numbers, with a version and a checksum."""
     flags, scores = sampler.belief.flags, sampler.belief.scores
     learnt = sampler.progress, flags.axes, flags.theta, flags.sites, scores.theta
-    settings = (getattr(sampler, name) for name in SETTINGS)
+    settings = (getattr(sampler, name) for name in ARGUMENTS)
     state = encode(State(*settings, sampler.generator.bit_generator.state, *learnt))
     return {"format": FORMAT, "version": VERSION, "checksum": checksum([VERSION, state]), "state": state}
 
@@ -166,7 +166,7 @@ def read_state(path: str | os.PathLike, **expected: Any) -> Sampler:  # noqa: AN
 
 def _resumed(state: State) -> Sampler:
     """Return the sampler with a given state."""
-    settings = {name: getattr(state, name) for name in SETTINGS}
+    settings = {name: getattr(state, name) for name in ARGUMENTS}
     sampler = Sampler(generator=_generator_in(state.generator), **settings)
     progress = sampler.progress = state.progress
     space = space_along(progress.directions, state.dimension)
@@ -182,7 +182,7 @@ def _resumed(state: State) -> Sampler:
 
 def _rebuilt(content: Mapping[str, Any]) -> Sampler:
     """Return a sampler with the arguments and the runs of a state of another version."""
-    settings = _readable(State, content, SETTINGS, required=SETTINGS[:1])
+    settings = _readable(State, content, ARGUMENTS, required=ARGUMENTS[:1])
     sampler = Sampler(generator=_generator_in(content["generator"]), **settings)
     known = _readable(Progress, content["progress"], KEPT, settings, required=RUNS)
     sampler.progress = replace(sampler.progress, **known)
