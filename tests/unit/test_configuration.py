@@ -229,7 +229,7 @@ def test_missing_key_is_refused():
     assert line.startswith("models.inverse_ttc.body.components: seen nothing; expected integer >= 1")
 
 
-@pytest.mark.parametrize("section", ["cross_entropy", "uncertainty"])
+@pytest.mark.parametrize("section", ["cross_entropy", "uncertainty", "crude_monte_carlo"])
 def test_a_key_that_is_a_constant_now_is_refused_with_its_value(section):
     constants = schema()["properties"][section]["constants"]
     for name, value in constants.items():

@@ -18,6 +18,7 @@ from accelerated_evaluation.crash_map.maps import CrashMap
 from accelerated_evaluation.crash_map.sensitivity import Levels, Refit, is_repeated, warning_of_failure
 from accelerated_evaluation.laws.paper.models import IndependentLaw
 
+PAPER_INTERVAL = 7.0e-7, 7.8e-7  # of importance sampling in the paper (section VI.C)
 INVERSE_TTC_KNOTS = 0.925, 0.95, 0.975  # the paper's quantile for the knot of TTC^-1, and its neighbours
 SECTION = with_constants(
     section(
@@ -25,10 +26,13 @@ SECTION = with_constants(
             500, 10, 1_000_000, "Number of bootstrap samples, to each of which the law is fitted."
         )
     ),
-    {"block_runs": 1, "inverse_ttc_knots": [*INVERSE_TTC_KNOTS]},
+    {
+        "block_runs": 1,
+        "inverse_ttc_knots": [*INVERSE_TTC_KNOTS],
+        "sampling_interval": [*PAPER_INTERVAL],
+    },
 )
 NORMAL_POINTS = 100  # number of quantiles that represent a normal distribution
-PAPER_INTERVAL = 7.0e-7, 7.8e-7  # of importance sampling in the paper (section VI.C)
 
 
 def study_uncertainty(

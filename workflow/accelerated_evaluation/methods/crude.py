@@ -18,7 +18,7 @@ from tqdm import tqdm
 
 from accelerated_evaluation.base.files import file_digest, read_json, value_digest, write_json
 from accelerated_evaluation.base.randomness import child_generator
-from accelerated_evaluation.base.sections import Schema, Sections, integer, section
+from accelerated_evaluation.base.sections import Schema, Sections, integer, section, with_constants
 from accelerated_evaluation.methods import METHODS, Estimate, Method, Stopping
 from accelerated_evaluation.methods.intervals import (
     Sums,
@@ -30,14 +30,18 @@ from accelerated_evaluation.methods.problem import Problem
 
 ALL = "all"
 Counts = dict[str, list[int]]  # simulations and crashes of one batch, by segment
-SETTINGS = section(
-    simulations=integer(
-        60_000_000,
-        100,
-        100_000_000_000,
-        "Simulations of crude Monte Carlo (section VI.C extrapolates to 5.5e7).",
+SAVE_EVERY = 4  # number of batches after which the counts are saved
+SETTINGS = with_constants(
+    section(
+        simulations=integer(
+            60_000_000,
+            100,
+            100_000_000_000,
+            "Simulations of crude Monte Carlo (section VI.C extrapolates to 5.5e7).",
+        ),
+        batch_size=integer(500_000, 100, 10_000_000, "Simulations of a batch."),
     ),
-    batch_size=integer(500_000, 100, 10_000_000, "Simulations of a batch."),
+    {"save_every": SAVE_EVERY},
 )
 
 
@@ -109,7 +113,7 @@ def simulate_batches(
     seed: int,
     batches: int,
     batch_size: int,
-    save_every: int = 4,
+    save_every: int = SAVE_EVERY,
 ) -> list[Counts]:
     """Simulate the batches that are not in the checkpoint, and return the counts of all batches by stratum.
 
