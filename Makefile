@@ -86,7 +86,7 @@ benchmark-vehicles: $(ENVIRONMENT) ## all vehicles of the study under four laws:
 benchmark-recordings: $(EXTRAS) ## extraction of cut-ins from 1, 10 and 100 million rows: time, memory, correctness; needs 12 GB of disk
 	python benchmarks/recordings/run.py
 
-worlds: $(ENVIRONMENT) ## coverage of the intervals in synthetic worlds of 20 kinds; two hours, resumable
+worlds: $(ENVIRONMENT) ## coverage of the intervals in synthetic worlds of 22 kinds; two hours, resumable
 	$(WORLDS)
 
 claims: $(ENVIRONMENT) ## repeat the claims of the README with other random numbers, see REPRODUCE.md; resumable: make claims [CLAIMS="paper worlds"]

@@ -118,7 +118,7 @@ def test_a_replicate_without_an_estimate_is_described_next_to_one_with_an_estima
         assert sum(words in line for line in detailed) == 2
         # Without an estimate, the interval of the sampling alone is what is known.
         assert sum(words in line for line in lines) == (words == "interval of the sampling alone")
-    assert sum(line.startswith("variance of the logarithm") for line in detailed) == 1
+    assert sum(line.startswith("variance of the log probability") for line in detailed) == 1
     assert lines[0].startswith("NOT CONVERGED (replicate 1): ")
     assert [line.split()[0] for line in lines[1:5]] == ["crash", "converged", "crash", "not"]
     assert lines[3].split("  ")[-1].strip() == "not known from these runs"

@@ -99,4 +99,4 @@ def budget_in_words(budget: pd.DataFrame) -> list[str]:
         return []
     sources = shares.drop("together").items()
     parts = ", ".join(f"{source} {in_percent(share)}" for source, share in sources)
-    return [f"variance of the logarithm: {parts}; only the last becomes smaller with more simulations"]
+    return [f"variance of the log probability: {parts}; more simulations reduce only the last part"]

@@ -41,7 +41,7 @@ SECTION = section(
     slow=flag(
         False,
         "Whether the vehicle under test is too slow for crash maps and crude Monte Carlo. The study then "
-        "simulates it about 100 to 240 times (more if surrogate.maximum_calls allows it and the estimate has "
+        "simulates it about 100 to 300 times (more if surrogate.maximum_calls allows it and the estimate has "
         "not converged), and replays 100 to 140 records. Its book contains the chapters that need no further "
         "simulations. Outcomes of a Python class are then stored, as with keep_class.",
     ),
