@@ -1,7 +1,9 @@
 """A campaign driven by its commands: same result as the sampler, any order of runs, nothing wrong taken."""
 
+import contextlib
 import json
 import re
+import shutil
 import subprocess
 import sys
 from dataclasses import replace
@@ -28,11 +30,20 @@ TUTORIAL = ROOT / "docs" / "campaign.md"
 GOAL = Stopping(alpha=0.2, beta=0.5, minimum_events=1)
 
 
+@pytest.fixture(scope="module")
+def prepared(tmp_path_factory):
+    """A folder with a campaign that has begun, and a function that runs one step of that in any folder."""
+    folder = tmp_path_factory.mktemp("campaign")
+    with contextlib.chdir(folder):
+        return folder, begin_campaign(folder)
+
+
 @pytest.fixture
-def begun(tmp_path, monkeypatch):
+def begun(prepared, tmp_path, monkeypatch):
     """A campaign in the current folder, and a function that runs one step of it."""
-    monkeypatch.chdir(tmp_path)
-    return begin_campaign(tmp_path)
+    folder, step = prepared
+    monkeypatch.chdir(shutil.copytree(folder, tmp_path, dirs_exist_ok=True))
+    return step
 
 
 def drive(source="next/runs.csv", target="done.csv"):

@@ -8,13 +8,13 @@ import pandas as pd
 import pytest
 from accelerated_evaluation import InputError
 from accelerated_evaluation.base.files import write_json
+from accelerated_evaluation.publishing.book.catalogue import tables_of_numbers
 from accelerated_evaluation.publishing.named_numbers import (
     COLUMNS,
     NEVER_EMPTY,
     Tables,
     as_names,
     named_numbers,
-    tables_of,
 )
 from accelerated_evaluation.publishing.study import Study
 from accelerated_evaluation.study.configuration import load
@@ -30,7 +30,7 @@ def study(tmp_path):
     """The default study, with a copy of the published tables from which numbers follow."""
     write_json(tmp_path / "spmd" / "config.json", load())
     (tmp_path / "tables").mkdir()
-    for name in tables_of(DEFINITIONS)["tables"]:
+    for name in tables_of_numbers(DEFINITIONS)["tables"]:
         shutil.copy(FIGURES / "tables" / f"{name}.csv", tmp_path / "tables")
     return Study(tmp_path / "spmd", tmp_path)
 
@@ -57,7 +57,7 @@ def test_numbers_follow_the_tables(study):
     assert here.answer_mean == before.answer_mean
 
 
-@pytest.mark.parametrize("name", sorted({*tables_of(DEFINITIONS)["tables"]} - {*NEVER_EMPTY}))
+@pytest.mark.parametrize("name", sorted({*tables_of_numbers(DEFINITIONS)["tables"]} - {*NEVER_EMPTY}))
 def test_a_number_whose_row_is_missing_is_unknown(study, name):
     """Of a table that may be empty, such as that of predicted crashes of a vehicle that never crashes."""
     path = study.figures / "tables" / f"{name}.csv"

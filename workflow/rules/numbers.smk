@@ -2,10 +2,10 @@
 #
 # In: the published tables, the tables of the benchmarks. Out: numbers.csv, if the study publishes all tables that it needs.
 
-from accelerated_evaluation.publishing.named_numbers import tables_of as named_from
+from accelerated_evaluation.publishing.book.catalogue import tables_of_numbers
 
 DEFINITIONS = PROJECT / "workflow/numbers.yaml"
-NAMED_FROM = named_from(DEFINITIONS)
+NAMED_FROM = tables_of_numbers(DEFINITIONS)
 PUBLISHED = {name for made in NOTEBOOKS.values() for name in made.tables}
 NAMED_NUMBERS = (
     [str(FIGURES / "numbers.csv")] if PUBLISHED.issuperset(NAMED_FROM["tables"]) else []

@@ -8,9 +8,9 @@ from math import isfinite
 
 import numpy as np
 import pandas as pd
+import scipy  # loads scipy.stats where it is used, because this takes half a second
 from numpy.typing import ArrayLike, NDArray
 from scipy.special import ndtri
-from scipy.stats import poisson
 
 from accelerated_evaluation.answer.scores import Fold, GivenLaw, HeldOut, contiguous_folds, forward_folds
 from accelerated_evaluation.base.arrays import Array
@@ -147,8 +147,8 @@ def recorded_by_fold(records: DistinctRecords, folds: Sequence[Fold]) -> Array:
 
 
 def _expected(law: GivenLaw, ends: list[Array]) -> list[float]:
-    """Return the expected number of records between each pair of ends."""
-    faster = [np.exp(-law.cumulative(end)) for end in ends]
+    """Return the expected number of records between each pair of ends, of which the last one is infinite."""
+    faster = [*(np.exp(-law.cumulative(end)) for end in ends[:-1]), np.zeros(ends[-1].size)]
     return [float(np.sum(low - high)) for low, high in pairwise(faster)]
 
 
@@ -170,9 +170,9 @@ def fold_row(recorded: Array, expected: Array) -> dict[str, float]:
         so that even with the right laws slightly more cells than ``by_chance`` are outside.
     """
     recorded, expected = np.ravel(recorded), np.ravel(expected)
-    low, high = (poisson.ppf(level, expected) for level in LIMITS)
+    low, high = (scipy.stats.poisson.ppf(level, expected) for level in LIMITS)
     outside = (recorded < low) | (recorded > high)
-    by_chance = poisson.cdf(low - 1, expected) + poisson.sf(high, expected)
+    by_chance = scipy.stats.poisson.cdf(low - 1, expected) + scipy.stats.poisson.sf(high, expected)
     many = expected >= LEAST_EXPECTED
     squares = (recorded[many] - expected[many]) ** 2 / expected[many]
     # The variance of a square is 2 + 1 / expected.
@@ -209,7 +209,7 @@ def with_poisson_limits(counts: pd.DataFrame) -> pd.DataFrame:
     mid-p value.
     """
     expected = counts["expected"].to_numpy()
-    low, high = (poisson.ppf(level, expected) for level in LIMITS)
+    low, high = (scipy.stats.poisson.ppf(level, expected) for level in LIMITS)
     recorded = counts["recorded"].to_numpy()
     return counts.assign(
         low=low, high=high, within=(recorded >= low) & (recorded <= high), p_value=mid_p(recorded, expected)
@@ -222,6 +222,9 @@ def mid_p(recorded: ArrayLike, expected: ArrayLike) -> Array:
     A mid-p value includes half of the probability of the recorded count itself.
     """
     recorded, expected = np.asarray(recorded), np.asarray(expected, dtype=float)
-    half = poisson.pmf(recorded, expected) / 2
-    below, above = poisson.cdf(recorded, expected) - half, poisson.sf(recorded, expected) + half
+    half = scipy.stats.poisson.pmf(recorded, expected) / 2
+    below, above = (
+        scipy.stats.poisson.cdf(recorded, expected) - half,
+        scipy.stats.poisson.sf(recorded, expected) + half,
+    )
     return np.minimum(2 * np.minimum(below, above), 1.0)

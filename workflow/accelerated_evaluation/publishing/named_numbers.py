@@ -5,7 +5,6 @@
 """
 
 import math
-import re
 from collections.abc import Mapping
 from pathlib import Path
 from types import SimpleNamespace
@@ -115,14 +114,6 @@ def as_names(numbers: pd.DataFrame) -> SimpleNamespace:
 def read_numbers(figures: Path) -> SimpleNamespace:
     """Return the published numbers of a study as attributes; InputError is raised if there are none."""
     return as_names(Tables(figures)["numbers"])
-
-
-def tables_of(definitions: Path) -> dict[str, list[str]]:
-    """Return the names of the tables from which named numbers follow: of the study, and of the benchmarks."""
-    text = definitions.read_text(encoding="utf-8")
-    return {
-        group: sorted(set(re.findall(rf"\b{group}\.([a-z]\w*)", text))) for group in ("tables", "results")
-    }
 
 
 def row(table: pd.DataFrame, **values: str) -> pd.Series:

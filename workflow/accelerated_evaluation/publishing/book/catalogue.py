@@ -1,4 +1,4 @@
-"""What each notebook reads and makes, from its metadata.
+"""What each notebook reads and makes, from its metadata, and the tables from which named numbers follow.
 
 The key ``study`` of a notebook's metadata lists the figures and tables that it publishes, and the results
 that it reads::
@@ -15,6 +15,7 @@ notebook runs, `publishing.book.execution` compares this declaration with what t
 """
 
 import json
+import re
 from collections.abc import Callable, Iterable, Sequence
 from itertools import chain
 from pathlib import Path
@@ -72,3 +73,11 @@ def require_captions(names: Iterable[str], folder: Path) -> None:
                 name, seen="two uses", expected="a single notebook that shows it", change="Show it once."
             )
         seen.add(name)
+
+
+def tables_of_numbers(definitions: Path) -> dict[str, list[str]]:
+    """Return the names of the tables from which named numbers follow: of the study, and of the benchmarks."""
+    text = definitions.read_text(encoding="utf-8")
+    return {
+        group: sorted(set(re.findall(rf"\b{group}\.([a-z]\w*)", text))) for group in ("tables", "results")
+    }

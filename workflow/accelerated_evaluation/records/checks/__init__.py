@@ -22,6 +22,7 @@ from typing import Any, Protocol
 
 import numpy as np
 import pandas as pd
+import scipy  # loads scipy.stats where it is used; see `answer.calibration`
 from numpy.typing import NDArray
 
 from accelerated_evaluation.base.errors import InputError
@@ -126,12 +127,10 @@ class Records:
 
         Hardly any rows change against the order, and so many along it that this is not by chance.
         """
-        from scipy.stats import binom  # imported here, because every command imports this module
-
         for name in self.valid.columns.difference([CLUSTER], sort=False):
             steps = np.sign(self.valid[name].diff())
             count, against = (steps != 0).sum() - 1, min((steps > 0).sum(), (steps < 0).sum())
-            if against <= MANY * count and 2 * binom.cdf(against, count, 0.5) < LEVEL:
+            if against <= MANY * count and 2 * scipy.stats.binom.cdf(against, count, 0.5) < LEVEL:
                 return name
         return ""
 
