@@ -1,5 +1,6 @@
-"""Recordings of the motorway in the format of highD, and whether ``extract`` finds the cut-ins in them.
+"""Cut-ins of the motorway, recordings of it in the format of highD, and whether ``extract`` finds them.
 
+``drive`` simulates a part of a world, and writes its cut-ins.
 ``write`` simulates a part of a world, and records single minutes that are evenly spread over it. It writes
 their trajectories, the list of their cut-ins, and configurations for ``accelerated-evaluation extract``.
 ``compare`` compares the list with what was found.
@@ -85,11 +86,14 @@ def compared(known: pd.DataFrame, found: pd.DataFrame) -> tuple[pd.DataFrame, di
 
 
 def main() -> None:
-    """Write a recording, or compare what was found in it."""
+    """Write the cut-ins of a part, write a recording, or compare what was found in it."""
     parser = argparse.ArgumentParser(description=__doc__)
     commands = parser.add_subparsers(required=True, dest="command")
+    drive = commands.add_parser("drive", help="simulate, and write the cut-ins")
     write = commands.add_parser("write", help="simulate, and write the recordings")
-    add_part(write)
+    for command in (drive, write):
+        add_part(command)
+    drive.add_argument("output", help="Parquet file of the cut-ins")
     write.add_argument("folder", type=Path, help="of the recordings")
     write.add_argument("known", help="Parquet file of the cut-ins of the world")
     compare = commands.add_parser("compare", help="compare the list of the world with what was found")
@@ -102,6 +106,11 @@ def main() -> None:
     for command in (write, compare):
         command.add_argument("--recorded", type=float, required=True, help="hours that are recorded")
     arguments = parser.parse_args()
+    if arguments.command == "drive":
+        cut_ins = simulate(*named_part(arguments)).cut_ins()
+        with atomic_path(arguments.output) as temporary:
+            cut_ins.query("counts").drop(columns="counts").to_parquet(temporary, index=False)
+        return
     minutes = recorded_minutes(arguments.hours, arguments.recorded)
     if arguments.command == "write":
         motorway, part = named_part(arguments)

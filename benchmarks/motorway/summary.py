@@ -24,8 +24,7 @@ def tables(folder: Path) -> dict[str, str]:
 
 def summary(folder: Path) -> str:
     """Return the summary of the tables in a folder."""
-    names = ("", "_chain", "_calibration")
-    counts, chain, traffic = (pd.read_csv(folder / f"motorway{name}.csv") for name in names)
+    counts, chain = (pd.read_csv(folder / f"motorway{name}.csv") for name in ("", "_chain"))
     crashes, made = counts["counted"].sum(), tables(folder)
     crashed = (
         f"The hosts crashed {crashes:,.0f} times." if crashes else "No host crashed: simulate more hours."
@@ -34,8 +33,6 @@ def summary(folder: Path) -> str:
     text += f"{counts.groupby('host')['cut_ins'].sum().iloc[0]:,.0f} cut-ins. {crashed}\n"
     if counts["recorded"].isna().any():
         text += "There were too few recorded cut-ins for a prediction with recorded lead motion.\n"
-    within = f"{traffic['within'].sum()} of {len(traffic)} statistics of the traffic"
-    text += f"{within} are within the limits of NGSIM.\n"
     text += f"\n## Counted and predicted crashes\n\n{made['motorway']}"
     text += f"\n## Cut-ins that extract found in the recordings\n\n{made['motorway_extraction']}"
     text += "\n## In how many worlds the whole chain covers the count\n\n"
@@ -48,8 +45,7 @@ def summary(folder: Path) -> str:
         text += f"needs {FEWEST_RECORDS} closing cut-ins and {minutes}. Record more hours.\n"
     if chain["median"].notna().any():
         text += made["motorway_chain"]
-    text += f"\n## Traffic\n\n{made['motorway_calibration']}\n"
-    return text + f"The tables and the figure motorway_cells are in {folder}.\n"
+    return text + f"\nThe tables are in {folder}.\n"
 
 
 def main() -> None:

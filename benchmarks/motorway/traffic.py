@@ -14,7 +14,6 @@ from dataclasses import dataclass, replace
 from functools import cached_property
 from pathlib import Path
 from typing import Self
-from xml.etree import ElementTree
 
 import numpy as np
 import pandas as pd
@@ -33,8 +32,6 @@ WARM_UP = 900.0  # [s], until the road is full
 PATIENCE = (
     60.0  # [s], after which a vehicle that finds no gap at the entry is left out; long queues take much time
 )
-WINDOW = 5.0  # [s], over which changes of speed are measured, as in NGSIM
-FASTER = 8.0  # [m/s], speed above which they are
 CAR, LORRY = 4.8, 14.0  # [m], lengths
 NAMES = ("lead_speed", "range", "closing_speed")
 
@@ -153,8 +150,6 @@ class Trajectories:
         Number of the vehicle, of the record and of the lane.
     front, speed, length
         Position of the front [m], speed [m/s] and length of the vehicle [m].
-    collisions
-        Number of collisions of SUMO's own vehicles.
     """
 
     vehicle: NDArray[np.int64]
@@ -163,7 +158,6 @@ class Trajectories:
     front: Array
     speed: Array
     length: Array
-    collisions: int
 
     def during(self, begin: float, end: float) -> Self:
         """Return the records from a time until before another [s]."""
@@ -250,10 +244,8 @@ def simulate(motorway: Motorway, part: Part) -> Trajectories:
         ]
         options += ["--fcd-output", folder / "m.parquet", "--device.fcd.begin", WARM_UP]
         options += ["--device.fcd.period", 1 / RATE, "--fcd-output.attributes", "id,type,lane,pos,speed"]
-        options += ["--statistic-output", folder / "m.xml"]
         run_sumo("sumo", "-n", folder / "m.net.xml", "-r", folder / "m.rou.xml", *options)
         table = pd.read_parquet(folder / "m.parquet")
-        safety = ElementTree.parse(folder / "m.xml").getroot().find("safety")
     table = table.rename(columns=lambda each: each.split("_")[-1])
     if "id" not in table or table["id"].isna().all():
         raise InputError(
@@ -263,10 +255,10 @@ def simulate(motorway: Motorway, part: Part) -> Trajectories:
             change="Set a larger flow, or simulate more hours.",
         )
     table = table.dropna(subset="id").assign(time=table["time"] - WARM_UP)
-    return _trajectories(table, int(safety.get("collisions")))
+    return _trajectories(table)
 
 
-def _trajectories(table: pd.DataFrame, collisions: int) -> Trajectories:
+def _trajectories(table: pd.DataFrame) -> Trajectories:
     """Return the trajectories in the table that SUMO writes, whose time begins after the warm-up."""
     vehicle = table["id"].str.removeprefix("f.").astype(np.int64).to_numpy()
     frame = np.rint(table["time"].to_numpy(dtype=float) * RATE).astype(np.int64)
@@ -275,7 +267,7 @@ def _trajectories(table: pd.DataFrame, collisions: int) -> Trajectories:
     length = np.where(table["type"] == "lorry", LORRY, CAR)
     front, speed = (table[name].to_numpy(dtype=float) for name in ("pos", "speed"))
     columns = (vehicle, frame, lane, front, speed, length)
-    return Trajectories(*(column[order] for column in columns), collisions)
+    return Trajectories(*(column[order] for column in columns))
 
 
 def add_part(parser: argparse.ArgumentParser) -> None:

@@ -21,8 +21,6 @@ ROOT = Path(__file__).resolve().parents[2]
 sys.path += [str(ROOT / "benchmarks"), str(ROOT / "benchmarks" / "motorway")]
 
 import chain  # noqa: E402
-from calibration import REFERENCES, calibration, traffic_row  # noqa: E402
-from cells import draw  # noqa: E402
 from count import counted, crashes, summed  # noqa: E402
 from hosts import HOSTS, encounters_of  # noqa: E402
 from recording import RULES, compared, in_minutes, recorded_minutes, write_recordings  # noqa: E402
@@ -100,14 +98,6 @@ def test_counts_of_cells_add_up():
     np.testing.assert_allclose(enough["snapshot_to_counted"], expected, atol=5e-4)
 
 
-def test_the_figure_has_every_cell_with_a_crash():
-    table = summed([counted(with_courses(cut_ins(2000), -4), CONSTANT, np.random.default_rng(3))])
-    table = table.assign(ngsim=table["snapshot"], recorded=table["snapshot"])
-    _, data = draw(table)
-    assert len(data) == (table["counted"] > 0).sum() > 4
-    assert ((data["low95"] < data["counted"]) & (data["counted"] < data["high95"])).all()
-
-
 def test_the_chain_predicts_the_crashes_of_a_known_world(monkeypatch):
     """All cut-ins are of one population, so that the interval should contain a count of thousands of them."""
     monkeypatch.setattr(chain, "DRAWS", 20)
@@ -173,22 +163,17 @@ def test_a_prediction_that_one_world_lacks_is_unknown_in_the_sum():
     np.testing.assert_array_equal(both["snapshot"], summed([table, table])["snapshot"])
 
 
-def test_worlds_in_which_nothing_happens_have_a_figure_and_a_summary(tmp_path):
+def test_worlds_in_which_nothing_happens_have_a_summary(tmp_path):
     """Ten cut-ins without a crash, a recording without a cut-in, and a chain without a prediction."""
     still = pd.DataFrame({"lead_speed": [20.0] * 10, "range": [50.0] * 10, "closing_speed": [0.5] * 10})
     table = with_courses(still, 0)
     counts = summed([counted(table, CONSTANT, np.random.default_rng(3)).assign(ngsim=0.0, recorded=np.nan)])
-    figure, data = draw(counts)
-    assert data.empty
-    assert "no crash counted" in [text.get_text() for text in figure.axes[1].texts]
     known = trajectories().cut_ins().iloc[:0]
     _, row = compared(known, known)
-    found = trajectories()
     results = {
         "": counts,
         "_chain": chain.chain(table.assign(time=0.0), table, np.random.default_rng(4)).assign(world=0),
         "_extraction": pd.DataFrame([{"world": 0, "rule": "default"} | row]),
-        "_calibration": calibration(pd.DataFrame([traffic_row(found, found.cut_ins())])),
     }
     for name, result in results.items():
         result.to_csv(tmp_path / f"motorway{name}.csv", index=False)
@@ -214,7 +199,7 @@ def trajectories() -> Trajectories:
     ]
     columns = [np.concatenate([np.broadcast_to(part[k], 100) for part in parts]) for k in range(6)]
     whole = [column.astype(np.int64) for column in columns[:3]]
-    return Trajectories(*whole, *(column.astype(float) for column in columns[3:]), collisions=0)
+    return Trajectories(*whole, *(column.astype(float) for column in columns[3:]))
 
 
 def test_cut_ins_of_known_trajectories():
@@ -261,17 +246,6 @@ def test_recorded_minutes_are_spread_evenly():
     assert recorded_minutes(1, 1) == list(range(60))
     assert recorded_minutes(2.5, 2.5) == list(range(150))
     assert recorded_minutes(1, 0.01) == [0]
-
-
-def test_the_statistics_of_traffic():
-    found = trajectories()
-    row = traffic_row(found, found.cut_ins())
-    assert row["kilometres"] == pytest.approx((4 * 20 + 25) * 100 / RATE / 1000)
-    assert row["lane_changes_per_km"] == pytest.approx(3 / row["kilometres"])
-    assert (row["drops_above_3"], row["windows"], row["followed"]) == (0, 15, 1)
-    table = calibration(pd.DataFrame([row, row]))
-    assert len(table) == len(REFERENCES)
-    assert not table["within"].all()
 
 
 @pytest.mark.parametrize(

@@ -8,16 +8,15 @@ from pathlib import Path
 import numpy as np
 import pandas as pd
 import pytest
+from fewruns.certificate import BY_DEFAULT
 from scipy.integrate import quad
 from scipy.special import ndtr
 from scipy.stats import chi2, norm
-from tqdm import tqdm
 
 pytestmark = pytest.mark.studies
 ROOT = Path(__file__).resolve().parents[2]
 sys.path.append(str(ROOT / "fewruns" / "benchmarks"))
 
-import certificate  # noqa: E402
 import house  # noqa: E402
 import methods  # noqa: E402
 import reference  # noqa: E402
@@ -112,39 +111,13 @@ def test_near_misses_are_the_event_that_the_papers_methods_estimate():
     assert happened.sum() > crashes.sum()
 
 
-@pytest.mark.parametrize("asked", certificate.CERTIFICATES, ids=str)
-def test_a_hidden_part_is_as_small_and_as_near_as_its_certificate_allows(asked):
-    """Its point nearest to 0 has the stated distance; a half-space, or a ball of radius 1 / curvature."""
-    distance = norm.isf(1.2 * asked.share * norm.sf(4.5))
-    radius = 1 / asked.curvature if asked.curvature else 100.0
-    inside = [[-distance - 1e-6, 0.0, 0.0], [-distance - radius, 0.0, radius - 1e-6]]
-    outside = [[-distance + 1e-6, 0.0, 0.0], [-distance - radius, 0.0, radius + 1e-6]]
-    assert certificate.hidden_part(np.array(inside), asked).all()
-    assert not certificate.hidden_part(np.array(outside[: 2 if asked.curvature else 1]), asked).any()
-    event = certificate.with_a_hidden_part(asked)
-    happened, score = event.evaluate(np.array([[4.6, 0.0, 0.0], [-6.0, 0.0, 0.0], [0.0, 0.0, 0.0]]))
-    assert happened.tolist() == [True, True, False]
-    assert score[1] > score[2] > 0 > score[0]  # the score leads away from the hidden part
-
-
-def test_the_price_of_a_certificate_is_that_of_the_stated_one():
-    """A stricter certificate takes more runs on the same seed, and both are met."""
-    event, bar = problems()["segment_5_15"].event, tqdm(disable=True)
-    usual, strict = (
-        next(certificate.estimates(event, "main", asked, 1, bar)) for asked in certificate.CERTIFICATES[::2]
-    )
-    assert usual["certified"]
-    assert strict["certified"]
-    assert usual["calls"] < strict["calls"]
-
-
 def test_variants_of_the_car_are_sampled_without_repeats_and_without_a_cover():
     """The event states that it is an upper set and that the car repeats itself."""
     generator = np.random.default_rng(1)
     sampler = successors.driven(successors.event_of({}), generator, None)[0]
     assert sampler.has_converged(successors.TARGET)
     assert len(sampler.progress.repeats) == 0
-    assert sampler.required == certificate.BY_DEFAULT
+    assert sampler.required == BY_DEFAULT
 
 
 def test_counter_counts_every_call_and_refuses_those_beyond_the_limit():
