@@ -36,7 +36,6 @@ PARTS = (
 )
 BENCHMARKS = (
     "worlds",
-    "worlds_beyond",
     "motorway",
     "motorway_chain",
     "europe",

@@ -20,13 +20,12 @@ import beyond  # noqa: E402
 import kinds  # noqa: E402
 from rate_car import RateCar, exponential_records  # noqa: E402
 from setting import WorldSettings, runs_of, simulate_records  # noqa: E402
-from summarise_beyond import tabulate  # noqa: E402
+from summarise import tabulate  # noqa: E402
 
 SIZE = 8_000
 DRAWN = 400_000
 SMOOTH = ("exponential", "heavy", "light", "two kinds")
-# The kinds of the published table, without those of the first one.
-BEYOND = pd.read_csv(ROOT / "benchmarks" / "results" / "worlds_beyond.csv")["kind"].unique()[5:]
+BEYOND = pd.read_csv(ROOT / "benchmarks" / "results" / "worlds.csv").query("beyond")["kind"]
 
 
 @pytest.fixture(scope="module")
@@ -120,19 +119,17 @@ def test_records_of_a_world_have_the_size_and_the_repeats_of_the_recorded_ones(e
     np.testing.assert_array_equal(np.sort(found), np.sort(lengths))
 
 
-def test_worlds_beyond_the_family_by_hand():
-    of_map = {"kind": "bent tail", "procedure": "map", "truth": 4.0, "probability": 2.0}
+def test_the_table_by_hand():
     ends = {
         f"{end}{level:g}": value for level in (0.5, 0.8, 0.95) for end, value in (("low", 1.0), ("high", 5.0))
     }
-    known = [of_map | ends | {"world": 0, "near_p": 0.5, "host_p": 0.001}]
-    known.append(known[0] | {"world": 1, "probability": 8.0, "high0.5": 3.0, "near_p": 0.0001, "host_p": 0.5})
-    few = [row | {"procedure": "few runs", "simulations": 150.0, "converged": True} for row in known]
-    few[1] |= dict.fromkeys(("probability", *ends), np.nan) | {"converged": False}
-    first, second = tabulate(pd.DataFrame(known + few)).to_dict("records")
-    assert [first[name] for name in ("kind", "procedure", "worlds", "coverage50", "coverage80")] == [
-        "bent tail", "map", 2, 0.5, 1.0
-    ]  # fmt: skip
-    assert first["median_ratio"] == pytest.approx(1.25)
-    assert [first["near_found"], first["host_found"]] == [0.5, 0.5]  # by Bonferroni among 24 and 40 cells
-    assert [second[name] for name in ("worlds", "answers", "coverage95", "simulations")] == [2, 1, 0.5, 150]
+    one = {"kind": "bent tail", "procedure": "this project", "beyond": True, "truth": 4.0, **ends}
+    one |= {"probability": 2.0, "mean": 6.0}
+    row = tabulate(pd.DataFrame([one, one | {"probability": 8.0, "high0.5": 3.0, "low0.8": 4.5}])).loc[0]
+    assert row[["kind", "procedure", "beyond", "worlds"]].tolist() == ["bent tail", "this project", True, 2]
+    assert row[["coverage50", "coverage80", "coverage95"]].tolist() == [0.5, 0.5, 1.0]
+    expected = [1.25, 1.5, 0.65, 1.85, (5 + 5 / 4.5) / 2]
+    names = ["median_ratio", "mean_ratio", "ratio_10", "ratio_90", "width80"]
+    np.testing.assert_allclose(row[names].astype(float), expected)
+    assert row[["truth_above80", "truth_below80"]].tolist() == [0, 0.5]
+    assert row["coverage50_low"] == pytest.approx(1 - 0.975**0.5, rel=1e-6)  # one hit of two

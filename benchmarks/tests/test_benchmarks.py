@@ -27,7 +27,7 @@ JOBS = {
     "benchmarks/motorway/Snakefile": {"drive", "count", "chain", "sum_counts", "summarize"},
     "fewruns/benchmarks/Snakefile": {"run", "reference", "summarise"},
     "fewruns/benchmarks/vehicles.smk": {"run", "compare"},
-    "benchmarks/worlds/Snakefile": {"prepare", "run", "run_beyond", "summarise"},
+    "benchmarks/worlds/Snakefile": {"prepare", "run", "summarise"},
 }
 
 

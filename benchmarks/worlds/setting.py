@@ -57,8 +57,8 @@ def distinct_records(records: pd.DataFrame) -> tuple[DistinctRecords, Array]:
     return DistinctRecords(speed, range_, inverse_ttc / inverse_range), lengths
 
 
-def prepare(config: dict, *, beyond: bool) -> WorldSettings:
-    """Fit, and map the crashes; the lines of the map are thinned for the worlds that will be made."""
+def prepare(config: dict) -> WorldSettings:
+    """Fit, and map the crashes; the lines of the map are thinned for the worlds of all kinds."""
     records = pd.read_parquet(config["data"]["spmd"]["path"])
     distinct, lengths = distinct_records(records)
     speed = distinct.lead_speed
@@ -78,9 +78,7 @@ def prepare(config: dict, *, beyond: bool) -> WorldSettings:
         closing_speed_points=240,
     )
     lines = CrashLines.of(map_crashes(AccAeb(), grid, [], child_generator(ROOT, "worlds", "map")), speed)
-    made = worlds(family, law)
-    if beyond:
-        made |= worlds_beyond(family)
+    made = worlds(family, law) | worlds_beyond(family)
     laws = [world.masses(lines) for world in made.values()]
     laws += [lines.masses(family.ranges, family.law(member)) for member in MEMBERS]
     mean = np.mean([masses / masses.sum() for masses in laws], axis=0)
@@ -108,25 +106,14 @@ def read_setting(path: str | Path) -> WorldSettings:
     return pickle.loads(Path(path).read_bytes())
 
 
-def chunk_arguments(description: str) -> argparse.Namespace:
-    """Return the arguments of a script that simulates a chunk of the worlds of one kind."""
-    parser = argparse.ArgumentParser(description=description)
-    parser.add_argument("kind", type=lambda name: name.replace("_", " "))
-    parser.add_argument("--worlds", type=int, nargs=2, metavar=("FIRST", "END"), required=True)
-    parser.add_argument("--setting", required=True)
-    parser.add_argument("--output", required=True)
-    return parser.parse_args()
-
-
 def main() -> None:
     """Write the setting."""
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--config", default="config/config.yaml")
-    parser.add_argument("--beyond", action="store_true", help="for worlds beyond the family")
     parser.add_argument("--output", required=True)
     arguments = parser.parse_args()
     config = yaml.safe_load(Path(arguments.config).read_text(encoding="utf-8"))
-    setting = prepare(config, beyond=arguments.beyond)
+    setting = prepare(config)
     with atomic_path(arguments.output) as temporary:
         temporary.write_bytes(pickle.dumps(setting))
 

@@ -112,7 +112,6 @@ def _given(study, name):
         "settings": lambda: study.config["cross_entropy"],
         "lead_speed_edges": lambda: study.config["segments"]["lead_speed_edges"],
         "worlds": lambda: pd.read_csv(worlds / "worlds.csv"),
-        "beyond": lambda: pd.read_csv(worlds / "worlds_beyond.csv"),
     }
 
 

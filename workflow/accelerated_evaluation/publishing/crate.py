@@ -44,7 +44,6 @@ PARTS = (
 PARTS += ("environment.txt", "README.md", "LICENSE", "CITATION.cff", "article")
 BENCHMARKS = (
     "worlds",
-    "worlds_beyond",
     "motorway",
     "motorway_chain",
     "samplers",

@@ -91,21 +91,20 @@ def fig18_coverage(coverage: pd.DataFrame, source: str) -> tuple[Figure, pd.Data
 
 
 @figure
-def fig24_worlds(worlds: pd.DataFrame, beyond: pd.DataFrame) -> tuple[Figure, pd.DataFrame]:
+def fig24_worlds(worlds: pd.DataFrame) -> tuple[Figure, pd.DataFrame]:
     """Draw coverage, width and bias of this project's procedure and of the paper's in synthetic worlds.
 
     A world is a law of cut-ins whose true crash probability is known. Both procedures estimate it from data
     that are drawn from the law.
 
-    ``worlds``, ``beyond``: tables ``worlds.csv`` and ``worlds_beyond.csv`` of ``benchmarks/results``: a row
-    for each kind of world and procedure. The kinds that only the second one has break an assumption of this
-    project. The figure has panels for the coverage of the 80 % intervals, for their width, and for the ratio
-    of median estimate and truth. The number at the right of a row is that of this project's worlds. The
-    data are the rows of both tables that it shows, with ``group`` and ``world``, the kind in words.
+    ``worlds``: the table ``worlds.csv`` of ``benchmarks/results``, a row for each kind of world and
+    procedure; the kinds with ``beyond`` break an assumption of this project. The figure has panels for the
+    coverage of the 80 % intervals, for their width, and for the ratio of median estimate and truth. The
+    number at the right of a row is that of this project's worlds. The data are the rows of the table with
+    ``group`` and ``world``, the kind in words.
     """
-    further = beyond[~beyond["kind"].isin(worlds["kind"]) & (beyond["procedure"] == "map")]
-    further = further.assign(procedure=OURS, group="break an assumption")
-    data = pd.concat([worlds.assign(group="similar to the models"), further], ignore_index=True)
+    group = np.where(worlds["beyond"], "break an assumption", "similar to the models")
+    data = worlds.drop(columns="beyond").assign(group=group)
     data["world"] = data["kind"].map(WORLDS).fillna(data["kind"])
     rows = data[data["procedure"] == OURS]
     y = pd.Series(1.8 * spaced(rows["group"], 1.0), index=rows["kind"])
