@@ -25,7 +25,6 @@ from count import counted, crashes, summed  # noqa: E402
 from hosts import HOSTS, encounters_of  # noqa: E402
 from recording import RULES, compared, in_minutes, recorded_minutes, write_recordings  # noqa: E402
 from settings import Motorway, read_settings  # noqa: E402
-from summary import summary  # noqa: E402
 from traffic import CAR, LENGTH, LORRY, NAMES, PATIENCE, RATE, WARM_UP, Part, Trajectories, run_sumo, simulate  # noqa: E402
 
 TIMES = np.arange(1, 41) / RATE
@@ -163,24 +162,19 @@ def test_a_prediction_that_one_world_lacks_is_unknown_in_the_sum():
     np.testing.assert_array_equal(both["snapshot"], summed([table, table])["snapshot"])
 
 
-def test_worlds_in_which_nothing_happens_have_a_summary(tmp_path):
+def test_worlds_in_which_nothing_happens_have_tables():
     """Ten cut-ins without a crash, a recording without a cut-in, and a chain without a prediction."""
     still = pd.DataFrame({"lead_speed": [20.0] * 10, "range": [50.0] * 10, "closing_speed": [0.5] * 10})
     table = with_courses(still, 0)
-    counts = summed([counted(table, CONSTANT, np.random.default_rng(3)).assign(ngsim=0.0, recorded=np.nan)])
+    counts = summed([counted(table, CONSTANT, np.random.default_rng(3))])
+    assert (counts["counted"] == 0).all()
+    assert counts["snapshot_to_counted"].isna().all()
     known = trajectories().cut_ins().iloc[:0]
     _, row = compared(known, known)
-    results = {
-        "": counts,
-        "_chain": chain.chain(table.assign(time=0.0), table, np.random.default_rng(4)).assign(world=0),
-        "_extraction": pd.DataFrame([{"world": 0, "rule": "default"} | row]),
-    }
-    for name, result in results.items():
-        result.to_csv(tmp_path / f"motorway{name}.csv", index=False)
-    text = summary(tmp_path)
-    assert "10 cut-ins. No host crashed" in text
-    assert "too few recorded cut-ins" in text
-    assert "The recordings of 1 of 1 worlds are too short: a prediction needs 100 closing cut-ins" in text
+    assert (row["known"], row["found"]) == (0, 0)
+    assert np.isnan([row["recall"], row["false"]]).all()
+    predicted = chain.chain(table.assign(time=0.0), table, np.random.default_rng(4))
+    assert predicted["median"].isna().all()
 
 
 def trajectories() -> Trajectories:

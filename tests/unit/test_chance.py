@@ -151,7 +151,7 @@ def test_the_probability_of_the_stripes_is_that_of_other_draws(monkeypatch):
     error = math.sqrt(2 * 0.015 / len(z))
     happened = stripes.make(np.random.default_rng(6)).evaluate(z)[0]
     assert abs(happened.mean() - stripes.exact) < 4 * error
-    other_car = chance.PROBLEMS["main"]().make(np.random.default_rng(7)).evaluate(z)[0]
+    other_car = chance.problems()["segment_5_15"].event.evaluate(z)[0]
     assert abs(other_car.mean() - stripes.exact) > 4 * error
 
 
