@@ -9,7 +9,7 @@ from pathlib import Path
 
 import numpy as np
 import pandas as pd
-from trajectories import CUT_IN, OTHERS, RATE, draw, main, make_pairs, planted_in
+from trajectories import CUT_IN, OTHERS, RATE, draw, main, make_pairs, planted_in, write_files
 
 RADIUS = {1: 400.0, 2: 370.0}  # [m], of the middle of the left lane; direction 2 drives clockwise
 BEGIN = -1.9  # [rad], the angle where the road begins, such that headings pass 360 degrees
@@ -25,6 +25,7 @@ TRACKS = (
     "leadTTC,leadId,rearId,leftLeadId,leftRearId,leftAlongsideId,rightLeadId,rightRearId,rightAlongsideId,"
     "odrRoadId,odrSectionNo,odrLaneId"
 )
+TRACKS_META = "recordingId,trackId,initialFrame,finalFrame,numFrames,width,length,class"
 RECORDING_META = (
     "recordingId,locationId,frameRate,speedLimit,weekday,startTime,duration,numTracks,numVehicles,numVRUs,"
     "latLocation,lonLocation,xUtmOrigin,yUtmOrigin,orthoPxToMeter"
@@ -160,34 +161,14 @@ def _listed(first: np.ndarray, second: np.ndarray, shared: np.ndarray, form: str
 
 def write_recording(folder: Path, number: int, pairs: int, generator: np.random.Generator) -> pd.DataFrame:
     """Write the three files of one recording, and return the cut-ins that are planted in it, units SI."""
-    folder.mkdir(parents=True, exist_ok=True)
     made = make_pairs(pair, pairs, (*OTHERS, FLICKERS, FAR, EMPTY), 0, generator)
-    tracks = pd.concat([track for one in made for track in one["tracks"]]).assign(recordingId=number, width=2)
-    frames = tracks.groupby("trackId")["frame"].agg(["min", "max", "count"]).reset_index(drop=True)
-    frames.columns = ["initialFrame", "finalFrame", "numFrames"]
-    known = [(number, *row) for one in made for row in one["meta"]]
-    meta = pd.DataFrame(known, columns=["recordingId", "trackId", "length", "class"]).join(frames)
-    recording = dict.fromkeys(RECORDING_META.split(","), 0) | {
-        "recordingId": number,
-        "frameRate": RATE,
-        "speedLimit": -1,
-    }
-    name = folder / f"{number:02d}"
-    columns = [
-        "recordingId",
-        "trackId",
-        "initialFrame",
-        "finalFrame",
-        "numFrames",
-        "width",
-        "length",
-        "class",
-    ]
-    tracks.reindex(columns=TRACKS.split(","), fill_value=-1).round(4).to_csv(
-        f"{name}_tracks.csv", index=False
-    )
-    meta.assign(width=2).round(4).to_csv(f"{name}_tracksMeta.csv", index=False, columns=columns)
-    pd.DataFrame([recording]).to_csv(f"{name}_recordingMeta.csv", index=False)
+    for one in made:
+        one["tracks"] = [track.assign(recordingId=number, width=2) for track in one["tracks"]]
+        one["meta"] = [(*row, number, 2) for row in one["meta"]]
+    recording = {"recordingId": number, "frameRate": RATE, "speedLimit": -1}
+    names = {"tracks": TRACKS, "tracksMeta": TRACKS_META, "recordingMeta": RECORDING_META}
+    known = ["trackId", "length", "class", "recordingId", "width"]
+    write_files(folder / f"{number:02d}", made, recording, known, names, unknown=-1)
     return planted_in(made, f"{number:02d}")
 
 

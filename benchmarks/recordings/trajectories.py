@@ -17,11 +17,8 @@ LENGTH = 420.0  # [m], of the piece of road
 PAUSE = 60.0  # [s] from one pair to the next of its direction, so that pairs never meet
 LANES = {1: (2, 3), 2: (5, 6)}  # by direction; 1 drives to the left
 HEIGHTS = {2: 10.0, 3: 14.0, 5: 22.0, 6: 26.0}
-CUT_IN, OTHERS = (
-    "cut_in",
-    ("keeps_lane", "returns", "cuts_behind", "host_is_a_truck", "host_just_came", "overlaps"),
-)
-KINDS = (CUT_IN, *OTHERS)
+CUT_IN = "cut_in"
+OTHERS = ("keeps_lane", "returns", "cuts_behind", "host_is_a_truck", "host_just_came", "overlaps")
 TRACKS = (
     "frame,id,x,y,width,height,xVelocity,yVelocity,xAcceleration,yAcceleration,frontSightDistance,"
     "backSightDistance,dhw,thw,ttc,precedingXVelocity,precedingId,followingId,leftPrecedingId,leftAlongsideId,"
@@ -66,7 +63,19 @@ def pair(kind: str, first: int, direction: int, start: float, generator: np.rand
         number = first + index
         behind = following if index else np.where((lanes[0] == lanes[1]) & (front < host), first + 1, 0)
         truck = (kind == "host_is_a_truck" and index == 0) or length > 8
-        tracks.append(_track(number, time + start, position, length, speed, of, behind, direction))
+        columns = {
+            "frame": np.round((time + start) * RATE).astype(int),
+            "id": number,
+            # In direction 1 the road is walked from right to left.
+            "x": position - length if direction == 2 else LENGTH - position,
+            "y": np.where(of == of.min(), HEIGHTS[of.min()], HEIGHTS[of.max()]),
+            "width": length,
+            "height": 2.0,
+            "xVelocity": speed if direction == 2 else -speed,
+            "followingId": behind,
+            "laneId": of,
+        }
+        tracks.append(pd.DataFrame(columns))
         meta.append((number, length, "Truck" if truck else "Car", direction))
     planted = None
     if kind == CUT_IN:
@@ -84,57 +93,51 @@ def draw(kind: str, generator: np.random.Generator) -> tuple[tuple[float, float]
     return (other + min(closing, 12), other), -3.0 if kind == "overlaps" else gap, moment
 
 
-def _track(
-    number: int,
-    time: np.ndarray,
-    front: np.ndarray,
-    length: float,
-    speed: float,
-    lane: np.ndarray,
-    following: np.ndarray,
-    direction: int,
-) -> pd.DataFrame:
-    """Return what *_tracks.csv says of one vehicle; in direction 1 the road is walked from right to left."""
-    sign = 1 if direction == 2 else -1
-    return pd.DataFrame(
-        {
-            "frame": np.round(time * RATE).astype(int),
-            "id": number,
-            "x": front - length if direction == 2 else LENGTH - front,
-            "y": np.where(lane == lane.min(), HEIGHTS[lane.min()], HEIGHTS[lane.max()]),
-            "width": length,
-            "height": 2.0,
-            "xVelocity": sign * speed,
-            "followingId": following,
-            "laneId": lane,
-        }
-    )
-
-
 def write_recording(folder: Path, number: int, pairs: int, generator: np.random.Generator) -> pd.DataFrame:
     """Write the three files of one recording, and return the cut-ins that are planted in it, units SI."""
-    folder.mkdir(parents=True, exist_ok=True)
     made = make_pairs(pair, pairs, OTHERS, 1, generator)
-    tracks = pd.concat([track for one in made for track in one["tracks"]])
-    tracks = tracks.reindex(columns=TRACKS.split(","), fill_value=0)  # the others are not needed
-    meta = pd.DataFrame(
-        [
-            _meta(track, *known)
-            for one in made
-            for track, known in zip(one["tracks"], one["meta"], strict=True)
-        ]
-    )
-    recording = {name: 0 for name in RECORDING_META.split(",")} | {
-        "id": number,
-        "frameRate": RATE,
-        "speedLimit": -1,
-    }
-    recording |= {"upperLaneMarkings": "8;12;16", "lowerLaneMarkings": "20;24;28", "numVehicles": 2 * pairs}
-    name = folder / f"{number:02d}"
-    tracks.round(4).to_csv(f"{name}_tracks.csv", index=False)
-    meta.round(4).to_csv(f"{name}_tracksMeta.csv", index=False)
-    pd.DataFrame([recording]).to_csv(f"{name}_recordingMeta.csv", index=False)
+    recording = {"id": number, "frameRate": RATE, "speedLimit": -1, "numVehicles": 2 * pairs}
+    recording |= {"upperLaneMarkings": "8;12;16", "lowerLaneMarkings": "20;24;28"}
+    names = {"tracks": TRACKS, "tracksMeta": TRACKS_META, "recordingMeta": RECORDING_META}
+    known = ["id", "width", "class", "drivingDirection"]
+    write_files(folder / f"{number:02d}", made, recording, known, names, unknown=0)
     return planted_in(made, f"{number:02d}")
+
+
+def write_files(
+    path: Path,
+    made: Sequence[dict],
+    recording: dict,
+    known: Sequence[str],
+    names: dict[str, str],
+    unknown: int,
+) -> None:
+    """Write the three files of a recording.
+
+    Parameters
+    ----------
+    path
+        Beginning of the names of the files.
+    made
+        The pairs.
+    recording
+        The row of the file of the recording.
+    known
+        Columns of the ``meta`` of a pair, the number of the vehicle first.
+    names
+        Columns of each file by the end of its name, divided by commas: of the vehicles in each frame, of the
+        vehicles, and of the recording.
+    unknown
+        Value in the columns that no extraction reads.
+    """
+    path.parent.mkdir(parents=True, exist_ok=True)
+    tracks = pd.concat([track for one in made for track in one["tracks"]])
+    meta = pd.DataFrame([row for one in made for row in one["meta"]], columns=known)
+    frames = tracks.groupby(known[0])["frame"].agg(initialFrame="min", finalFrame="max", numFrames="count")
+    tables = tracks, meta.join(frames, on=known[0]), pd.DataFrame([recording])
+    for (end, columns), table in zip(names.items(), tables, strict=True):
+        whole = table.reindex(columns=columns.split(","), fill_value=unknown)
+        whole.round(4).to_csv(f"{path}_{end}.csv", index=False)
 
 
 def make_pairs(
@@ -172,21 +175,6 @@ def planted_in(made: Sequence[dict], recording: str) -> pd.DataFrame:
     columns = ["time", "lead_speed", "range", "closing_speed", "vehicle", "host"]
     planted = pd.DataFrame([one["planted"] for one in made if one["planted"]], columns=columns)
     return planted.assign(recording=recording)
-
-
-def _meta(
-    track: pd.DataFrame, number: int, length: float, of_class: str, direction: int
-) -> dict[str, object]:
-    """Return the row of *_tracksMeta.csv of one vehicle."""
-    frames, speed = track["frame"], track["xVelocity"].abs()
-    known = {"id": number, "width": length, "height": 2.0, "class": of_class, "drivingDirection": direction}
-    known |= {"initialFrame": frames.min(), "finalFrame": frames.max(), "numFrames": len(frames)}
-    known |= {
-        "traveledDistance": track["x"].max() - track["x"].min(),
-        "numLaneChanges": (track["laneId"].diff() > 0).sum(),
-    }
-    known |= {"minXVelocity": speed.min(), "maxXVelocity": speed.max(), "meanXVelocity": speed.mean()}
-    return {name: known.get(name, -1) for name in TRACKS_META.split(",")}
 
 
 def write_recordings(

@@ -86,24 +86,36 @@ def gumbel(mean: float, deviation: float) -> Marginal:
     return lambda z: mean - EULER * scale - scale * np.log(-log_ndtr(z))
 
 
-def event_of(name: str, marginals: list[Marginal], g: Callable[..., Array]) -> ScoreProblem:
+def of_inputs(
+    name: str,
+    marginals: list[Marginal],
+    g: Callable[..., Array],
+    published: float = math.nan,
+    exact: float | None = None,
+) -> PublicProblem:
     """Return the event g(x_1, ..., x_d) <= 0."""
 
-    def respond(z: Array) -> tuple[Array, Array]:
-        score = g(*(marginal(scores) for marginal, scores in zip(marginals, z.T, strict=True)))
-        return score <= 0, score
+    def score(z: Array) -> Array:
+        return g(*(marginal(scores) for marginal, scores in zip(marginals, z.T, strict=True)))
 
-    return SystemProblem(respond, len(marginals), fingerprint=name, deterministic=True)
+    return of_all(name, len(marginals), score, published, exact)
 
 
-def of_all(name: str, dimension: int, g: Callable[[Array], Array]) -> ScoreProblem:
+def of_all(
+    name: str,
+    dimension: int,
+    g: Callable[[Array], Array],
+    published: float = math.nan,
+    exact: float | None = None,
+) -> PublicProblem:
     """Return the event g(z) <= 0 of all normal scores together, shape (n, d)."""
 
     def respond(z: Array) -> tuple[Array, Array]:
         score = g(z)
         return score <= 0, score
 
-    return SystemProblem(respond, dimension, fingerprint=name, deterministic=True)
+    event = SystemProblem(respond, dimension, fingerprint=name, deterministic=True)
+    return PublicProblem(name, event, published, exact)
 
 
 # ---- limit states
@@ -225,131 +237,80 @@ def tail_of_squares(level: float, influence: Array, curvature: Array) -> float:
 def low_dimensions() -> list[PublicProblem]:
     """Return the problems of two to ten variables."""
     standard = [normal(0, 1)] * 2
-
-    def plain(number: str, published: float, g: Callable[..., Array]) -> PublicProblem:
-        return PublicProblem(f"rp_{number}", event_of(f"rp_{number}", standard, g), published)
-
     rp_8 = [lognormal(120, 12)] * 4 + [lognormal(50, 10), lognormal(40, 8)]
     rp_14 = [uniform(70, 80), normal(39, 0.1), gumbel(1500, 350), normal(400, 0.1), normal(250_000, 35_000)]
-    means = (350, 50.8, 3.81, 173, 9.38, 33.1, 0.036)
+    rp_28 = [normal(78_064, 11_710), normal(0.0104, 0.00156)]
+    rp_38_laws = [normal(mean, mean / 10) for mean in (350, 50.8, 3.81, 173, 9.38, 33.1, 0.036)]
     rp_60_laws = [lognormal(mean, mean / 10) for mean in (2200, 2100, 2300, 2000)] + [lognormal(1200, 480)]
     moments = ((0.07433, 0.005), (0.1, 0.01), (13, 60), (4751, 48), (-684, 11))
     sheets = [[1, 1 / math.sqrt(3)], [1 / math.sqrt(3), 1]]
+    rp_33_exact = float(2 * ndtr(-3) - multivariate_normal.cdf([-3, -3], cov=sheets))
+    rp_77 = [normal(10, 0.5), normal(0, 1), normal(4, 1)]
     rp_77_exact = quad(lambda x: norm.pdf(x, 4) * ndtr((x - 10) / math.sqrt(1.25)), -9, 5)[0]
     rp_77_exact += quad(lambda x: norm.pdf(x, 4) * ndtr(-x), 5, 15)[0]
+    beam, force = lognormal(300, 30), normal(75_000, 5000)
+
+    def margin_24(a: Array, b: Array) -> Array:
+        return 2.5 - 0.2357 * (a - b) + 0.00463 * (a + b - 20) ** 4
+
+    def margin_33(a: Array, b: Array, c: Array) -> Array:
+        return np.minimum(-a - b - c + 3 * math.sqrt(3), 3 - c)
+
+    def margin_35(a: Array, b: Array) -> Array:
+        return np.minimum(2 - b + np.exp(-0.1 * a**2) + (0.2 * a) ** 4, 4.5 - a * b)
+
+    def margin_53(a: Array, b: Array) -> Array:
+        return np.sin(2.5 * a) + 2 - (a**2 + 4) * (b - 1) / 20
+
     return [
-        PublicProblem(
-            "rp_8",
-            event_of("rp_8", rp_8, lambda a, b, c, d, e, f: a + 2 * b + 2 * c + d - 5 * e - 5 * f),
-            7.897928e-4,
+        of_inputs("rp_8", rp_8, lambda a, b, c, d, e, f: a + 2 * b + 2 * c + d - 5 * e - 5 * f, 7.897928e-4),
+        of_inputs("rp_14", rp_14, beam_in_torsion, 7.7285e-4),
+        of_inputs(
+            "rp_22", standard, lambda a, b: 2.5 - (a + b) / math.sqrt(2) + 0.1 * (a - b) ** 2, 4.20730551e-3
         ),
-        PublicProblem("rp_14", event_of("rp_14", rp_14, beam_in_torsion), 7.7285e-4),
-        plain("22", 4.20730551e-3, lambda a, b: 2.5 - (a + b) / math.sqrt(2) + 0.1 * (a - b) ** 2),
-        PublicProblem(
-            "rp_24",
-            event_of(
-                "rp_24",
-                [normal(10, 3)] * 2,
-                lambda a, b: 2.5 - 0.2357 * (a - b) + 0.00463 * (a + b - 20) ** 4,
-            ),
-            2.86e-3,
+        of_inputs("rp_24", [normal(10, 3)] * 2, margin_24, 2.86e-3),
+        of_inputs(
+            "rp_25", standard, lambda a, b: np.maximum(a**2 - 8 * b + 16, -16 * a + b + 32), 4.148566e-5
         ),
-        plain("25", 4.148566e-5, lambda a, b: np.maximum(a**2 - 8 * b + 16, -16 * a + b + 32)),
-        PublicProblem(
-            "rp_28",
-            event_of("rp_28", [normal(78_064, 11_710), normal(0.0104, 0.00156)], lambda a, b: a * b - 146.14),
-            1.45e-7,
+        of_inputs("rp_28", rp_28, lambda a, b: a * b - 146.14, 1.45e-7),
+        of_inputs("rp_31", standard, lambda a, b: 2 - b + 256 * a**4, 3.226681209e-3),
+        of_inputs("rp_33", [normal(0, 1)] * 3, margin_33, 2.57e-3, rp_33_exact),
+        of_inputs("rp_35", standard, margin_35, 3.47894632e-3),
+        of_inputs("rp_38", rp_38_laws, rp_38, 8.1e-3),
+        of_inputs("rp_53", [normal(1.5, 1), normal(2.5, 1)], margin_53, 3.13e-2),
+        of_inputs("rp_55", [uniform(-1, 1)] * 2, rp_55, 0.560014428),
+        of_inputs("rp_57", standard, rp_57, 2.84e-2),
+        of_inputs("rp_60", rp_60_laws, rp_60, 4.56e-2),
+        of_inputs("rp_75", standard, lambda a, b: 3 - a * b, 9.81929872e-3),
+        of_inputs("rp_77", rp_77, lambda a, b, c: np.where(c <= 5, a - b - c, c - b), 2.87e-7, rp_77_exact),
+        of_inputs("rp_89", standard, lambda a, b: np.minimum(-(a**2) - b + 8, -a / 5 - b + 6), 5.43e-3),
+        of_inputs("rp_91", [normal(*pair) for pair in moments], rp_91, 6.97e-4),
+        of_all("rp_107", 10, lambda z: 5 * math.sqrt(10) - z.sum(1), 2.92e-7, float(ndtr(-5))),
+        of_inputs("rp_110", standard, rp_110, 3.19e-5),
+        of_inputs("rp_111", standard, lambda a, b: 12.5 - np.abs(a * b), 7.65e-7),
+        of_inputs(
+            "r_minus_s", [normal(4, 1), normal(2, 1)], lambda r, s: r - s, exact=float(ndtr(-math.sqrt(2)))
         ),
-        plain("31", 3.226681209e-3, lambda a, b: 2 - b + 256 * a**4),
-        PublicProblem(
-            "rp_33",
-            event_of(
-                "rp_33",
-                [normal(0, 1)] * 3,
-                lambda a, b, c: np.minimum(-a - b - c + 3 * math.sqrt(3), 3 - c),
-            ),
-            2.57e-3,
-            float(2 * ndtr(-3) - multivariate_normal.cdf([-3, -3], cov=sheets)),
-        ),
-        plain(
-            "35",
-            3.47894632e-3,
-            lambda a, b: np.minimum(2 - b + np.exp(-0.1 * a**2) + (0.2 * a) ** 4, 4.5 - a * b),
-        ),
-        PublicProblem("rp_38", event_of("rp_38", [normal(m, m / 10) for m in means], rp_38), 8.1e-3),
-        PublicProblem(
-            "rp_53",
-            event_of(
-                "rp_53",
-                [normal(1.5, 1), normal(2.5, 1)],
-                lambda a, b: np.sin(2.5 * a) + 2 - (a**2 + 4) * (b - 1) / 20,
-            ),
-            3.13e-2,
-        ),
-        PublicProblem("rp_55", event_of("rp_55", [uniform(-1, 1)] * 2, rp_55), 0.560014428),
-        plain("57", 2.84e-2, rp_57),
-        PublicProblem("rp_60", event_of("rp_60", rp_60_laws, rp_60), 4.56e-2),
-        plain("75", 9.81929872e-3, lambda a, b: 3 - a * b),
-        PublicProblem(
-            "rp_77",
-            event_of(
-                "rp_77",
-                [normal(10, 0.5), normal(0, 1), normal(4, 1)],
-                lambda a, b, c: np.where(c <= 5, a - b - c, c - b),
-            ),
-            2.87e-7,
-            rp_77_exact,
-        ),
-        plain("89", 5.43e-3, lambda a, b: np.minimum(-(a**2) - b + 8, -a / 5 - b + 6)),
-        PublicProblem("rp_91", event_of("rp_91", [normal(*pair) for pair in moments], rp_91), 6.97e-4),
-        PublicProblem(
-            "rp_107",
-            of_all("rp_107", 10, lambda z: 5 * math.sqrt(10) - z.sum(1)),
-            2.92e-7,
-            float(ndtr(-5)),
-        ),
-        plain("110", 3.19e-5, rp_110),
-        plain("111", 7.65e-7, lambda a, b: 12.5 - np.abs(a * b)),
-        PublicProblem(
-            "r_minus_s",
-            event_of("r_minus_s", [normal(4, 1), normal(2, 1)], lambda r, s: r - s),
-            exact=float(ndtr(-math.sqrt(2))),
-        ),
-        PublicProblem(
-            "stressed_beam",
-            event_of(
-                "stressed_beam",
-                [lognormal(300, 30), normal(75_000, 5000)],
-                lambda r, force: r - force / (100 * math.pi),
-            ),
-            2.919819462e-2,
-        ),
-        PublicProblem(
-            "four_branch_system", event_of("four_branch_system", standard, branches), 2.222795065e-3
-        ),
-        PublicProblem("oscillator", event_of("oscillator", [normal(0, 1)] * 6, oscillator), 6.43e-6),
+        of_inputs("stressed_beam", [beam, force], lambda r, f: r - f / (100 * math.pi), 2.919819462e-2),
+        of_inputs("four_branch_system", standard, branches, 2.222795065e-3),
+        of_inputs("oscillator", [normal(0, 1)] * 6, oscillator, 6.43e-6),
         *(linear(d) for d in (2, 10)),
         *(fujita_rackwitz(d) for d in (2, 10)),
-        PublicProblem(
-            "paraboloid", of_all("paraboloid", 5, lambda z: 3.5 - paraboloid(z)), exact=needle(3.5)
-        ),
-        PublicProblem("shell", of_all("shell", 5, shell), exact=needle(3.5) - needle(3.52)),
+        of_all("paraboloid", 5, lambda z: 3.5 - paraboloid(z), exact=needle(3.5)),
+        of_all("shell", 5, shell, exact=needle(3.5) - needle(3.52)),
     ]
 
 
 def linear(dimension: int) -> PublicProblem:
     """Return the half-space at the distance 3.5 in which all inputs are alike."""
-    name, root = f"linear_{dimension}", math.sqrt(dimension)
-    exact = float(ndtr(-3.5))
-    return PublicProblem(name, of_all(name, dimension, lambda z: 3.5 - z.sum(1) / root), exact, exact)
+    root, exact = math.sqrt(dimension), float(ndtr(-3.5))
+    return of_all(f"linear_{dimension}", dimension, lambda z: 3.5 - z.sum(1) / root, exact, exact)
 
 
 def fujita_rackwitz(dimension: int) -> PublicProblem:
     """Return a small sum of exponential variables, of probability 1e-4."""
     name, level = f"fujita_rackwitz_{dimension}", gamma.ppf(1e-4, dimension)
-    return PublicProblem(
-        name, of_all(name, dimension, lambda z: exponential_sum(z) - level), 1e-4, exact=1e-4
-    )
+    return of_all(name, dimension, lambda z: exponential_sum(z) - level, 1e-4, 1e-4)
 
 
 def of_many_small(inputs: int) -> PublicProblem:
@@ -359,8 +320,7 @@ def of_many_small(inputs: int) -> PublicProblem:
     def margin(z: Array) -> Array:
         return 4.5 - (z + curvature * (z**2 - 1)) @ influence
 
-    name = f"many_small_{inputs}"
-    return PublicProblem(name, of_all(name, inputs, margin), exact=tail_of_squares(4.5, influence, curvature))
+    return of_all(f"many_small_{inputs}", inputs, margin, exact=tail_of_squares(4.5, influence, curvature))
 
 
 def shell(z: Array) -> Array:
@@ -382,29 +342,15 @@ def high_dimensions() -> list[PublicProblem]:
     def respond(z: Array, little: float) -> tuple[Array, Array]:
         return main.evaluate(diluted(z, little))
 
+    def half_space(z: Array) -> Array:
+        return 4.5 - z.sum(1) / math.sqrt(z.shape[1])
+
     return [
-        PublicProblem(
-            "rp_54",
-            of_all("rp_54", 20, lambda z: exponential_sum(z) - 8.951),
-            9.98e-4,
-            gamma.cdf(8.951, 20),
-        ),
-        PublicProblem(
-            "rp_63",
-            of_all("rp_63", 100, lambda z: 0.1 * (z[:, 1:] ** 2).sum(1) - z[:, 0] - 4.5),
-            3.79e-4,
-            rp_63_exact,
-        ),
+        of_all("rp_54", 20, lambda z: exponential_sum(z) - 8.951, 9.98e-4, gamma.cdf(8.951, 20)),
+        of_all("rp_63", 100, lambda z: 0.1 * (z[:, 1:] ** 2).sum(1) - z[:, 0] - 4.5, 3.79e-4, rp_63_exact),
         *(linear(d) for d in (20, 50, 100, 200)),
         *(fujita_rackwitz(d) for d in (20, 50, 100, 200)),
-        *(
-            PublicProblem(
-                f"half_space_{d}",
-                of_all(f"half_space_{d}", d, lambda z: 4.5 - z.sum(1) / math.sqrt(z.shape[1])),
-                exact=float(ndtr(-4.5)),
-            )
-            for d in (20, 40)
-        ),
+        *(of_all(f"half_space_{d}", d, half_space, exact=float(ndtr(-4.5))) for d in (20, 40)),
         *(of_many_small(d) for d in (20, 40)),
         *(
             PublicProblem(
