@@ -54,12 +54,9 @@ def estimates(problem: Problem, seed: int) -> tuple[Estimate, Estimate]:
 
 def row_of(found: list[Estimate], truth: float, most: int) -> dict[str, float]:
     """Return how often estimates are right, and what they take."""
-    ratios = np.array([abs(math.log(each.probability / truth)) for each in found if each.probability > 0])
-    silent = [
-        each.converged and abs(math.log(each.probability / truth)) > TWICE
-        for each in found
-        if each.probability > 0
-    ]
+    numbers = [each for each in found if each.probability > 0]
+    errors = np.array([abs(math.log(each.probability / truth)) for each in numbers])
+    silent = [each.converged and error > TWICE for each, error in zip(numbers, errors, strict=True)]
     return {
         "at_most": most,
         "seeds": len(found),
@@ -67,7 +64,7 @@ def row_of(found: list[Estimate], truth: float, most: int) -> dict[str, float]:
         "converged": float(np.mean([each.converged for each in found])),
         "covered": float(np.mean([each.covers(truth) for each in found])),
         "with_a_number": float(np.mean([each.high < 1 and each.probability > 0 for each in found])),
-        "median_error": float(np.median(ratios)) if ratios.size else math.nan,
+        "median_error": float(np.median(errors)) if errors.size else math.nan,
         "silently_off_by_2": int(sum(silent)),
     }
 

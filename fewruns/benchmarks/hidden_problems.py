@@ -175,11 +175,7 @@ def hidden_problems() -> dict[str, PublicProblem]:
         plane_and_ball("plane_large_disc", 2, 4.5, 0.9, 6.0),
         union("squares_flags", 2, sum(in_box(*square) for square in squares), *(box(*s) for s in squares)),
         union(
-            "plane_band",
-            2,
-            norm.sf(4.3) + in_curved_band(*band),
-            half_space(4.3, 1, 0),
-            curved_band(*band),
+            "plane_band", 2, norm.sf(4.3) + in_curved_band(*band), half_space(4.3, 1, 0), curved_band(*band)
         ),
         orthogonal("planes_2_of_8", 8, 4.2, 4.2),
         orthogonal("planes_3_of_8", 8, 4.2, 4.2, 4.2),

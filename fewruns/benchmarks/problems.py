@@ -42,17 +42,11 @@ LEAD_SPEEDS = 20_000  # values of v_L in a segment
 TTC_KNOT = 0.16584979763175556  # [1/s]
 INVERSE_RANGE = PiecewiseMixture(
     (0.8003511730065861, 0.1996488269934139),
-    (
-        BoundedExponential(110.00289015718049, 1 / 75, 0.0345),
-        BoundedExponential(44.263279433807504, 0.0345),
-    ),
+    (BoundedExponential(110.00289015718049, 1 / 75, 0.0345), BoundedExponential(44.263279433807504, 0.0345)),
 )
 TTC_BODY = Mixture(
     (0.20430964630501555, 0.7956903536949844),
-    (
-        BoundedNormal(0.036567399002002614, 0.0, TTC_KNOT),
-        BoundedNormal(0.08801324906495872, 0.0, TTC_KNOT),
-    ),
+    (BoundedNormal(0.036567399002002614, 0.0, TTC_KNOT), BoundedNormal(0.08801324906495872, 0.0, TTC_KNOT)),
 )
 TTC_TAIL = BoundedExponential(21.084581450393657, TTC_KNOT)
 INVERSE_TTC = PiecewiseMixture((0.95, 0.05), (TTC_BODY, TTC_TAIL))

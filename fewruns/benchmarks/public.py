@@ -24,17 +24,9 @@ from tqdm import tqdm
 
 COLLECTIONS = {"public": public_problems, "hidden": hidden_problems}
 COLUMNS = [
-    "problem",
-    "group",
-    "method",
-    "dimension",
-    "reference",
-    "reference_se",
-    "published",
-    "seeds",
-    "calls_mean",
+    *("problem", "group", "method", "dimension", "reference", "reference_se", "published", "seeds"),
+    *("calls_mean", "calls_p95", "error", "bias", "coverage80", "failed", "no_number", "claimed"),
 ]
-COLUMNS += ["calls_p95", "error", "bias", "coverage80", "failed", "no_number", "claimed"]
 
 
 def known(problem: PublicProblem, raw: Path) -> tuple[float, float]:

@@ -14,27 +14,10 @@ from methods import Target, methods_of
 from problems import problems
 
 COLUMNS = [
-    "problem",
-    "method",
-    "seeds",
-    "calls_mean",
-    "calls_p95",
-    "cov",
-    "bias",
-    "failed",
-    "coverage80",
-    "coverage95",
-    "claimed",
-    "cov_se",
-    "bias_se",
-    "coverage80_se",
-    "calls_mean_se",
-    "error",
-    "effective_calls",
-    "reference",
-    "reference_se",
+    *("problem", "method", "seeds", "calls_mean", "calls_p95", "cov", "bias", "failed"),
+    *("coverage80", "coverage95", "claimed", "cov_se", "bias_se", "coverage80_se", "calls_mean_se"),
+    *("error", "effective_calls", "reference", "reference_se"),
 ]
-
 EXACT = 1e-3  # relative error below which a method is exact but for the accuracy of roots
 
 

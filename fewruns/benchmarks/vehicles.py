@@ -39,12 +39,7 @@ from summarise import summary
 METHOD = "surrogate"
 # The paper's law; of those with dependence the heaviest, another one with two kinds of drivers, and the one
 # under which the car under test crashes least often.
-LAWS = {
-    "paper": PAPER,
-    "answer": ANSWER,
-    "two_kinds": "two kinds 0.98",
-    "hazard": "hazard",
-}
+LAWS = {"paper": PAPER, "answer": ANSWER, "two_kinds": "two kinds 0.98", "hazard": "hazard"}
 SETS, LEVELS = (
     400,
     (80, 95),
