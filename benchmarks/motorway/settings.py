@@ -1,21 +1,26 @@
 """Settings of a simulated motorway: their meaning and limits, and how a file of them is read."""
 
 import json
-import math
 from collections.abc import Mapping
 from dataclasses import asdict, dataclass, field, fields
-from numbers import Real
+from pathlib import Path
 from types import MappingProxyType
 from typing import Any
 
-import yaml
 from accelerated_evaluation.base.errors import InputError
-from accelerated_evaluation.base.tables import require_file
+from accelerated_evaluation.base.sections import number
+from accelerated_evaluation.study.configuration import StrictValidator, read_yaml
+from accelerated_evaluation.study.consistency import in_words, shown
 
 
-def limited(default: float | tuple[float, float], least: float, most: float, whole: bool = False) -> Any:
+def limited(default: float | tuple[float, float], least: float, most: float) -> Any:
     """Return a field for numbers from ``least`` to ``most``; for two numbers if the default has two."""
-    return field(default=default, metadata={"least": least, "most": most, "whole": whole})
+    if isinstance(default, tuple):
+        items = number(None, least, most, "")
+        schema = {"type": "array", "items": items, "minItems": 2, "maxItems": 2}
+    else:
+        schema = number(None, least, most, "", kind="integer" if isinstance(default, int) else "number")
+    return field(default=default, metadata={"schema": schema})
 
 
 @dataclass(frozen=True)
@@ -54,16 +59,16 @@ class Motorway:
         Limits of the uniform distribution of the willingness to change into a small gap (lcAssertive).
     """
 
-    worlds: int = limited(10, 1, 1000, whole=True)
+    worlds: int = limited(10, 1, 1000)
     hours: float = limited(11.0, 0.01, 10_000)
     recording: float = limited(0.15, 0.01, 100)
-    seed: int = limited(1, 0, 2_000_000, whole=True)
-    lanes: int = limited(3, 2, 8, whole=True)
+    seed: int = limited(1, 0, 2_000_000)
+    lanes: int = limited(3, 2, 8)
     flow: float = limited(4_000.0, 1, 30_000)
     truck_share: float = limited(0.12, 0, 1)
     speed_limit: float = limited(30.0, 5, 80)
     speed_spread: float = limited(0.16, 0, 0.5)
-    kinds: int = limited(150, 1, 10_000, whole=True)
+    kinds: int = limited(150, 1, 10_000)
     headway: tuple[float, float] = limited((0.4, 1.2), 0.1, 10)
     imperfection: tuple[float, float] = limited((0.5, 1.0), 0, 1)
     action_step: float = limited(0.5, 0.1, 5)
@@ -83,47 +88,24 @@ def read_settings(path: str, changes: Mapping[str, Any] = MappingProxyType({})) 
     InputError
         If the file cannot be read, or has a key or value that no motorway has.
     """
-    require_file(path, "Name a copy of benchmarks/motorway/settings.yaml.")
-    try:
-        with open(path, encoding="utf-8") as file:
-            given = yaml.safe_load(file)
-    except (UnicodeDecodeError, yaml.YAMLError) as error:
-        seen = " ".join(str(error).split())
-        raise InputError(path, seen=seen, expected="a file in YAML", change="Correct it.") from None
-    if not isinstance(given, dict | None):
-        expected = "settings, such as flow: 5000"
-        raise InputError(path, seen=repr(given), expected=expected, change="Correct it.")
-    return motorway_of({**(given or {}), **changes}, path)
+    return motorway_of({**read_yaml(Path(path)), **changes}, path)
 
 
 def motorway_of(given: Mapping[str, Any], where: str) -> Motorway:
     """Return the motorway with the given settings; see `read_settings`."""
     known = {each.name: each for each in fields(Motorway)}
-    for name in given:
+    for name, value in given.items():
         if name not in known:
             expected = f"settings of a motorway: {', '.join(known)}"
             raise InputError(where, seen=repr(name), expected=expected, change="Correct the key.")
-    return Motorway(**{name: _checked(known[name], value, where) for name, value in given.items()})
-
-
-def _checked(key: Any, value: Any, where: str) -> Any:
-    """Return the value of a setting, two numbers as a tuple."""
-    pair = isinstance(key.default, tuple)
-    numbers = value if pair else [value]
-    fits = isinstance(numbers, list | tuple) and len(numbers) == 1 + pair and all(map(_is_number, numbers))
-    fits = fits and all(key.metadata["least"] <= number <= key.metadata["most"] for number in numbers)
-    fits = fits and list(numbers) == sorted(numbers)
-    fits = fits and not (key.metadata["whole"] and any(number != int(number) for number in numbers))
-    if not fits:
-        kind = "a whole number" if key.metadata["whole"] else "a number"
-        kind = "two numbers in increasing order, both" if pair else kind
-        example = list(key.default) if pair else key.default
-        expected = f"{kind} from {key.metadata['least']:g} to {key.metadata['most']:g}, such as {example}"
-        raise InputError(f"{where}, {key.name}", seen=repr(value), expected=expected, change="Correct it.")
-    if pair:
-        return tuple(map(float, numbers))
-    return int(value) if key.metadata["whole"] else float(value)
-
-
-def _is_number(value: Any) -> bool:
-    return isinstance(value, Real) and not isinstance(value, bool) and math.isfinite(value)
+        schema = known[name].metadata["schema"]
+        if not StrictValidator(schema).is_valid(value) or (isinstance(value, list) and value[0] > value[1]):
+            expected = in_words(schema) + ", in increasing order" * (schema["type"] == "array")
+            raise InputError(f"{where}, {name}", seen=shown(value), expected=expected, change="Correct it.")
+    # Whole numbers in a file may stand for others: 30 for 30.0.
+    return Motorway(
+        **{
+            name: tuple(value) if isinstance(value, list) else type(known[name].default)(value)
+            for name, value in given.items()
+        }
+    )
