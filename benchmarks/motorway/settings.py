@@ -10,7 +10,7 @@ from typing import Any
 from accelerated_evaluation.base.errors import InputError
 from accelerated_evaluation.base.sections import number
 from accelerated_evaluation.study.configuration import StrictValidator, read_yaml
-from accelerated_evaluation.study.consistency import in_words, shown
+from accelerated_evaluation.study.schema import in_words, shown
 
 
 def limited(default: float | tuple[float, float], least: float, most: float) -> Any:
