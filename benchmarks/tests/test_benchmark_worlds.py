@@ -20,7 +20,7 @@ import beyond  # noqa: E402
 import kinds  # noqa: E402
 from rate_car import RateCar, exponential_records  # noqa: E402
 from setting import WorldSettings, runs_of, simulate_records  # noqa: E402
-from summarise import tabulate  # noqa: E402
+from summarise_worlds import tabulate  # noqa: E402
 
 SIZE = 8_000
 DRAWN = 400_000
