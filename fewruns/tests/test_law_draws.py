@@ -5,10 +5,10 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from fewruns import SystemProblem
-from fewruns.constants import CONTRADICTION, ENOUGH_DRAWS
+from fewruns.constants import CONTRADICTION, ENOUGH_DRAWS, IN_VAIN, REACH
 from fewruns.progress import LawDraws
 from fewruns.two_phase import Prediction
-from fewruns.wide_laws import draw_wide
+from fewruns.wide_laws import bound_without_event, draw_wide
 from sampler_checks import STOPPING, half_plane, new_sampler, resumed, saved, standard_normal_event
 from scipy.special import ndtr
 from scipy.stats import binom
@@ -108,6 +108,19 @@ def test_a_ball_at_the_origin_is_estimated_from_its_first_event():
     assert progress.happened.sum() == 1
     found = drive(sampler, event, 500)
     assert found.low / 1.5 < -np.expm1(-(0.05**2) / 2) < found.high * 1.5
+
+
+def test_flags_that_show_no_event_are_bounded_by_draws_of_the_law():
+    """Wide draws alone, which say little about a ball at the origin, bound it by 9 % after 1,000 runs."""
+    sampler = new_sampler(batch_size=5)
+    for _ in range(200):
+        sampler.tell(np.zeros(len(sampler.ask()), bool))
+    drawn = len(sampler.progress.plain)
+    assert drawn == pytest.approx((1000 - IN_VAIN * REACH) / 3, abs=5)
+    found = sampler.estimate(STOPPING)
+    assert (found.probability, found.low) == (0, 0)
+    assert found.high == pytest.approx(1 - 0.2 ** (1 / drawn))
+    assert found.high < 0.01 < bound_without_event(1000 - drawn, 0.2)
 
 
 @pytest.mark.parametrize(("vain", "is_drawn"), [(1, False), (3, False), (4, True)])

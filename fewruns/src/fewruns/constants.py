@@ -36,6 +36,10 @@ SEARCHED = 10
 # surrogate of the flags.
 PATIENCE = 1.0
 
+# If the search has no event after this number of runs per unit of rarity, a third of its further runs are
+# draws of the law, and if there are scores another third are chosen among draws of the law.
+IN_VAIN = 4.0
+
 # The search and the defensive runs extend to the rarity of the event plus this value. Points farther out have
 # less than 5 % of the probability, exp(-BEYOND).
 BEYOND = 3.0

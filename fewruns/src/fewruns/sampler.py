@@ -55,7 +55,7 @@ from fewruns.repeats import RepeatBatch, end_differently
 from fewruns.search import Search
 from fewruns.second_phase import SecondPhase
 from fewruns.two_phase import TwoPhaseBatch
-from fewruns.wide_laws import draw_wide, rarity
+from fewruns.wide_laws import rarity
 
 # Linear algebra uses one thread. The matrices are small, and the results must not depend on the number of
 # cores.
@@ -385,8 +385,7 @@ class Sampler:
             first = start if self.dimension <= FEW else max(start, self.dimension)
             few = self.simulations < first
             if few or happened.all() or not (happened.any() or np.ptp(score) > 0):  # all outcomes are equal
-                count = min(self.batch_size, first)
-                return PlainBatch(draw_wide(count, self.dimension, generator, reach), WIDE)
+                return self._search.unguided_batch(min(self.batch_size, first), reach, generator)
             self._learn_directions()
             if self._search.goes_on:
                 return self._search.batch(self.batch_size, generator)

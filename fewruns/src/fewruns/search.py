@@ -5,12 +5,12 @@ from dataclasses import dataclass
 import numpy as np
 
 from fewruns.arrays import Array, Flags
-from fewruns.constants import BEYOND, CANDIDATES, PATIENCE, REACH, SEARCHED
+from fewruns.constants import BEYOND, CANDIDATES, IN_VAIN, PATIENCE, REACH, SEARCHED
 from fewruns.gaussian_process import EventSurrogate
 from fewruns.graded import GradedSurrogate, end_of_events, graded
 from fewruns.pools import Space
-from fewruns.progress import PLAIN, SEARCH, PlainBatch, Progress
-from fewruns.wide_laws import draw_at, rarity
+from fewruns.progress import PLAIN, SEARCH, WIDE, PlainBatch, Progress
+from fewruns.wide_laws import draw_at, draw_wide, rarity
 
 
 @dataclass(frozen=True)
@@ -33,18 +33,30 @@ class Search:
         return min(self.progress.rarest + BEYOND, REACH)
 
     def batch(self, most: int, generator: np.random.Generator) -> PlainBatch:
-        """Choose up to ``most`` runs for the next batch; if the search is in vain, some are draws of the law.
-
-        They find events in the bulk of the law, where the search has few runs, and bound their probability.
-        """
-        progress, n = self.progress, min(most, SEARCHED)
+        """Choose up to ``most`` runs for the next batch; in a search in vain, some are draws of the law."""
+        progress, n, turn = self.progress, min(most, SEARCHED), self._turn(self.progress.searched)
         in_vain = not progress.happened.any() and progress.searched >= PATIENCE
-        turn = len(progress.sizes) % 3 if in_vain and progress.searched >= 4 * PATIENCE else 0
         if turn == 1:
             return PlainBatch(generator.standard_normal((n, progress.z.shape[1])), PLAIN)
         known = self.space.coordinates(progress.z), progress.happened, progress.score
         z = draw_approach(n, self.reach, *known, generator, in_vain=in_vain, in_bulk=turn == 2)
         return PlainBatch(self.space.draw(z, generator), SEARCH)
+
+    def unguided_batch(self, n: int, reach: float, generator: np.random.Generator) -> PlainBatch:
+        """Draw n runs while all outcomes are equal: wide draws up to a rarity, or draws of the law."""
+        dimension = self.progress.z.shape[1]
+        if self._turn(len(self.progress.z) / REACH) == 1:
+            return PlainBatch(generator.standard_normal((n, dimension)), PLAIN)
+        return PlainBatch(draw_wide(n, dimension, generator, reach), WIDE)
+
+    def _turn(self, spent: float) -> int:
+        """Return 0, 1 and 2 in turn if the search is in vain after many runs per unit of rarity; otherwise 0.
+
+        In turn 1, the batch is drawn from the law. Such draws find events in the bulk of the law, where
+        the search has few runs, and bound their probability.
+        """
+        in_vain = not self.progress.happened.any() and spent >= IN_VAIN
+        return len(self.progress.sizes) % 3 if in_vain else 0
 
 
 def target_outcome(rarity: Array, outcome: Array, happened: Flags, at: Array) -> Array:
