@@ -11,6 +11,8 @@ from accelerated_evaluation.base.percent import in_percent
 
 Row = tuple[str, str, str]  # name of a result, its value, and a remark on it
 
+NOTHING = "no uncertainty"  # of an exact probability under one law
+
 
 def aligned(rows: Sequence[Row]) -> list[str]:
     """Return rows as lines of text in three columns; a value without a remark may be longer than others."""
@@ -62,7 +64,7 @@ def intervals_in_words(sources: Sequence[str]) -> str:
     """Return which uncertainties the intervals of an answer contain, and which of the law they leave out."""
     missing = [source for source in (DATA, CHOICE) if source not in sources]
     without = f", without {_joined(missing)}" if missing else ""
-    return f"intervals with {_joined(sources)}{without}"
+    return f"intervals with {_joined(sources or [NOTHING])}{without}"
 
 
 def _joined(names: Sequence[str]) -> str:

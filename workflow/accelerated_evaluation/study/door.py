@@ -149,7 +149,7 @@ def choose_draws(choice: str, records: FittedRecords, config: Config | None = No
     records=one_of(FittedRecords, words="records"),
     config=A_CONFIGURATION,
 )
-def fit_paper_law(name: str, records: FittedRecords, config: Config = DEFAULT) -> IndependentLaw:
+def fit_paper_law(name: str, records: FittedRecords, config: Config | None = None) -> IndependentLaw:
     """Fit one of the paper's laws to cut-ins.
 
     Parameters
@@ -159,7 +159,8 @@ def fit_paper_law(name: str, records: FittedRecords, config: Config = DEFAULT) -
     records
         Cut-ins, as `read_records` returns them.
     config
-        A configuration as in `read_records`, which gives the settings of the models.
+        A configuration as in `read_records`, which gives the settings of the models; by default that of
+        cut-ins.
 
     Returns
     -------
@@ -174,6 +175,7 @@ def fit_paper_law(name: str, records: FittedRecords, config: Config = DEFAULT) -
     >>> law.box.names
     ('lead_speed', 'range', 'closing_speed')
     """
+    config = config or _complete(DEFAULT)
     return choices.paper_law_named(name, records.table, law_settings(records.scenario, config).fitting)
 
 
