@@ -24,7 +24,6 @@ from accelerated_evaluation.vehicles.protocol import CRASH, RandomVehicle, Vehic
 
 LINES = 2500  # number of lines of a map that are kept for the integrals
 GUIDES = 10  # number of draws of the law that determine which lines are kept
-EDGE, EDGES = 0.01, 200  # [m/s], a distance above the precision of coarse maps, and number of ends checked
 
 
 def _points(records: Any) -> Array:  # noqa: ANN401
@@ -82,7 +81,7 @@ class Map:
         Raises
         ------
         InputError
-            If the problem is not one of cut-ins, or if the map is that of another vehicle or lacks an event.
+            If the problem is not one of cut-ins.
         """
         if problem.scenario.names != CUT_IN.names:
             raise InputError(
@@ -94,8 +93,6 @@ class Map:
         vehicle, scan = problem.vehicle, "refined"
         replayed = Replayed.of(problem, self.records)
         lines = self._lines(self.crash_map, problem.event, vehicle, draws, generator)
-        if not isinstance(vehicle, RandomVehicle):
-            _require_own(lines, problem.event, vehicle)
         if not replayed.supports(draws.masses(lines).sum(axis=1).mean()):
             lines, scan = self._random_lines(problem.event, vehicle, draws, generator), "random"
         fixed = {
@@ -136,23 +133,6 @@ class Map:
         """Return these lines of a map with random closing speeds."""
         sampled = sample_crashes(vehicle, self.crash_map, generator, events=(event,))
         return self._lines(sampled, event, vehicle, draws, generator)
-
-
-def _require_own(lines: CrashLines, event: Event, vehicle: Vehicle) -> None:
-    """Raise InputError if an event of a vehicle does not begin where it begins on the lines of a map."""
-    inner = np.flatnonzero(lines.start > 2 * EDGE)
-    chosen = inner[:: max(inner.size // EDGES, 1)]
-    before, after = (
-        event.happens(lines.simulate(vehicle, lines.row[chosen], lines.start[chosen] + side * EDGE))
-        for side in (-1, 1)
-    )
-    if chosen.size and (after & ~before).mean() < 0.5:
-        raise InputError(
-            "Map, argument crash_map",
-            seen=f"a map with other intervals of {event.quantity} than the vehicle of the problem has",
-            expected="the crash map of the same vehicle",
-            change="Make it with map_crashes and the vehicle of the problem.",
-        )
 
 
 @dataclass(frozen=True)
