@@ -176,7 +176,7 @@ def test_without_an_event_there_is_a_bound(graded):
 def test_the_bound_holds_and_shrinks():
     """Rarest seen by the wide law is an event about the origin: a ball, seen n times by none in alpha."""
     bounds = []
-    for calls in (50, 100, 300):
+    for calls in (50, 100, 200):  # later, some runs are draws of the law
         stopping = replace(STOPPING, alpha=0.1, maximum_simulations=calls)
         result = estimate(half_plane(99.0, graded=False), 1, stopping)
         bounds.append(result.high)
@@ -185,8 +185,8 @@ def test_the_bound_holds_and_shrinks():
         missed = ~((z * z).sum(1) < square).reshape(2000, calls).any(1)
         assert abs(missed.mean() - 0.1) < 4 * math.sqrt(0.1 * 0.9 / 2000)
     assert bounds == sorted(bounds, reverse=True)
-    assert bounds[0] > 0.9 > 0.4 > bounds[-1] > 0.1 ** (1 / 300) * 0.3
-    assert bounds[-1] == pytest.approx(1 - math.exp(-REACH * (1 - 0.1 ** (1 / 300))))
+    assert bounds[0] > 0.9 > 0.5 > bounds[-1]
+    assert bounds[-1] == pytest.approx(1 - math.exp(-REACH * (1 - 0.1 ** (1 / 200))))
 
 
 @pytest.mark.seeds
