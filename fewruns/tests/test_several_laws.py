@@ -157,18 +157,20 @@ def test_there_is_no_posterior_without_an_estimate():
 
 @pytest.mark.seeds
 def test_the_shared_error_is_that_of_the_mean_of_the_draws(samplers):
+    # The tails of the differences are so heavy that 60 seeds do not give their spread.
+    more = (
+        drive(new_sampler(seed=seed, upper_set=True), half_plane(LEVEL)).sampler for seed in range(SEEDS, 260)
+    )
     found = [
         laws().estimate(sampler, controls=[Control.own(batch) for batch, _ in counted(sampler.progress)])
-        for sampler in samplers
+        for sampler in (*samplers, *more)
     ]
     logs = np.array([np.log(posterior.probabilities / EXACT) for posterior in found])
     shared = np.mean([posterior.shared for posterior in found])
     own = np.mean([posterior.own for posterior in found], axis=0)
     assert 0.7 * logs[:, 1:-1].mean(axis=1).std() < shared < 2 * logs[:, 1:-1].mean(axis=1).std()
     apart = logs - logs[:, 1:-1].mean(axis=1, keepdims=True)
-    # Over 260 seeds, the stated errors are 0.7 of the spread. With 60 seeds, this ratio has a standard error
-    # of 0.1, because the tails of the spread are heavy.
-    assert np.all(own[[0, -1]] > 0.4 * apart.std(axis=0)[[0, -1]])
+    assert np.all(own[[0, -1]] > 0.6 * apart.std(axis=0)[[0, -1]])
     assert np.all(own[[0, -1]] < 2 * apart.std(axis=0)[[0, -1]])
     assert np.all(np.hypot(shared, own) < 1.6 * np.mean([posterior.errors for posterior in found], axis=0))
 
