@@ -233,7 +233,7 @@ class Sampler:
             progress.wide_draws = np.vstack([progress.wide_draws, [len(batch.z), 0.0, self._first[1]]])
         else:
             progress.searched += len(batch.z) / self._search.reach
-        progress.rarest = rarest  # only now, because the batch was drawn up to the reach of before
+        progress.rarest = rarest  # only now, because the batch was drawn up to the earlier reach
 
     def _take_repeats(self, batch: RepeatBatch, happened: Flags, score: Array) -> None:
         """Compare repetitions with their runs; a difference shows that outcomes may be random."""
