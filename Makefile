@@ -6,11 +6,11 @@ STUDY ?= spmd
 ENVIRONMENT := .venv/.installed
 EXTRAS := .venv/.extras
 SNAKEMAKE := snakemake --cores $(or $(CORES),2) --configfile $(or $(CONFIG),config/config.yaml)
-RULES := Snakefile workflow fewruns/benchmarks/Snakefile fewruns/benchmarks/vehicles.smk \
+RULES := Snakefile workflow benchmarks/samplers/Snakefile benchmarks/samplers/vehicles.smk \
   benchmarks/worlds/Snakefile benchmarks/claims/Snakefile benchmarks/motorway/Snakefile
-SAMPLERS := snakemake --snakefile fewruns/benchmarks/Snakefile --cores $(CORES)
-PUBLIC := python fewruns/benchmarks/public.py benchmarks/results
-VEHICLES := snakemake --snakefile fewruns/benchmarks/vehicles.smk --cores $(CORES)
+SAMPLERS := snakemake --snakefile benchmarks/samplers/Snakefile --cores $(CORES)
+PUBLIC := python benchmarks/samplers/public.py benchmarks/results
+VEHICLES := snakemake --snakefile benchmarks/samplers/vehicles.smk --cores $(CORES)
 WORLDS := snakemake --snakefile benchmarks/worlds/Snakefile --cores $(CORES)
 MOTORWAY := snakemake --snakefile benchmarks/motorway/Snakefile --cores $(CORES) $(if $(SETTINGS),--config settings=$(SETTINGS))
 REPEATED := snakemake --snakefile benchmarks/claims/Snakefile --cores $(CORES)

@@ -24,7 +24,7 @@ from accelerated_evaluation.vehicles import load_vehicle
 from fewruns import Predecessor
 from tqdm import tqdm
 
-sys.path.insert(0, str(Path(__file__).resolve().parents[2] / "fewruns" / "benchmarks"))
+sys.path.insert(0, str(Path(__file__).resolve().parents[1] / "samplers"))
 
 ROOT = 2027  # root of all randomness, another one than that of the published benchmarks
 VEHICLE = "acc_aeb"

@@ -14,7 +14,7 @@ from accelerated_evaluation.vehicles import AccAeb
 
 pytestmark = pytest.mark.studies
 ROOT = Path(__file__).resolve().parents[2]
-sys.path.append(str(ROOT / "fewruns" / "benchmarks"))
+sys.path.append(str(ROOT / "benchmarks" / "samplers"))
 
 import vehicles  # noqa: E402
 from problems import law  # noqa: E402

@@ -25,8 +25,8 @@ PARTS = (
 JOBS = {
     "benchmarks/claims/Snakefile": {"run_sampler", "run_worlds", "study_study_answer", "vehicle"},
     "benchmarks/motorway/Snakefile": {"drive", "count", "chain", "sum_counts", "join_worlds"},
-    "fewruns/benchmarks/Snakefile": {"run", "reference", "summarise"},
-    "fewruns/benchmarks/vehicles.smk": {"run", "compare"},
+    "benchmarks/samplers/Snakefile": {"run", "reference", "summarise"},
+    "benchmarks/samplers/vehicles.smk": {"run", "compare"},
     "benchmarks/worlds/Snakefile": {"prepare", "run", "summarise"},
 }
 

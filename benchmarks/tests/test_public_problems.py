@@ -8,7 +8,7 @@ import pytest
 from scipy import stats
 
 pytestmark = pytest.mark.studies
-SAMPLERS = Path(__file__).parents[2] / "fewruns" / "benchmarks"
+SAMPLERS = Path(__file__).parents[1] / "samplers"
 
 
 @pytest.fixture(scope="module")

@@ -9,7 +9,7 @@ from accelerated_evaluation.publishing.book.site import GUIDES, grouped, page_of
 ROOT = Path(__file__).resolve().parents[2]
 LONG = 1_200  # words; a longer page has a table of contents
 IN_THE_BOOK = sorted([*ROOT.glob("docs/*.md"), *ROOT.glob("fewruns/*.md")])
-PAGES = [*IN_THE_BOOK, *ROOT.glob("config/*.md"), *ROOT.glob("fewruns/benchmarks/*.md")]
+PAGES = [*IN_THE_BOOK, *ROOT.glob("config/*.md"), *ROOT.glob("benchmarks/samplers/*.md")]
 
 
 def test_the_order_of_the_book_names_each_guide_once():

@@ -21,7 +21,7 @@ PAGES = [
 ]
 # Pages with numbers of a benchmark, and its table.
 BENCHMARKS = {
-    "vehicles": "fewruns/benchmarks/details.md",
+    "vehicles": "benchmarks/samplers/details.md",
     "exported": "docs/export.md",
     "answers": "benchmarks/answers/README.md",
 }

@@ -1,13 +1,13 @@
 # All vehicles of the study under laws of the study: exact probabilities, and what the sampler makes of them.
 #
-#   snakemake --snakefile fewruns/benchmarks/vehicles.smk --cores 2 [--config seeds=40]
+#   snakemake --snakefile benchmarks/samplers/vehicles.smk --cores 2 [--config seeds=40]
 #
 # A job for the crash map of each vehicle, one for all estimates under a law, and one for exported sets.
 
 import os
 import sys
 
-sys.path[:0] = [workflow.basedir, os.path.join(workflow.basedir, "../../benchmarks")]
+sys.path[:0] = [workflow.basedir, os.path.join(workflow.basedir, "..")]
 
 from library import modules_up_to
 from vehicles import LAWS, vehicles
@@ -16,7 +16,7 @@ from vehicles import LAWS, vehicles
 include: "../../workflow/rules/this_run.smk"
 
 
-HERE = "fewruns/benchmarks"
+HERE = "benchmarks/samplers"
 RAW = "results/benchmarks/vehicles"
 SCRIPT = f"{HERE}/vehicles.py"
 SEEDS = int(config.get("seeds", 40))

@@ -1,6 +1,6 @@
 """A vehicle that is like a known one: how many simulations the runs of its predecessor save.
 
-    python fewruns/benchmarks/successors.py benchmarks/results/successors.csv [--seeds 20]
+    python benchmarks/samplers/successors.py benchmarks/results/successors.csv [--seeds 20]
 
 The predecessor is the study's car in the segment 5-15 m/s. The sampler estimates its crash probability first;
 then each variant of the car is estimated twice, with these runs and without.

@@ -1,6 +1,6 @@
 """Draw the course of one estimate for fewruns/method.md: its runs, surrogate, clearances and intervals.
 
-python fewruns/benchmarks/method_figure.py
+python benchmarks/samplers/method_figure.py
 """
 
 from dataclasses import dataclass
@@ -18,7 +18,7 @@ from matplotlib.axes import Axes
 from matplotlib.patches import Circle
 from public_problems import PublicProblem
 
-PATH = Path(__file__).resolve().parents[1] / "method_course.svg"
+PATH = Path(__file__).resolve().parents[2] / "fewruns" / "method_course.svg"
 PROBLEM, SEED = "plane_disc", 1  # an estimate in which the search missed the disc
 GOAL = Stopping(maximum_simulations=1000)
 REACH = 10.0  # of the axes, in normal scores

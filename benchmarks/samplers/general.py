@@ -1,6 +1,6 @@
 """Problems that the sampler was not made for: how often it claims a wrong answer, and how many runs it takes.
 
-    python fewruns/benchmarks/general.py benchmarks/results/general.csv [--kinds parts bulk] [--seeds 100]
+    python benchmarks/samplers/general.py benchmarks/results/general.csv [--kinds parts bulk] [--seeds 100]
 
 The kinds are events with a part next to, behind or in front of the known one (`parts`), large batches
 (`batches`), scores that jump and events of which the cover excludes little (`ends`), events in the bulk of
@@ -30,7 +30,7 @@ from scipy.stats import t as student
 from tqdm import tqdm
 
 GOAL = Stopping(maximum_simulations=1000)
-SAMPLERS = Path(__file__).parents[2] / "benchmarks" / "results" / "samplers.csv"
+SAMPLERS = Path(__file__).parents[1] / "results" / "samplers.csv"
 OFF = 0.5, 2.0  # an estimate is off outside of these multiples of the probability
 AT = np.linspace(-9.0, 9.0, 4001)  # normal scores at which integrands are computed
 Margin = Callable[[np.ndarray], np.ndarray]

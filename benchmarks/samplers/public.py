@@ -1,7 +1,7 @@
 """Problems of public collections, or with hidden parts: this project's sampler, and the best of OpenTURNS.
 
     make benchmark-public
-    python fewruns/benchmarks/public.py public.csv --raw FOLDER --seeds 10 --problems rp_22 rp_25
+    python benchmarks/samplers/public.py public.csv --raw FOLDER --seeds 10 --problems rp_22 rp_25
 
 Raw results are kept, one table for each problem and method, so that an interrupted run continues with the
 next seed. They do not say which version of the sampler made them, so use another folder after a change. The

@@ -1,7 +1,7 @@
 """The sampler before cars that do not repeat themselves: truth in closed form, and many seeds.
 
-    python fewruns/benchmarks/chance.py run lapses_0.01 noise_0.3 --seeds 0 40 --output runs.csv
-    python fewruns/benchmarks/chance.py table runs.csv --output benchmarks/results/chance.csv
+    python benchmarks/samplers/chance.py run lapses_0.01 noise_0.3 --seeds 0 40 --output runs.csv
+    python benchmarks/samplers/chance.py table runs.csv --output benchmarks/results/chance.csv
 
 The first command writes every seed as soon as it is finished, and does not repeat the seeds that are in the
 file. The second command replaces the rows of the problems that were run, and keeps all other rows.
@@ -35,7 +35,7 @@ from scipy.integrate import quad
 from scipy.special import log_ndtr, ndtr
 from scipy.stats import binomtest
 
-RESULTS = Path(__file__).resolve().parents[2] / "benchmarks" / "results"
+RESULTS = Path(__file__).resolve().parents[1] / "results"
 LIMIT = 1000  # simulations after which the sampler gives up, as in the other tables
 CLOSING = 5.0  # [m/s]
 SECONDS = 8.0
