@@ -89,6 +89,14 @@ def plane_and_ball(name: str, dimension: int, distance: float, radius: float, ra
     return union(name, dimension, (1 + ratio) * probability, *parts)
 
 
+def plane_near_ball(name: str, distance: float, radius: float, *centre: float) -> PublicProblem:
+    """Return a half-space and a ball that is disjoint from it."""
+    dimension = len(centre)
+    exact = norm.sf(distance) + in_ball(radius, math.hypot(*centre), dimension)
+    plane = half_space(distance, 1, *[0.0] * (dimension - 1))
+    return union(name, dimension, exact, plane, ball(radius, *centre))
+
+
 def orthogonal(name: str, dimension: int, *distances: float) -> PublicProblem:
     """Return half-spaces that are orthogonal to one another."""
     axes = np.eye(dimension)
@@ -213,5 +221,21 @@ def hidden_problems() -> dict[str, PublicProblem]:
         *(each for each in map(drawn, LATER) if each.event.dimension <= 2 or has_scores(each)),
         *(each for each in map(drawn, UNSEEN) if each.event.dimension <= (3 if has_scores(each) else 2)),
         *(each for each in map(drawn, [*SHOWN, *LAST]) if each.event.dimension > 3 and has_scores(each)),
+    ]
+    return {problem.name: problem for problem in everything}
+
+
+def problems_with_near_parts() -> dict[str, PublicProblem]:
+    """Return events with a part next to, behind or in front of the known one, by name."""
+    discs, square = ((0.5, 4.2, 0.0), (0.25, 2.6, 2.2)), ([1.5, -3.6], [2.0, -3.1])
+    both = sum(in_ball(radius, math.hypot(*centre), 2) for radius, *centre in discs)
+    everything = [
+        plane_near_ball("disc_beside", 4.2, 0.3, 2.6, 2.3),
+        plane_near_ball("disc_between", 4.2, 0.25, 3.2, 0.0),
+        plane_near_ball("disc_behind", 4.2, 0.3, -3.1, -1.0),
+        union("two_discs", 2, both, *(ball(*disc) for disc in discs)),
+        union("square_beside", 2, norm.sf(4.3) + in_box(*square), half_space(4.3, 1, 0), box(*square)),
+        plane_near_ball("ball_beside_3", 4.2, 0.5, 2.6, 2.3, 0.0),
+        plane_near_ball("ball_behind_3", 4.2, 0.6, -2.0, 2.4, 1.5),
     ]
     return {problem.name: problem for problem in everything}

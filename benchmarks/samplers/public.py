@@ -15,14 +15,14 @@ import pandas as pd
 from accelerated_evaluation.base.files import read_json, write_csv, write_json
 from accelerated_evaluation.base.randomness import child_generator
 from accelerated_evaluation.publishing.tables.display import reproducible
-from hidden_problems import group_of, hidden_problems
+from hidden_problems import group_of, hidden_problems, problems_with_near_parts
 from problems import Problem
 from public_problems import PublicProblem, probability_of, public_problems
 from run import ROOT, repeated
 from summarise import summary
 from tqdm import tqdm
 
-COLLECTIONS = {"public": public_problems, "hidden": hidden_problems}
+COLLECTIONS = {"public": public_problems, "hidden": hidden_problems, "parts": problems_with_near_parts}
 COLUMNS = [
     *("problem", "group", "method", "dimension", "reference", "reference_se", "published", "seeds"),
     *("calls_mean", "calls_p95", "error", "bias", "coverage80", "failed", "no_number", "claimed"),
