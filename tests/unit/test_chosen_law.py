@@ -10,9 +10,9 @@ import numpy as np
 import pandas as pd
 import pytest
 from accelerated_evaluation import cli
-from accelerated_evaluation.answer import estimation
 from accelerated_evaluation.answer.estimate_tables import estimate_tables
 from accelerated_evaluation.answer.settings import support_of
+from accelerated_evaluation.vehicles.named import NamedVehicle
 from motorway import CONFIGURATION, motorway_table
 
 LIMIT = 0.35  # [1/s]
@@ -211,7 +211,7 @@ def test_vehicles_that_cannot_be_compared_are_refused_before_anything_is_simulat
     folder, monkeypatch, capsys, option, message
 ):
     monkeypatch.chdir(folder)
-    monkeypatch.setattr(estimation, "loaded_for", lambda *_: pytest.fail("it simulates"))
+    monkeypatch.setattr(NamedVehicle, "loaded", lambda _: pytest.fail("it simulates"))
     assert cli.main(["estimate", "--config", "motorway.yaml", *option]) == 2
     assert message in capsys.readouterr().err
 

@@ -8,8 +8,8 @@ import pandas as pd
 import pytest
 from accelerated_evaluation import InputError, cli, load_vehicle
 from accelerated_evaluation.laws.motion import MOTIONS, SPEED_COLUMNS, STATES, STEP, draw_lead_speeds
-from accelerated_evaluation.vehicles.external.slow import loaded_for
 from accelerated_evaluation.vehicles.moving import takes_motion
+from accelerated_evaluation.vehicles.named import NamedVehicle
 from accelerated_evaluation.vehicles.protocol import OUTCOMES
 
 CLASS = """
@@ -87,7 +87,7 @@ def test_a_slow_vehicle_takes_lead_motion_on_its_workers(file, tmp_path, monkeyp
     simulations |= {"keep_class": True, "options": {}}
     for name in ("Moving", "Still"):
         section = {"name": f"{file}:{name}", "parameters": {}, "files": []}
-        with loaded_for(section, simulations) as vehicle:
+        with NamedVehicle.of(section, simulations).loaded() as vehicle:
             if name == "Still":
                 with pytest.raises(InputError, match=r"cars\.py:Still, lead speeds over time"):
                     vehicle.simulate_moving(*ENCOUNTERS, SPEEDS)

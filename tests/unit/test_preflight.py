@@ -19,6 +19,7 @@ from accelerated_evaluation.study.preflight import (
     require_records,
     require_vehicles,
 )
+from accelerated_evaluation.vehicles.named import NamedVehicle
 
 ROOT = Path(__file__).resolve().parents[2]
 
@@ -33,7 +34,9 @@ def named(config):
     """Check what a configuration names."""
     require_records(named_records_of(CUT_IN, config))
     vehicles = {UNDER_TEST: config["vehicle"], **compared_sections(config["compared_vehicles"])}
-    require_vehicles(vehicles, CUT_IN)
+    require_vehicles(
+        {label: NamedVehicle.of(section, config["simulations"]) for label, section in vehicles.items()}
+    )
 
 
 def test_the_shipped_configuration_names_what_there_is(config):

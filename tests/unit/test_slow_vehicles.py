@@ -12,9 +12,10 @@ import numpy as np
 import pytest
 from accelerated_evaluation import InputError, load_vehicle
 from accelerated_evaluation.vehicles.external.checked import CheckedVehicle
-from accelerated_evaluation.vehicles.external.slow import SlowVehicle, loaded_for
+from accelerated_evaluation.vehicles.external.slow import SlowVehicle
 from accelerated_evaluation.vehicles.external.store import Store, store_of
 from accelerated_evaluation.vehicles.external.workers import Processes, Workers, workers_of
+from accelerated_evaluation.vehicles.named import NamedVehicle
 from accelerated_evaluation.vehicles.protocol import OUTCOMES
 
 CAR = """
@@ -69,6 +70,10 @@ def here(tmp_path, monkeypatch):
 
 def vehicle_section(**parameters):
     return {"name": "car.py:Car", "parameters": {"log": "log", **parameters}, "files": []}
+
+
+def loaded(section, **changes):
+    return NamedVehicle.of(section, SIMULATIONS, **changes).loaded()
 
 
 def slow(workers, batch_size=3, time_limit=60.0, **parameters):
@@ -201,7 +206,7 @@ def test_a_killed_run_goes_on_where_it_stopped(here):
     code = (
         "import numpy as np, test_slow_vehicles as t\n"
         "if __name__ == '__main__':\n"
-        "    with t.loaded_for(t.vehicle_section(seconds=0.2), t.SIMULATIONS | {'batch_size': 1}) as car:\n"
+        "    with t.loaded(t.vehicle_section(seconds=0.2), batch_size=1) as car:\n"
         "        print(t.run(car).min_range.tolist(), car.simulated)\n"
     )
     Path("run.py").write_text(code)
@@ -261,20 +266,20 @@ def test_a_store_that_cannot_be_used(tmp_path):
 
 
 def test_which_vehicles_are_slow(here):
-    with loaded_for({"name": "acc_aeb", "parameters": {}, "files": []}, SIMULATIONS) as car:
+    with loaded({"name": "acc_aeb", "parameters": {}, "files": []}) as car:
         assert car == load_vehicle("acc_aeb")
-    with loaded_for(vehicle_section(), SIMULATIONS | {"keep_class": False}) as car:
+    with loaded(vehicle_section(), keep_class=False) as car:
         assert isinstance(car, CheckedVehicle)
     assert not Path("results").exists()
-    with loaded_for(vehicle_section(), SIMULATIONS) as car:
+    with loaded(vehicle_section()) as car:
         assert isinstance(car, SlowVehicle)
     command = {"name": "command", "parameters": {"command": "python car.py"}, "files": []}
-    with loaded_for(command, SIMULATIONS | {"keep_class": False}) as car:
+    with loaded(command, keep_class=False) as car:
         assert isinstance(car, SlowVehicle)
         assert car.title == "python car.py"
     with (
         pytest.raises(InputError, match="unexpected keyword argument"),
-        loaded_for(vehicle_section(b=1), SIMULATIONS),
+        loaded(vehicle_section(b=1)),
     ):
         pass
 
@@ -294,18 +299,17 @@ def test_executors_that_cannot_be_used(monkeypatch, tmp_path, executor, options,
     # Where Slurm is installed, it refuses at once; without a file it would look for a cluster for a minute.
     (tmp_path / "slurm.conf").write_text("nonsense\n")
     monkeypatch.setenv("SLURM_CONF", str(tmp_path / "slurm.conf"))
-    changed = SIMULATIONS | {"executor": executor, "options": options}
-    with pytest.raises(InputError, match=message), workers_of(changed):
+    with pytest.raises(InputError, match=message), workers_of(executor, 2, options):
         pass
 
 
 def test_a_dask_cluster_gives_the_same(here):
     pytest.importorskip("distributed", reason="Dask, the extra 'cluster', is not installed")
-    dask = SIMULATIONS | {"executor": "dask", "options": {"processes": False}, "batch_size": 2}
-    with loaded_for(vehicle_section(), dask) as car:
+    dask = {"executor": "dask", "options": {"processes": False}, "batch_size": 2}
+    with loaded(vehicle_section(), **dask) as car:
         assert columns(run(car)) == columns(run(load_vehicle("car.py:Car", log="other")))
         assert car.simulated == 20
-    with loaded_for(vehicle_section(trouble="fails", at=11.0), dask) as car:
+    with loaded(vehicle_section(trouble="fails", at=11.0), **dask) as car:
         with pytest.raises(InputError, match="no licence"):
             run(car)
         assert len(car.store) > 0

@@ -15,7 +15,7 @@ from accelerated_evaluation import VEHICLES, InputError, Vehicle, load_vehicle, 
 from accelerated_evaluation.scenarios.parameters import available_threads, required_names
 from accelerated_evaluation.vehicles import AccAeb
 from accelerated_evaluation.vehicles.builtin import kernel
-from accelerated_evaluation.vehicles.loading import section_files
+from accelerated_evaluation.vehicles.named import NamedVehicle
 from accelerated_evaluation.vehicles.protocol import INPUTS, OUTCOMES
 
 CARS = {
@@ -340,7 +340,7 @@ def test_a_new_built_in_vehicle_is_one_new_file(tmp_path):
 
 def test_a_file_of_a_vehicle_has_to_exist():
     with pytest.raises(InputError, match=r"nowhere\.py: seen no such file"):
-        section_files({"name": "acc_aeb", "parameters": {}, "files": ["nowhere.py"]})
+        NamedVehicle.of({"name": "acc_aeb", "parameters": {}, "files": ["nowhere.py"]}, {}).files  # noqa: B018
 
 
 @pytest.mark.parametrize("name", [name for name in VEHICLES if name not in ("command", "fmu")])

@@ -67,7 +67,7 @@ _HOME = {
     "map_crashes": "crash_map.mapping",
     # The command `estimate` as a function.
     "Estimated": "answer.estimation",
-    "Request": "answer.estimation",
+    "Request": "answer.settings",
     "estimate": "study.door",
 }
 __all__ = sorted(_HOME)

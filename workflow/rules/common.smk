@@ -188,7 +188,7 @@ def answered(name: str) -> dict:
 MAPPED_VEHICLES = [
     name
     for name in VEHICLES
-    if "maps" in STAGES and not (SLOW and INPUTS.is_slow(name))
+    if "maps" in STAGES and not (SLOW and name in INPUTS.slow)
 ]
 FOLDERS = {name: map_folder(answered(name)) for name in MAPPED_VEHICLES}
 UNCAPPED = {Path(folder).name: name for name, folder in FOLDERS.items()}

@@ -11,7 +11,7 @@ from accelerated_evaluation.crash_map.lines import CrashLines
 from accelerated_evaluation.crash_map.maps import read_crash_map
 from accelerated_evaluation.scenarios.cut_in import CUT_IN
 from accelerated_evaluation.study.jobs import job
-from accelerated_evaluation.vehicles.external.slow import loaded_for
+from accelerated_evaluation.vehicles.named import NamedVehicle
 
 if __name__ == "__main__":
     with job(snakemake.log[0]):
@@ -22,5 +22,7 @@ if __name__ == "__main__":
         lines = CrashLines.of(
             read_crash_map(files.map), records.data.lead_speed, support=records.data.support
         )
-        with loaded_for(params.vehicle, params.simulations | {"workers": snakemake.threads}) as vehicle:
+        with NamedVehicle.of(
+            params.vehicle, params.simulations, workers=snakemake.threads
+        ).loaded() as vehicle:
             write_csv(snakemake.output.laws, compare_laws(study, vehicle, lines))

@@ -14,7 +14,7 @@ from accelerated_evaluation.crash_map.lines import CrashLines
 from accelerated_evaluation.crash_map.maps import read_crash_map
 from accelerated_evaluation.scenarios.cut_in import CUT_IN
 from accelerated_evaluation.study.jobs import job
-from accelerated_evaluation.vehicles.external.slow import loaded_for
+from accelerated_evaluation.vehicles.named import NamedVehicle
 
 if __name__ == "__main__":
     with job(snakemake.log[0]):
@@ -24,7 +24,9 @@ if __name__ == "__main__":
         study = LawStudy.of_smooth(records, params.draws, stream, files.family)
         lines = CrashLines.of(read_crash_map(files.map), records.data.lead_speed, support=support)
         cut_ins = (records.table[name].to_numpy() for name in ("lead_speed", "range", "closing_speed"))
-        with loaded_for(params.vehicle, params.simulations | {"workers": snakemake.threads}) as vehicle:
+        with NamedVehicle.of(
+            params.vehicle, params.simulations, workers=snakemake.threads
+        ).loaded() as vehicle:
             crashed = vehicle.simulate(*cut_ins).crash
             lines = thinned_lines(lines, vehicle, study.draws(stream("draws")), stream("answer"))
         variants = record_variants(records.table, crashed, params.outlier_rows, support)

@@ -8,15 +8,15 @@ from accelerated_evaluation.base.randomness import child_generator
 from accelerated_evaluation.laws.files import read_law
 from accelerated_evaluation.scenarios import SCENARIOS
 from accelerated_evaluation.study.jobs import job
-from accelerated_evaluation.vehicles.external.slow import loaded_for
+from accelerated_evaluation.vehicles.named import NamedVehicle
 from accelerated_evaluation.vehicles.protocol import event_named
 
 if __name__ == "__main__":
     with job(snakemake.log[0]):
         params = snakemake.params
         scenario = SCENARIOS[params.scenario]
-        simulations = params.simulations | {"workers": snakemake.threads}
-        with loaded_for(params.vehicle, simulations, scenario) as vehicle:
+        named = NamedVehicle.of(params.vehicle, params.simulations, scenario, workers=snakemake.threads)
+        with named.loaded() as vehicle:
             tables = compare_methods(
                 scenario,
                 {"heaviest": read_law(snakemake.input.law)},

@@ -15,7 +15,7 @@ from accelerated_evaluation.laws.files import read_law
 from accelerated_evaluation.methods.problem import Problem
 from accelerated_evaluation.scenarios import SCENARIOS
 from accelerated_evaluation.study.jobs import job
-from accelerated_evaluation.vehicles.external.slow import all_loaded
+from accelerated_evaluation.vehicles.named import NamedVehicle, all_loaded
 from accelerated_evaluation.vehicles.protocol import Vehicle
 
 if __name__ == "__main__":
@@ -34,8 +34,12 @@ if __name__ == "__main__":
                 yield name, evaluate(problem, draws, way, generator=stream("references", name))
 
         own = {name: pd.read_csv(path) for name, path in files.items() if name in params.own}
-        criteria, workers = criteria_of(params.criteria, scenario), {"workers": snakemake.threads}
-        with all_loaded(params.vehicles, params.simulations | workers, scenario) as vehicles:
+        criteria = criteria_of(params.criteria, scenario)
+        named = {
+            label: NamedVehicle.of(section, params.simulations, scenario, workers=snakemake.threads)
+            for label, section in params.vehicles.items()
+        }
+        with all_loaded(named) as vehicles:
             shared = records, scenario.references, params.half_width, criteria
             tables = comparison_tables(own, answers(vehicles), *shared)
         for name, path in snakemake.output.items():

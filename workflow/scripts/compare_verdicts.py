@@ -4,14 +4,13 @@ from accelerated_evaluation.answer.published_verdicts import agreement, read_ver
 from accelerated_evaluation.base.files import write_csv
 from accelerated_evaluation.scenarios import SCENARIOS
 from accelerated_evaluation.study.jobs import job
-from accelerated_evaluation.vehicles.external.slow import loaded_for
+from accelerated_evaluation.vehicles.named import NamedVehicle
 
 if __name__ == "__main__":
     with job(snakemake.log[0]):
         params = snakemake.params
         scenario = SCENARIOS[params.scenario]
         verdicts = read_verdicts(scenario, snakemake.input.verdicts)
-        with loaded_for(
-            params.vehicle, params.simulations | {"workers": snakemake.threads}, scenario
-        ) as vehicle:
+        named = NamedVehicle.of(params.vehicle, params.simulations, scenario, workers=snakemake.threads)
+        with named.loaded() as vehicle:
             write_csv(snakemake.output.agreement, agreement(scenario, vehicle, verdicts))

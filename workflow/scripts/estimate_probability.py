@@ -7,13 +7,14 @@ from accelerated_evaluation.methods.cross_entropy.search import read_proposals
 from accelerated_evaluation.methods.problem import loaded_problem
 from accelerated_evaluation.methods.study import in_scope, study_method
 from accelerated_evaluation.study.jobs import job
+from accelerated_evaluation.vehicles.named import NamedVehicle
 
 if __name__ == "__main__":
     with job(snakemake.log[0]):
         files, params, scope = snakemake.input, snakemake.params, snakemake.wildcards.scope
         method = METHODS[params.method].configured(params.settings)
-        simulations = params.simulations | {"workers": snakemake.threads}
-        with loaded_problem(files.model, files.encounters, params.vehicle, simulations) as whole:
+        named = NamedVehicle.of(params.vehicle, params.simulations, workers=snakemake.threads)
+        with loaded_problem(files.model, files.encounters, named) as whole:
             proposals = [read_proposals(path) for path in files.get("proposals", [])]
             problem, proposals = in_scope(whole, proposals, scope)
             tables = study_method(

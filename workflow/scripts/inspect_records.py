@@ -9,13 +9,14 @@ from accelerated_evaluation.records.verdict import Verdict, report_in_words
 from accelerated_evaluation.scenarios import SCENARIOS
 from accelerated_evaluation.scenarios.record_table import named_records_of
 from accelerated_evaluation.study.jobs import job
-from accelerated_evaluation.vehicles.external.slow import loaded_for
+from accelerated_evaluation.vehicles.named import NamedVehicle
 
 if __name__ == "__main__":
     with job(snakemake.log[0]) as say:
         params = dict(snakemake.params.items())
         settings, scenario = params["simulations"], SCENARIOS[params["scenario"]["name"]]
-        with loaded_for(params["vehicle"], settings | {"workers": snakemake.threads}, scenario) as vehicle:
+        named = NamedVehicle.of(params["vehicle"], settings, scenario, workers=snakemake.threads)
+        with named.loaded() as vehicle:
             records = named_records_of(scenario, params)
             raw = records.read(child_generator(params["seed"], "sample"))
             report = inspect_records(records.for_checks(raw, vehicle.simulate if params["replays"] else None))

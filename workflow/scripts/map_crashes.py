@@ -9,7 +9,7 @@ from accelerated_evaluation.crash_map.checked import require_right_map
 from accelerated_evaluation.crash_map.mapping import map_crashes
 from accelerated_evaluation.crash_map.maps import Grid, write_crash_map
 from accelerated_evaluation.study.jobs import job
-from accelerated_evaluation.vehicles.external.slow import loaded_for
+from accelerated_evaluation.vehicles.named import NamedVehicle
 from accelerated_evaluation.vehicles.protocol import Vehicle, events_from
 
 FACTORS = {"full": 1.0, "half": 0.5, "quarter": 0.25}  # the full map is checked first
@@ -34,5 +34,7 @@ def main(problem: Mapping[str, Any], vehicle: Vehicle, outputs: Mapping[str, str
 if __name__ == "__main__":
     with job(snakemake.log[0]):
         params = snakemake.params
-        with loaded_for(params.vehicle, params.simulations | {"workers": snakemake.threads}) as vehicle:
+        with NamedVehicle.of(
+            params.vehicle, params.simulations, workers=snakemake.threads
+        ).loaded() as vehicle:
             main(params.mapped, vehicle, dict(snakemake.output.items()), checked=params.checked)

@@ -6,14 +6,16 @@ from accelerated_evaluation.base.files import write_csv
 from accelerated_evaluation.base.randomness import child_generator
 from accelerated_evaluation.study.jobs import job
 from accelerated_evaluation.vehicles import load_vehicle
-from accelerated_evaluation.vehicles.external.slow import loaded_for
+from accelerated_evaluation.vehicles.named import NamedVehicle
 
 if __name__ == "__main__":
     with job(snakemake.log[0]):
         files, params, outputs = snakemake.input, snakemake.params, snakemake.output
         answer = pd.read_csv(files.answer).set_index("event")
         generator = child_generator(params.seed, "happened")
-        with loaded_for(params.vehicle, params.simulations | {"workers": snakemake.threads}) as vehicle:
+        with NamedVehicle.of(
+            params.vehicle, params.simulations, workers=snakemake.threads
+        ).loaded() as vehicle:
             crashes, probability = pd.read_csv(files.crashes), answer.loc["crash", "probability"]
             happened = ways_among_runs(crashes, probability, vehicle, generator)
             write_csv(outputs.encounters, happened)

@@ -12,15 +12,16 @@ from accelerated_evaluation.methods.crude import (
 )
 from accelerated_evaluation.methods.problem import loaded_problem
 from accelerated_evaluation.study.jobs import job
+from accelerated_evaluation.vehicles.named import NamedVehicle
 
 if __name__ == "__main__":
     with job(snakemake.log[0]):
         params, settings = snakemake.params, snakemake.params.crude_monte_carlo
         # The checkpoint is used only if all inputs and settings are the same.
         depends_on = {"seed": params.seed, "vehicle": params.vehicle, "batch_size": settings["batch_size"]}
-        simulations = params.simulations | {"workers": snakemake.threads}
         files = snakemake.input
-        with loaded_problem(files.model, files.encounters, params.vehicle, simulations) as problem:
+        named = NamedVehicle.of(params.vehicle, params.simulations, workers=snakemake.threads)
+        with loaded_problem(files.model, files.encounters, named) as problem:
             batches = simulate_batches(
                 problem,
                 Checkpoint(params.checkpoint, fingerprint(files, depends_on)),

@@ -14,7 +14,7 @@ from accelerated_evaluation.methods.problem import Problem
 from accelerated_evaluation.records.verdict import Verdict, read_report
 from accelerated_evaluation.scenarios import SCENARIOS
 from accelerated_evaluation.study.jobs import job
-from accelerated_evaluation.vehicles.external.slow import loaded_for
+from accelerated_evaluation.vehicles.named import NamedVehicle
 from accelerated_evaluation.vehicles.protocol import events_of
 
 if __name__ == "__main__":
@@ -28,8 +28,8 @@ if __name__ == "__main__":
         fast = fast_way(records, settings["scenario"]["simulations"], *files.map)
         way = FewRuns(Stopping(**params.stopping), params.batch_size) if params.slow else fast
         events, half_width = events_of(scenario, params.events), params.stopping["beta"]
-        simulations = params.simulations | {"workers": snakemake.threads}
-        with loaded_for(settings["vehicle"], simulations, scenario) as vehicle:
+        named = NamedVehicle.of(settings["vehicle"], params.simulations, scenario, workers=snakemake.threads)
+        with named.loaded() as vehicle:
             problem = Problem(scenario, vehicle, scenario.events[0], law=draws.proposal)
             tables = answer_tables(problem, study, draws, records, way, events, half_width, stream)
         verdict = Verdict.of(read_report(files.report))

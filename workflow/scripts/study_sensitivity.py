@@ -9,7 +9,7 @@ from accelerated_evaluation.laws.files import read_law
 from accelerated_evaluation.laws.paper.models import PAPER_LAWS
 from accelerated_evaluation.records.segments import read_encounters
 from accelerated_evaluation.study.jobs import job
-from accelerated_evaluation.vehicles.external.slow import loaded_for
+from accelerated_evaluation.vehicles.named import NamedVehicle
 
 if __name__ == "__main__":
     with job(snakemake.log[0]):
@@ -19,7 +19,9 @@ if __name__ == "__main__":
         full, half = read_crash_map(files.full), read_crash_map(files.half)
         choices = study_sensitivity(full, models, params.variant, encounters, params.sensitivity)
         # Each cap on the closing speeds needs a crash map of its own, which is computed at half resolution.
-        with loaded_for(params.vehicle, params.simulations | {"workers": snakemake.threads}) as vehicle:
+        with NamedVehicle.of(
+            params.vehicle, params.simulations, workers=snakemake.threads
+        ).loaded() as vehicle:
             caps = study_cap(
                 vehicle,
                 half,

@@ -2,7 +2,6 @@
 
 import json
 import math
-import os
 import sys
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
@@ -16,24 +15,24 @@ import pandas as pd
 from tqdm import tqdm
 
 from accelerated_evaluation.answer.answer import Answer, Way, evaluate
-from accelerated_evaluation.answer.by_few_runs import SHARE, FewRuns, Shown
+from accelerated_evaluation.answer.by_few_runs import FewRuns, Shown
 from accelerated_evaluation.answer.by_map import Map
 from accelerated_evaluation.answer.by_simulations import Simulations
-from accelerated_evaluation.answer.choice import ANSWER, FILE, draws_named
+from accelerated_evaluation.answer.choice import FILE, draws_named
 from accelerated_evaluation.answer.comparison import (
     compare_estimates,
     compared_table,
     require_estimate,
     require_same_law,
 )
-from accelerated_evaluation.answer.criterion import Criterion, criteria_of
+from accelerated_evaluation.answer.criterion import Criterion
 from accelerated_evaluation.answer.deciding import criteria_in_words, criteria_tables
 from accelerated_evaluation.answer.estimate_tables import estimate_tables
 from accelerated_evaluation.answer.evidence import Evidence, checked_answers
 from accelerated_evaluation.answer.extrapolation import beyond_in_words, extrapolation_in_words
 from accelerated_evaluation.answer.fitted_records import FittedRecords, records_of
 from accelerated_evaluation.answer.posterior import LEVEL
-from accelerated_evaluation.answer.settings import Settings
+from accelerated_evaluation.answer.settings import Request, Settings
 from accelerated_evaluation.answer.study_tables import injured_by_level, risks_table
 from accelerated_evaluation.answer.words import (
     aligned,
@@ -43,7 +42,6 @@ from accelerated_evaluation.answer.words import (
     ratio_in_words,
     ratio_row,
 )
-from accelerated_evaluation.base.errors import InputError
 from accelerated_evaluation.base.files import write_csv
 from accelerated_evaluation.crash_map.mapping import map_crashes
 from accelerated_evaluation.crash_map.maps import Grid
@@ -66,30 +64,7 @@ from accelerated_evaluation.methods.surrogate import (
 )
 from accelerated_evaluation.records.checks import Records
 from accelerated_evaluation.records.verdict import Verdict, verdict_on
-from accelerated_evaluation.scenarios import Scenario
-from accelerated_evaluation.vehicles.external.slow import SlowVehicle, is_slow, loaded_for
-from accelerated_evaluation.vehicles.loading import load_vehicle, section_of, vehicles_of
-from accelerated_evaluation.vehicles.protocol import event_named
-
-
-@dataclass(frozen=True)
-class Request:
-    """What is asked of an estimate, in addition to its configuration; see the command ``estimate``.
-
-    Examples
-    --------
-    >>> import accelerated_evaluation as ae
-    >>> request = ae.Request(law="independent_variables", event="impact_speed=5")
-    """
-
-    law: str = ANSWER
-    replicates: int = 1
-    sampling_share: float = SHARE
-    predecessor: str | os.PathLike | None = None
-    event: str | None = None
-    compare: Sequence[Path] = ()
-    reference: Sequence[str] = ()
-    criteria: Sequence[str] = ()  # in addition to those of the configuration
+from accelerated_evaluation.vehicles.external.slow import SlowVehicle
 
 
 @dataclass(frozen=True)
@@ -289,29 +264,10 @@ class Estimated:
 def estimate_event(settings: Settings, request: Request) -> Estimated:
     """Estimate the probability of an event for a vehicle, with laws of records."""
     scenario = settings.scenario
-    where, name = "--event", request.event
-    if name is None:
-        where, name = "scenario.event", settings.event
-    event = event_named(name, scenario, where)
-    # Before the simulations, which would otherwise be in vain.
-    criteria = [
-        *criteria_of(settings.criteria, scenario),
-        *criteria_of(request.criteria, scenario, "--criterion"),
-    ]
-    wanted = [each.reference for each in criteria if each.reference]
-    references = {
-        name: section_of(name, settings.compared_vehicles.get(name))
-        for name in dict.fromkeys([*request.reference, *wanted])
-    }
-    for name, section in references.items():
-        require_fast(name, section, settings.simulations, scenario)
-    for other in request.compare:
+    for other in request.compare:  # before the simulations, which would otherwise be in vain
         require_estimate(other)
     verdicts: list[Verdict] = []
-    with (
-        loaded_for(settings.vehicle, settings.simulations, scenario) as vehicle,
-        _progress() as (begin, show),
-    ):
+    with settings.vehicle.loaded() as vehicle, _progress() as (begin, show):
         begin("reading and checking the records")
         records = records_of(
             scenario,
@@ -328,7 +284,7 @@ def estimate_event(settings: Settings, request: Request) -> Estimated:
             law = law_digest(law_content(draws.law, records.table))
             for other in request.compare:
                 require_same_law(other, law)
-        problem = Problem(scenario, vehicle, event, law=draws.proposal)
+        problem = Problem(scenario, vehicle, settings.event, law=draws.proposal)
         begin("replaying records, and choosing the first simulations")
         known = None if request.predecessor is None else read_predecessor(request.predecessor, problem)
         way = FewRuns(
@@ -342,12 +298,12 @@ def estimate_event(settings: Settings, request: Request) -> Estimated:
             problem, draws, records, way, settings.events, settings.laws.streams, request.replicates
         )
     compared = {}
-    for name, section in references.items():
-        with loaded_for(section, settings.simulations, scenario) as other:
-            own = Problem(scenario, other, event), draws, records, settings.many, settings.grid
+    for name, reference in settings.references.items():
+        with reference.loaded() as other:
+            own = Problem(scenario, other, settings.event), draws, records, settings.many, settings.grid
             compared[name] = reference_answer(*own, settings.laws.streams("references", name))
     slow = vehicle if isinstance(vehicle, SlowVehicle) else None
-    return Estimated(answers, records, verdicts[0], slow, compared, request, evidence, criteria)
+    return Estimated(answers, records, verdicts[0], slow, compared, request, evidence, settings.criteria)
 
 
 def _verdict(records: Records, name: str, law: str, accepted: Sequence[str]) -> Verdict:
@@ -358,23 +314,6 @@ def _verdict(records: Records, name: str, law: str, accepted: Sequence[str]) -> 
     if law.endswith(FILE) and Path(law).is_file() and not names_records(law):
         return read_verdict(law, accepted)
     return verdict_on(records, name, accepted)
-
-
-def require_fast(
-    name: str, section: Mapping[str, Any], simulations: Mapping[str, Any], scenario: Scenario
-) -> None:
-    """Raise InputError if there is no such vehicle to compare with, or if it is slow to simulate."""
-    vehicles = vehicles_of(scenario)
-    if ":" not in section["name"] and section["name"] not in vehicles:
-        known = ", ".join(vehicles)
-        expected = f"one of {known}, or path/to/file.py:ClassName"
-        raise InputError("--reference", seen=repr(name), expected=expected, change="Correct the name.")
-    if is_slow(section["name"], simulations, scenario):
-        change = "Estimate this vehicle under the same law, and compare the two estimates by --compare."
-        raise InputError(
-            "--reference", seen=name, expected="a vehicle that is fast to simulate", change=change
-        )
-    load_vehicle(section["name"], scenario, **section["parameters"])  # raises an error for an unknown class
 
 
 def reference_answer(

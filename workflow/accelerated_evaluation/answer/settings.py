@@ -1,5 +1,6 @@
 """What a configuration says about an answer, as values: made once, at the top of a command or script."""
 
+import os
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import partial
@@ -8,7 +9,10 @@ from typing import Any, Self
 
 import numpy as np
 
-from accelerated_evaluation.answer.choice import LawSettings
+from accelerated_evaluation.answer.by_few_runs import SHARE
+from accelerated_evaluation.answer.choice import ANSWER, LawSettings
+from accelerated_evaluation.answer.criterion import Criterion, criteria_of
+from accelerated_evaluation.base.errors import InputError
 from accelerated_evaluation.base.randomness import child_generator
 from accelerated_evaluation.base.sections import integer, section
 from accelerated_evaluation.crash_map.maps import Grid
@@ -21,7 +25,9 @@ from accelerated_evaluation.records.named import NamedRecords
 from accelerated_evaluation.records.sources import describe
 from accelerated_evaluation.scenarios import SCENARIOS, Event, Scenario
 from accelerated_evaluation.scenarios.record_table import named_records_of
-from accelerated_evaluation.vehicles.protocol import events_of
+from accelerated_evaluation.vehicles.loading import section_of, vehicles_of
+from accelerated_evaluation.vehicles.named import NamedVehicle
+from accelerated_evaluation.vehicles.protocol import event_named, events_of
 
 SECTION = section(
     grid=grid_section(45, 30, 50, 12, 240),
@@ -37,20 +43,39 @@ LIMITS = ("lead_speed_min", "lead_speed_max", "range_max")  # limits of a crash 
 
 
 @dataclass(frozen=True)
+class Request:
+    """What is asked of an estimate, in addition to its configuration; see the command ``estimate``.
+
+    Examples
+    --------
+    >>> import accelerated_evaluation as ae
+    >>> request = ae.Request(law="independent_variables", event="impact_speed=5")
+    """
+
+    law: str = ANSWER
+    replicates: int = 1
+    sampling_share: float = SHARE
+    predecessor: str | os.PathLike | None = None
+    event: str | None = None
+    compare: Sequence[Path] = ()
+    reference: Sequence[str] = ()
+    criteria: Sequence[str] = ()  # in addition to those of the configuration
+
+
+@dataclass(frozen=True)
 class Settings:
     """The settings of an answer for one vehicle in one scenario."""
 
     scenario: Scenario
-    event: str
+    event: Event
     events: Sequence[Event]  # further events
-    criteria: Sequence[str | Mapping[str, Any]]
+    criteria: Sequence[Criterion]
     records: NamedRecords
     support: Support | None  # limits of the laws of cut-ins; None for other scenarios
     accepted: Sequence[str]  # checks whose verdict "stop" the user accepts
     laws: LawSettings
-    vehicle: Mapping[str, Any]  # its section: name, parameters, files
-    compared_vehicles: Mapping[str, Mapping[str, Any]]
-    simulations: Mapping[str, Any]  # the section that says how slow vehicles are simulated
+    vehicle: NamedVehicle
+    references: Mapping[str, NamedVehicle]  # vehicles to compare with, which are fast
     stopping: Stopping
     batch_size: int
     many: int  # number of simulations of a fast vehicle
@@ -58,28 +83,61 @@ class Settings:
     sample: Callable[[], np.random.Generator]  # returns the generator that draws a sample of the records
 
     @classmethod
-    def of(cls, config: Mapping[str, Any]) -> Self:
-        """Return the settings of a complete configuration."""
+    def of(cls, config: Mapping[str, Any], request: Request) -> Self:
+        """Return the settings of a complete configuration, with what is asked in addition.
+
+        InputError is raised if there is no such event, criterion or vehicle to compare with.
+        """
         scenario, answer = SCENARIOS[config["scenario"]["name"]], config["answer"]
+        where, text = "--event", request.event
+        if text is None:
+            where, text = "scenario.event", config["scenario"]["event"]
+        event = event_named(text, scenario, where)
+        criteria = [
+            *criteria_of(config["criteria"], scenario),
+            *criteria_of(request.criteria, scenario, "--criterion"),
+        ]
+        wanted = [*request.reference, *(each.reference for each in criteria if each.reference)]
+        vehicles = {
+            name: NamedVehicle.of(
+                section_of(name, config["compared_vehicles"].get(name)), config["simulations"], scenario
+            )
+            for name in dict.fromkeys(wanted)
+        }
+        for name, reference in vehicles.items():
+            require_fast(name, reference)
         limits = {key: config["filters"][key] for key in LIMITS}
         return cls(
             scenario,
-            config["scenario"]["event"],
+            event,
             events_of(scenario, answer["events"]),
-            config["criteria"],
+            criteria,
             named_records_of(scenario, config),
             support_of(scenario, config),
             config["data"]["accepted_warnings"],
             law_settings(scenario, config),
-            config["vehicle"],
-            config["compared_vehicles"],
-            config["simulations"],
+            NamedVehicle.of(config["vehicle"], config["simulations"], scenario),
+            vehicles,
             Surrogate.stopping({name: config[name] for name in Surrogate.plan}),
             config["surrogate"]["batch_size"],
             config["scenario"]["simulations"],
             Grid(**limits, **answer["grid"]) if "maps" in scenario.stages else None,
             partial(child_generator, config["seed"], "sample"),
         )
+
+
+def require_fast(name: str, vehicle: NamedVehicle) -> None:
+    """Raise InputError if there is no such vehicle to compare with, or if it is slow to simulate."""
+    known = vehicles_of(vehicle.scenario)
+    if ":" not in vehicle.name and vehicle.name not in known:
+        expected = f"one of {', '.join(known)}, or path/to/file.py:ClassName"
+        raise InputError("--reference", seen=repr(name), expected=expected, change="Correct the name.")
+    if vehicle.is_stored:
+        change = "Estimate this vehicle under the same law, and compare the two estimates by --compare."
+        raise InputError(
+            "--reference", seen=name, expected="a vehicle that is fast to simulate", change=change
+        )
+    vehicle.load()  # raises an error for an unknown class
 
 
 def support_of(scenario: Scenario, config: Mapping[str, Any]) -> Support | None:

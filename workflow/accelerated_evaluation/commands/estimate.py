@@ -184,8 +184,8 @@ class EstimateAlone:
         """Estimate the probability of the event, write the tables, and print the answer."""
         if sys.stderr.isatty():  # the imports take seconds; the first step is then written over this line
             print("loading the libraries ...", end="\r", file=sys.stderr, flush=True)
-        from accelerated_evaluation.answer.estimation import Request, estimate_event
-        from accelerated_evaluation.answer.settings import Settings
+        from accelerated_evaluation.answer.estimation import estimate_event
+        from accelerated_evaluation.answer.settings import Request, Settings
         from accelerated_evaluation.study.configuration import load, resolved
         from accelerated_evaluation.vehicles.external.workers import printed_to
 
@@ -205,9 +205,10 @@ class EstimateAlone:
             "criteria",
         )
         given = {name: value for name in names if (value := getattr(arguments, name)) not in (None, [])}
+        request = Request(**given)
         # What a vehicle prints is not part of the answer.
         with open(os.dup(2), "w", buffering=1) as errors, printed_to(errors, 1):
-            found = estimate_event(Settings.of(resolved(config)), Request(**given))
+            found = estimate_event(Settings.of(resolved(config), request), request)
         folder = Path("results", config["study"], "estimate")
         compared = found.write(folder)
         if arguments.json:

@@ -63,8 +63,8 @@ class Inspect:
         from accelerated_evaluation.scenarios import SCENARIOS
         from accelerated_evaluation.scenarios.record_table import named_records_of
         from accelerated_evaluation.study.configuration import load, resolved
-        from accelerated_evaluation.vehicles.external.slow import loaded_for
         from accelerated_evaluation.vehicles.loading import section_of
+        from accelerated_evaluation.vehicles.named import NamedVehicle
 
         is_config = arguments.records.suffix.lower() in (".yaml", ".yml")
         given = _given(arguments.records, arguments.scenario, is_config=is_config)
@@ -77,7 +77,7 @@ class Inspect:
             config = resolved(config)
             cap = config["models"]["closing_speed_max"]
             print(limits_in_words(config["filters"], config["segments"]["lead_speed_edges"], cap))
-        with loaded_for(vehicle, config["simulations"], scenario) as car:
+        with NamedVehicle.of(vehicle, config["simulations"], scenario).loaded() as car:
             records = named_records_of(scenario, config)
             raw = records.read(child_generator(config["seed"], "sample"))
             report = inspect_records(records.for_checks(raw, car.simulate))

@@ -26,11 +26,12 @@ from accelerated_evaluation.scenarios import SCENARIOS
 from accelerated_evaluation.scenarios.cut_in import CUT_IN
 from accelerated_evaluation.scenarios.protocol import ENDED, Scenario
 from accelerated_evaluation.vehicles.external.checked import CheckedVehicle, ForeignVehicle
-from accelerated_evaluation.vehicles.external.slow import SlowVehicle, loaded_for
+from accelerated_evaluation.vehicles.external.slow import SlowVehicle
 from accelerated_evaluation.vehicles.external.watched import run_apart
 from accelerated_evaluation.vehicles.external.workers import PROCESSES
-from accelerated_evaluation.vehicles.loading import load_vehicle, section_of
+from accelerated_evaluation.vehicles.loading import section_of
 from accelerated_evaluation.vehicles.moving import require_motion, speeds_in
+from accelerated_evaluation.vehicles.named import NamedVehicle
 from accelerated_evaluation.vehicles.protocol import Vehicle
 
 CHUNK = 100_000  # number of rows in memory at a time
@@ -160,19 +161,19 @@ class Simulate:
             "executor": PROCESSES,
             "options": {},
         }
-        section = section_of(name, {"parameters": parameters})
+        named = NamedVehicle.of(section_of(name, {"parameters": parameters}), settings, scenario)
         is_stored = not arguments.again and (":" not in name or arguments.keep)
 
         def simulate() -> None:
             if not is_stored:
-                vehicle = load_vehicle(name, scenario, **parameters)
+                vehicle = named.load()
                 if isinstance(vehicle, CheckedVehicle):
                     vehicle.was_repeated = True  # a row is one run
                     if isinstance(vehicle.vehicle, ForeignVehicle):
                         vehicle.vehicle.time_limit = arguments.time_limit
                 simulate_table(arguments.source, arguments.target, vehicle, scenario, caps)
                 return
-            with loaded_for(section, settings, scenario, is_tested=False) as vehicle:
+            with named.loaded(is_tested=False) as vehicle:
                 simulate_table(arguments.source, arguments.target, vehicle, scenario, caps)
                 if isinstance(vehicle, SlowVehicle):
                     print(

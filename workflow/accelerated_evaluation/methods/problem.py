@@ -1,6 +1,6 @@
 """The problem of every method: a vehicle in encounters that follow a law, and an event."""
 
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, replace
 from functools import cached_property
@@ -20,8 +20,8 @@ from accelerated_evaluation.laws.files import read_law
 from accelerated_evaluation.records.segments import read_encounters
 from accelerated_evaluation.scenarios import A_SCENARIO
 from accelerated_evaluation.scenarios.protocol import Event, Scenario
-from accelerated_evaluation.vehicles.external.slow import loaded_for
 from accelerated_evaluation.vehicles.loading import as_vehicle
+from accelerated_evaluation.vehicles.named import NamedVehicle
 from accelerated_evaluation.vehicles.protocol import Vehicle, event_named, repeats_itself
 
 REACH = 8.0  # largest absolute value of a normal score
@@ -188,14 +188,12 @@ def _in_words(names: Sequence[str], limits: Array) -> str:
 
 
 @contextmanager
-def loaded_problem(
-    law: str, encounters: str, vehicle: Mapping[str, Any], simulations: Mapping[str, Any]
-) -> Iterator[Problem]:
+def loaded_problem(law: str, encounters: str, vehicle: NamedVehicle) -> Iterator[Problem]:
     """Yield the problem of a vehicle in cut-ins under a law file, and close the vehicle at the end.
 
     ``encounters`` is the table to which the law was fitted.
     """
-    with loaded_for(vehicle, simulations) as car:
+    with vehicle.loaded() as car:
         yield Problem("cut_in", car, law=read_law(law, read_encounters(encounters)))
 
 

@@ -6,9 +6,9 @@ from typing import Any
 
 from accelerated_evaluation.answer import choice as choices
 from accelerated_evaluation.answer import estimation, fitted_records
-from accelerated_evaluation.answer.estimation import Estimated, Request
+from accelerated_evaluation.answer.estimation import Estimated
 from accelerated_evaluation.answer.fitted_records import FittedRecords
-from accelerated_evaluation.answer.settings import Settings, law_settings, support_of
+from accelerated_evaluation.answer.settings import Request, Settings, law_settings, support_of
 from accelerated_evaluation.base.arguments import Argument, a_choice, checked, one_of
 from accelerated_evaluation.base.randomness import child_generator
 from accelerated_evaluation.laws.draws import Draws
@@ -204,4 +204,4 @@ def estimate(config: Config, request: Request = Request()) -> Estimated:  # noqa
     >>> found.answers[0].converged
     True
     """
-    return estimation.estimate_event(Settings.of(config), request)
+    return estimation.estimate_event(Settings.of(config, request), request)

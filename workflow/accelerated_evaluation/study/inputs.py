@@ -33,8 +33,7 @@ from accelerated_evaluation.study.preflight import (
     require_records,
     require_vehicles,
 )
-from accelerated_evaluation.vehicles.external.slow import is_slow
-from accelerated_evaluation.vehicles.loading import section_files
+from accelerated_evaluation.vehicles.named import NamedVehicle
 from accelerated_evaluation.vehicles.protocol import event_named
 
 OF_THE_STUDY = ("slow", "workers")  # settings of the simulations that do not influence any outcome
@@ -50,6 +49,7 @@ class StudyInputs:
     # Sections of the configuration: ``under_test``, and the compared vehicles by label.
     vehicles: dict[str, dict[str, Any]]
     files: dict[str, list[str]]  # paths of the files on which each vehicle depends
+    slow: set[str]  # labels of the vehicles that are simulated as rarely as possible
     # Names of the checks of the records whose warnings the user accepts. They are not in `config`, because
     # they are used only by the last job, and editing them must not run other jobs again.
     accepted: list[str]
@@ -87,19 +87,25 @@ class StudyInputs:
         config = in_order(with_values(config, {named.key: str(project_file(named.path, project))}))
         named = named_records_of(scenario, config)
         vehicles = {UNDER_TEST: config["vehicle"], **compared_sections(config["compared_vehicles"])}
+        settings = config["simulations"]
+        named_vehicles = {
+            label: NamedVehicle.of(section, settings, scenario) for label, section in vehicles.items()
+        }
         if is_main_process:
             require_cores(cores)
             require_places(Path("results") / config["study"], Path("figures") / config["study"])
             require_records(named)
-            require_vehicles(vehicles, scenario)
+            require_vehicles(named_vehicles)
             require_checks(config["data"]["accepted_warnings"])
-        files = {name: section_files(section, scenario) for name, section in vehicles.items()}
+        files = {label: each.files for label, each in named_vehicles.items()}
+        slow = {label for label, each in named_vehicles.items() if each.is_stored}
+        slow |= {UNDER_TEST} if settings["slow"] else set()
         require_plain([*named.files, *chain(*files.values())])
         limits = Path("results") / config["study"] / "limits.json"
         config = without_unused(resolved(config, named.files, limits, trust=not is_main_process), SOURCES)
         accepted = config["data"].pop("accepted_warnings")
         verdicts = [str(project / scenario.verdicts)] if scenario.verdicts else []
-        return cls(config, named_records_of(scenario, config), vehicles, files, accepted, verdicts)
+        return cls(config, named_records_of(scenario, config), vehicles, files, slow, accepted, verdicts)
 
     @property
     def source(self) -> dict[str, Any]:
@@ -114,12 +120,6 @@ class StudyInputs:
         """Return a digest of the contents of the files on which the named vehicles depend."""
         return content_digest(self.files_of(*names))
 
-    def is_slow(self, name: str) -> bool:
-        """Return whether a vehicle is treated as slow, so that it is simulated as rarely as possible."""
-        settings, scenario = self.config["simulations"], SCENARIOS[self.config["scenario"]["name"]]
-        stored = is_slow(self.vehicles[name]["name"], settings, scenario)
-        return stored or (name == UNDER_TEST and settings["slow"])
-
     def simulating(self, *names: str) -> tuple[int, dict[str, Any]]:
         """Return the number of threads and the settings of a job that simulates the named vehicles.
 
@@ -127,7 +127,7 @@ class StudyInputs:
         settings, so that changing it does not run the job again. Jobs with fast vehicles have one thread,
         and their settings are the same in all studies, which share the results of these jobs.
         """
-        if not any(map(self.is_slow, names)):
+        if self.slow.isdisjoint(names):
             return 1, {"keep_class": False}
         settings = self.config["simulations"]
         used = [key for key in settings if key not in OF_THE_STUDY]

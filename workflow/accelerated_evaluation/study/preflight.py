@@ -5,11 +5,13 @@ Jobs may take minutes, so a wrong name should be reported before.
 
 from collections.abc import Iterable, Mapping
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from accelerated_evaluation.base.errors import InputError, located
 from accelerated_evaluation.records.named import NamedRecords
-from accelerated_evaluation.scenarios import Scenario
+
+if TYPE_CHECKING:  # the compiler takes a second
+    from accelerated_evaluation.vehicles.named import NamedVehicle
 
 UNDER_TEST = "under_test"  # label of the vehicle under test among all vehicles
 # Endings of the files that jobs write.
@@ -51,18 +53,16 @@ def require_records(records: NamedRecords) -> None:
             )
 
 
-def require_vehicles(vehicles: Mapping[str, Mapping[str, Any]], scenario: Scenario) -> None:
+def require_vehicles(vehicles: Mapping[str, "NamedVehicle"]) -> None:
     """Load each vehicle of a configuration once, to check that it exists.
 
-    The vehicles are complete sections of the configuration, by label. InputError is raised if a vehicle
-    cannot be created with its parameters.
+    InputError names the key of the configuration, which the label of a vehicle gives, if a vehicle cannot be
+    created with its parameters.
     """
-    from accelerated_evaluation.vehicles.loading import load_vehicle  # the compiler takes a second
-
     for label, vehicle in vehicles.items():
         key = "vehicle.name or vehicle.parameters" if label == UNDER_TEST else f"compared_vehicles.{label}"
         with located(key):
-            load_vehicle(vehicle["name"], scenario, **vehicle["parameters"])
+            vehicle.load()
 
 
 def require_cores(cores: int | None) -> None:

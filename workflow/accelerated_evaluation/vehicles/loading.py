@@ -10,7 +10,6 @@ from typing import Any
 from accelerated_evaluation.base.arguments import checked, described
 from accelerated_evaluation.base.errors import InputError, StudyError
 from accelerated_evaluation.base.sections import TEXT, default_of, flag, listed, mapping, section, text
-from accelerated_evaluation.base.tables import require_file
 from accelerated_evaluation.base.users_code import error_in_words, import_file, kept_alive
 from accelerated_evaluation.scenarios import A_SCENARIO, SCENARIOS
 from accelerated_evaluation.scenarios.cut_in import CUT_IN
@@ -192,31 +191,9 @@ def checked_vehicle(vehicle: Vehicle, scenario: Scenario) -> Vehicle:
     return CheckedVehicle(vehicle, own.__qualname__, scenario)
 
 
-def vehicle_files(name: str, parameters: Mapping[str, Any], scenario: Scenario = CUT_IN) -> list[str]:
-    """Return the user's files that define a vehicle; an empty list for a built-in vehicle.
-
-    They are the file of a class, the FMU, or the files that a command names. Further files that these files
-    load are not included.
-    """
-    if ":" in name or name.endswith(".py"):
-        return [name.rpartition(":")[0] or name]
-    vehicle = load_vehicle(name, scenario, **parameters)
-    return [str(file) for file in vehicle.vehicle.files] if isinstance(vehicle, CheckedVehicle) else []
-
-
 def section_of(name: str, given: Mapping[str, Any] | None = None) -> dict[str, Any]:
     """Return the complete section of a vehicle, with defaults for the keys that are not given."""
     return default_of(SECTION) | {"name": name} | dict(given or {})
-
-
-def section_files(vehicle: Mapping[str, Any], scenario: Scenario = CUT_IN) -> list[str]:
-    """Return the files of a vehicle in the configuration: `vehicle_files`, and those under ``files``.
-
-    InputError is raised if a listed file does not exist.
-    """
-    for file in vehicle["files"]:
-        require_file(file, "Correct vehicle.files.")
-    return [*vehicle_files(vehicle["name"], vehicle["parameters"], scenario), *vehicle["files"]]
 
 
 def _load_user_vehicle(name: str, scenario: Scenario, parameters: dict[str, Any]) -> CheckedVehicle:

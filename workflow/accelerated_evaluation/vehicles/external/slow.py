@@ -5,9 +5,8 @@ import time
 from collections import Counter
 from collections.abc import Iterator, Mapping, Sequence
 from concurrent.futures import FIRST_COMPLETED, BrokenExecutor, Executor, Future, wait
-from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass, field
-from typing import Any
+from typing import Any, Self
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -15,27 +14,15 @@ from tqdm import tqdm
 
 from accelerated_evaluation.base.arrays import Array
 from accelerated_evaluation.base.errors import InputError
-from accelerated_evaluation.base.sections import flag, integer, mapping, number, section, text
+from accelerated_evaluation.base.sections import default_of, flag, integer, mapping, number, section, text
 from accelerated_evaluation.base.users_code import error_in_words
 from accelerated_evaluation.scenarios.cut_in import CUT_IN
 from accelerated_evaluation.scenarios.protocol import Scenario
-from accelerated_evaluation.vehicles.external.checked import (
-    CheckedVehicle,
-    ForeignVehicle,
-    after_repetition,
-)
-from accelerated_evaluation.vehicles.external.store import Encounter, Request, Store, store_of
-from accelerated_evaluation.vehicles.external.workers import (
-    PROCESSES,
-    Elsewhere,
-    Processes,
-    Workers,
-    simulate_batch,
-    workers_of,
-)
-from accelerated_evaluation.vehicles.loading import load_vehicle, section_files, vehicles_of
-from accelerated_evaluation.vehicles.moving import checked_lead_speeds, motion_error, takes_motion
-from accelerated_evaluation.vehicles.protocol import Vehicle, outcome_error
+from accelerated_evaluation.vehicles.external.checked import after_repetition
+from accelerated_evaluation.vehicles.external.store import Encounter, Request, Store
+from accelerated_evaluation.vehicles.external.workers import PROCESSES, Workers, simulate_batch
+from accelerated_evaluation.vehicles.moving import checked_lead_speeds, motion_error
+from accelerated_evaluation.vehicles.protocol import outcome_error
 
 SECTION = section(
     slow=flag(
@@ -63,6 +50,24 @@ SECTION = section(
     ),
 )
 AT_ONCE = 50_000  # number of encounters that are looked up together, which limits the memory
+
+
+@dataclass(frozen=True)
+class SimulationSettings:
+    """How slow vehicles are simulated: the keys of `SECTION`, which describes them."""
+
+    slow: bool
+    keep_class: bool
+    batch_size: int
+    time_limit: float
+    executor: str
+    workers: int
+    options: Mapping[str, Any]
+
+    @classmethod
+    def of(cls, given: Mapping[str, Any]) -> Self:
+        """Return the settings of a section, with defaults for the keys that are not given."""
+        return cls(**default_of(SECTION) | dict(given))
 
 
 @dataclass
@@ -255,78 +260,3 @@ class SlowVehicle:
     def _with_kept(self, fault: InputError) -> InputError:
         kept = f"{fault.change} {len(self.store):,} outcomes are kept in {self.store.path}."
         return InputError(fault.where, seen=fault.seen, expected=fault.expected, change=kept)
-
-
-def is_slow(name: str, simulations: Mapping[str, Any], scenario: Scenario = CUT_IN) -> bool:
-    """Return whether the outcomes of a vehicle are stored.
-
-    They are stored for commands and FMUs, and for a class of the user if ``simulations.keep_class`` is true.
-    """
-    if ":" in name:
-        return simulations["keep_class"]
-    return issubclass(vehicles_of(scenario)[name], ForeignVehicle)
-
-
-@contextmanager
-def loaded_for(
-    vehicle: Mapping[str, Any],
-    simulations: Mapping[str, Any],
-    scenario: Scenario = CUT_IN,
-    *,
-    is_tested: bool = True,
-) -> Iterator[Vehicle]:
-    """Yield the vehicle of a configuration, as a `SlowVehicle` if its outcomes are stored.
-
-    Workers are ended after the ``with`` block. Unless ``is_tested``, no encounter of a user's vehicle is
-    simulated again to find out whether it is deterministic. InputError is raised if the vehicle cannot be
-    loaded, if a file does not exist, or if the workers cannot be started. If the block is interrupted from
-    the keyboard, the KeyboardInterrupt says how many outcomes are kept.
-    """
-    name, parameters = vehicle["name"], vehicle["parameters"]
-    # The vehicle is loaded here in any case, so that errors are raised before a worker starts.
-    car = load_vehicle(name, scenario, **parameters)
-    if isinstance(car, CheckedVehicle) and vehicle.get("deterministic") is not None:
-        car.deterministic = vehicle["deterministic"]
-    files = section_files(vehicle, scenario)  # raises an error if a file does not exist
-    if not is_slow(name, simulations, scenario):
-        with Processes(1) as other:  # it starts with the first repetition
-            if isinstance(car, CheckedVehicle):
-                car.elsewhere = Elsewhere(name, parameters, scenario, other)
-                car.was_repeated = not is_tested
-            yield car
-        return
-    store = store_of(name, parameters, files, scenario)
-    declared = car.deterministic if isinstance(car, CheckedVehicle) else None
-    with workers_of(simulations) as workers:
-        limits = {key: simulations[key] for key in ("batch_size", "time_limit")}
-        slow = SlowVehicle(
-            name,
-            parameters,
-            car.name,
-            store,
-            workers,
-            **limits,
-            scenario=scenario,
-            deterministic=declared,
-            takes_motion=takes_motion(car),
-            is_tested=is_tested,
-        )
-        try:
-            yield slow
-        except KeyboardInterrupt as stop:
-            raise KeyboardInterrupt(
-                f"{len(store):,} outcomes are kept in {store.path}. The same command continues with them; "
-                "only the runs that were under way are lost"
-            ) from stop
-
-
-@contextmanager
-def all_loaded(
-    vehicles: Mapping[str, Mapping[str, Any]], simulations: Mapping[str, Any], scenario: Scenario = CUT_IN
-) -> Iterator[dict[str, Vehicle]]:
-    """Yield several vehicles by name, each loaded by `loaded_for`."""
-    with ExitStack() as stack:
-        yield {
-            name: stack.enter_context(loaded_for(vehicle, simulations, scenario))
-            for name, vehicle in vehicles.items()
-        }

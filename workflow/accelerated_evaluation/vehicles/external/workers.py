@@ -83,20 +83,20 @@ def simulate_batch(
 
 
 @contextmanager
-def workers_of(simulations: Mapping[str, Any]) -> Iterator[Workers]:
-    """Yield the configured workers, and end them after the ``with`` block.
+def workers_of(kind: str, count: int, options: Mapping[str, Any]) -> Iterator[Workers]:
+    """Yield workers, and end them after the ``with`` block.
 
-    InputError is raised if the executor is unknown, if Dask is not installed, or if the cluster cannot be
-    reached or started.
+    ``kind``, ``count`` and ``options`` are the keys ``executor``, ``workers`` and ``options`` of the
+    simulations. InputError is raised if the executor is unknown, if Dask is not installed, or if the cluster
+    cannot be reached or started.
     """
-    kind, count = simulations["executor"], simulations["workers"]
     if kind == PROCESSES:
         with Processes(count) as processes, Processes(count) as others:
             yield Workers(processes, others, count)
         return
     with ExitStack() as stack:
         try:
-            client = stack.enter_context(_dask_client(kind, count, simulations["options"], stack))
+            client = stack.enter_context(_dask_client(kind, count, options, stack))
         except InputError:
             raise
         except Exception as error:  # clusters raise various errors for a wrong option or address
