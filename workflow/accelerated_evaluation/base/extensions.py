@@ -40,6 +40,7 @@ class Extension:
     name: str  # path of the file, or name of the package and of its entry point
     files: list[Path] = field(default_factory=list)  # code of the module
     members: list[tuple[Members, str]] = field(default_factory=list)  # registries, and names in them
+    module: ModuleType | None = None  # None while it is imported
     # Whether another process has found that no member of the library has a name of these, and started this
     # one. All members of the library would be imported for it, and most jobs need few of them.
     is_checked: bool = False
@@ -111,14 +112,23 @@ def known() -> dict[str, Extension]:
     return dict(sorted(EXTENSIONS.items()))
 
 
+def module_of(path: Path) -> ModuleType | None:
+    """Return the module of a file that is an extension; None if the file is none.
+
+    A file that registers members cannot be imported twice, and may contain a vehicle that is named by its class.
+    """
+    extension = known().get(str(path.resolve()))
+    return extension and extension.module
+
+
 def _add(extension: Extension, load: Callable[[], ModuleType]) -> None:
     """Import an extension; if this fails, no member of it remains."""
     EXTENSIONS[extension.name] = extension  # set first, because the module may look up a member
     _being_imported.append(extension)
     try:
         with located(extension.name):
-            module = _imported(load)
-            extension.files = extension.files or _files_of(module)
+            extension.module = _imported(load)
+            extension.files = extension.files or _files_of(extension.module)
             if not extension.members:
                 raise InputError(
                     "members",

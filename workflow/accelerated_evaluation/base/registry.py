@@ -61,7 +61,7 @@ class Registry(Mapping[str, Member], Generic[Member]):
                     f"{self.what} {name!r}",
                     seen="two members of this name",
                     expected="a name of its own for each member",
-                    change="Rename one of them.",
+                    change="Rename one of them. If it is the same one, name its file in `modules`.",
                 )
             if extension is not None and name not in self._members:
                 extension.members.append((self, name))

@@ -7,6 +7,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+from accelerated_evaluation.base import extensions
 from accelerated_evaluation.base.arguments import checked, described
 from accelerated_evaluation.base.errors import InputError, StudyError
 from accelerated_evaluation.base.sections import TEXT, default_of, flag, listed, mapping, section, text
@@ -200,7 +201,7 @@ def _load_user_vehicle(name: str, scenario: Scenario, parameters: dict[str, Any]
     path, _, class_name = name.rpartition(":")
     if not path:
         raise _load_error(name, "no class", "path/to/file.py:ClassName", f"Write {name}:ClassName.")
-    module = import_file(Path(path), f"vehicle {name}")
+    module = extensions.module_of(Path(path)) or import_file(Path(path), f"vehicle {name}")
     vehicle_class = getattr(module, class_name, None)
     if not inspect.isclass(vehicle_class):
         own = [
