@@ -147,16 +147,19 @@ def test_the_command_says_the_law_and_what_the_interval_is(config, capsys):
 
 
 def test_the_command_judges_criteria(config, estimated, capsys):
-    """One criterion is met, one is not, one is not decided, and one cannot be judged without an exposure."""
+    """One criterion is met, one is not, one is not decided, and one cannot be judged without an exposure.
+
+    The first is in the configuration and on the command line, and is judged once.
+    """
     texts = ["0.5 per cut-in", "1e-9 per cut-in", "MEDIAN per cut-in", "1e-7 per hour"]
     Path("few_draws.yaml").write_text(f"answer: {{draws: 20}}\ncriteria: [{texts[0]}]\n")
     configs = ["--config", "motorway.yaml", "--config", "few_draws.yaml"]
     median = estimated("answer").answers[0].posterior.probability
     texts[2] = f"{median:.3g} per cut-in"
-    options = [part for text in texts[1:] for part in ("--criterion", text)]
+    options = [part for text in texts for part in ("--criterion", text)]
     assert cli.main(["estimate", *configs, *options]) == 0
     printed = capsys.readouterr().out
-    assert "criterion 0.5 per cut-in: shown to be met" in printed
+    assert printed.count("criterion 0.5 per cut-in: shown to be met") == 1
     assert "criterion 1e-9 per cut-in: shown not to be met" in printed
     assert f"criterion {texts[2]}: not shown, and not refuted" in printed
     folder = Path("results/motorway/estimate")

@@ -16,8 +16,11 @@ from accelerated_evaluation.publishing import figures
 from accelerated_evaluation.publishing.published import ALWAYS, results_of
 from accelerated_evaluation.publishing.study import Study
 from accelerated_evaluation.records.checks import CHECKS
+from accelerated_evaluation.scenarios.cut_in import CUT_IN
 from accelerated_evaluation.study.configuration import load, load_modules
 from accelerated_evaluation.study.dependencies import code_up_to, digest_of
+from accelerated_evaluation.vehicles.loading import load_vehicle
+from accelerated_evaluation.vehicles.protocol import VEHICLES
 
 TOYS = Path(__file__).parents[1] / "toys/mine"
 CHECK = """
@@ -254,6 +257,16 @@ def test_an_installed_package_adds_members_by_its_entry_point(tmp_path):
     run = subprocess.run([sys.executable, "main.py"], cwd=tmp_path, env=here, capture_output=True, text=True)
     message = "package their-cars, entry point cars, check 'drift': seen two members of this name"
     assert message in run.stderr
+
+
+def test_a_module_may_contain_a_vehicle_that_is_named_by_its_class(tmp_path):
+    """Its file is not imported a second time, which would register its members twice."""
+    (tmp_path / "car.py").write_text((TOYS / "toy_car.py").read_text().replace("toy_car", "other_car"))
+    (tmp_path / "study.yaml").write_text("modules: [car.py]\n")
+    load([tmp_path / "study.yaml"])
+    path = f"{tmp_path}/car.py:ToyCar"
+    loaded = [load_vehicle(path, CUT_IN, deceleration=each).vehicle for each in (2.0, 4.0)]
+    assert [type(each) for each in loaded] == [VEHICLES["other_car"]] * 2
 
 
 def test_a_shape_and_a_joint_law_of_a_user_are_candidates(tmp_path):

@@ -98,7 +98,17 @@ def test_a_map_needs_points_of_the_variables_of_cut_ins():
         ClusteredRecords.of(POINTS, ["a", "b", "b"], BOX),
         x[0],
         "cut_in",
-        ae.read_records("left_turn"),
     ):
         with pytest.raises(InputError, match=r"argument records: seen .* expected records of cut-ins"):
             Map(crash_map, others)
+    message = (
+        "records of the scenario left_turn; expected records of cut-ins, .* Use Scan, Simulations, or FewRuns"
+    )
+    with pytest.raises(InputError, match=message):
+        Map(crash_map, ae.read_records("left_turn"))
+
+
+def test_a_map_recommends_no_scan_where_there_is_none():
+    way = Map(CrashMap.__new__(CrashMap), np.ones((2, 3)))
+    with pytest.raises(InputError, match=r"a problem of the scenario pedestrian; .* Use Simulations, or"):
+        way.answer(ae.Problem("pedestrian", "acc_aeb"), None, (), None)

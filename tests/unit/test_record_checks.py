@@ -154,6 +154,13 @@ def test_a_spoiled_copy_is_caught_and_the_sound_one_is_not(spoiling):
     assert found.advice
 
 
+def test_one_row_is_called_a_row():
+    far = sound()[sound()["range"] > 4]
+    for number, words in enumerate(("0 rows", "1 row", "2 rows")):
+        near = far.assign(range=np.where(np.arange(len(far)) < number, 0.5, far["range"]))
+        assert CHECKS["short_ranges"](records_of(near)).seen.startswith(f"{words}; smallest")
+
+
 def test_every_check_is_tried():
     of_others = {name for name, check in CHECKS.items() if CLUSTER in getattr(check, "needs", ())}
     assert {check for check, _ in SPOILED.values()} == set(CHECKS) - of_others  # see test_spoiled_scenarios

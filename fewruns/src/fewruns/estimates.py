@@ -6,14 +6,7 @@ from dataclasses import dataclass, field
 from numbers import Real
 from typing import Any
 
-from scipy.special import ndtri
-
 from fewruns.errors import InputError
-
-
-def normal_reach(alpha: float) -> float:
-    """Return the normal quantile z(1 - alpha / 2): the half-width of an interval in standard errors."""
-    return -float(ndtri(alpha / 2))
 
 
 @dataclass(frozen=True)

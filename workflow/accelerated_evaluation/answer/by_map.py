@@ -19,17 +19,27 @@ from accelerated_evaluation.crash_map.sampled import sample_crashes
 from accelerated_evaluation.laws.draws import Draws
 from accelerated_evaluation.methods.problem import Problem
 from accelerated_evaluation.scenarios.cut_in import CUT_IN
-from accelerated_evaluation.scenarios.protocol import Event
+from accelerated_evaluation.scenarios.protocol import Event, Scenario
 from accelerated_evaluation.vehicles.protocol import CRASH, RandomVehicle, Vehicle
 
 LINES = 2500  # number of lines of a map that are kept for the integrals
 GUIDES = 10  # number of draws of the law that determine which lines are kept
 
 
+def _require_cut_ins(scenario: Scenario, what: str) -> None:
+    """Raise InputError if there are no crash maps of a scenario."""
+    if scenario.names != CUT_IN.names:
+        raise InputError(
+            "Map",
+            seen=f"{what} of the scenario {scenario.name}",
+            expected=f"{what} of cut-ins, for which there are crash maps",
+            change=f"Use {'Scan, ' if scenario.scanned else ''}Simulations, or FewRuns for a slow vehicle.",
+        )
+
+
 def _points(records: Any) -> Array:  # noqa: ANN401
     """Return recorded cut-ins as points, shape (n, 3); TypeError or ValueError if they are none."""
-    if getattr(records, "scenario", CUT_IN).names != CUT_IN.names:
-        raise ValueError
+    _require_cut_ins(getattr(records, "scenario", CUT_IN), "records")
     x = np.asarray(getattr(records, "x", records), dtype=float)
     if x.ndim != 2 or x.shape[1] != CUT_IN.dimension:
         raise ValueError
@@ -83,13 +93,7 @@ class Map:
         InputError
             If the problem is not one of cut-ins.
         """
-        if problem.scenario.names != CUT_IN.names:
-            raise InputError(
-                "Map",
-                seen=f"a problem of the scenario {problem.scenario.name}",
-                expected="a problem of cut-ins, for which there are crash maps",
-                change="Use Scan, Simulations or FewRuns.",
-            )
+        _require_cut_ins(problem.scenario, "a problem")
         vehicle, scan = problem.vehicle, "refined"
         replayed = Replayed.of(problem, self.records)
         lines = self._lines(self.crash_map, problem.event, vehicle, draws, generator)

@@ -232,13 +232,19 @@ def crude_runs(probability: float) -> float:
     return float(np.log(1 - CONFIDENCE) / np.log1p(-probability))
 
 
+def _lacking(text: str) -> str:
+    """Return what is missing to judge a criterion."""
+    parts = FORM.fullmatch(text).groupdict(default="")
+    if parts["reference"]:
+        return f"the vehicle {parts['reference']} was not compared, or has no event under a draw of the law"
+    exposure = "it is not stated in how many kilometres or hours the records were made"
+    return f"{exposure}, or injuries are not predicted" if parts["harm"] else exposure
+
+
 def criterion_in_words(row: Mapping[str, object]) -> str:
     """Return a row of `criteria_table` as a line of text."""
     if row["verdict"] == "not known":
-        return (
-            f"criterion {row['criterion']}: not known, because the exposure of the records, the reference or "
-            "the injuries are missing"
-        )
+        return f"criterion {row['criterion']}: not known, because {_lacking(str(row['criterion']))}"
     words = {
         MET: "shown to be met",
         NOT_MET: "shown not to be met",

@@ -93,10 +93,9 @@ class Settings:
         if text is None:
             where, text = "scenario.event", config["scenario"]["event"]
         event = event_named(text, scenario, where)
-        criteria = [
-            *criteria_of(config["criteria"], scenario),
-            *criteria_of(request.criteria, scenario, "--criterion"),
-        ]
+        stated = criteria_of(config["criteria"], scenario)
+        asked = criteria_of(request.criteria, scenario, "--criterion")
+        criteria = list(dict.fromkeys([*stated, *asked]))
         wanted = [*request.reference, *(each.reference for each in criteria if each.reference)]
         vehicles = {
             name: NamedVehicle.of(

@@ -115,7 +115,7 @@ def known() -> dict[str, Extension]:
 def module_of(path: Path) -> ModuleType | None:
     """Return the module of a file that is an extension; None if the file is none.
 
-    A file that registers members cannot be imported twice, and may contain a vehicle that is named by its class.
+    Such a file may contain a vehicle that is named by its class, and cannot be imported twice.
     """
     extension = known().get(str(path.resolve()))
     return extension and extension.module

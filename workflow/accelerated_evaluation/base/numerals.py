@@ -10,3 +10,8 @@ def number_in(text: str, kind: type[int] | type[float] = float) -> float:
     if "_" in text:
         raise ValueError(f"{text!r} contains an underscore")
     return kind(text)
+
+
+def counted(number: int, noun: str) -> str:
+    """Return a number of things as text, such as ``1 row`` or ``1,234 rows``."""
+    return f"{number:,} {noun}{'' if number == 1 else 's'}"

@@ -5,8 +5,9 @@ from collections.abc import Mapping
 from typing import Any, ClassVar, Self
 
 import numpy as np
-from fewruns.estimates import Estimate, Stopping, normal_reach
+from fewruns.estimates import Estimate, Stopping
 from fewruns.problems import ScoreProblem
+from scipy.special import ndtri
 
 from accelerated_evaluation.base.registry import Registry
 from accelerated_evaluation.base.sections import Schema, Sections, integer, section, share
@@ -45,6 +46,11 @@ IMPORTANCE_SAMPLING = section(
         "Number of simulations after each of which the running estimate is saved (figures 12 and 13).",
     ),
 )
+
+
+def normal_reach(alpha: float) -> float:
+    """Return the normal quantile z(1 - alpha / 2): the half-width of an interval in standard errors."""
+    return -float(ndtri(alpha / 2))
 
 
 def configured_stopping(section: Mapping[str, Any]) -> Stopping:

@@ -333,7 +333,8 @@ def known_records(records: Records) -> Finding:
         others = f"; less well: {'; '.join(others)}" if others else ""
         found = f"probably {best.text}: the distance is {left:.2f} without it{others}"
         seen = f"{found}. {compared.effect(best)}; {seen}"
-        advice = f"If this is what the columns contain, {best.remedy}. "
+        own = " (in a source of your own, convert them there)" if "data.table" in best.remedy else ""
+        advice = f"If this is what the columns contain, {best.remedy}{own}. "
     return Finding(
         verdict,
         looked_at,

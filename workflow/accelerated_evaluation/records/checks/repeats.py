@@ -8,6 +8,7 @@ import numpy as np
 import pandas as pd
 from scipy.stats import poisson
 
+from accelerated_evaluation.base.numerals import counted
 from accelerated_evaluation.base.randomness import child_generator
 from accelerated_evaluation.base.tables import CLUSTER
 from accelerated_evaluation.records.checks import (
@@ -80,7 +81,7 @@ def rows_repeated_elsewhere(records: Records) -> Finding:
     return Finding(
         _against_chance(len(found), chance, len(rows)),
         "rows equal to an earlier row, compared with the number expected by chance at this resolution",
-        f"{len(found):,} rows; {chance:,} or fewer by chance",
+        f"{counted(len(found), 'row')}; {chance:,} or fewer by chance",
         len(found),
         "Remove files or blocks that were appended twice.",
         list(found),
@@ -104,7 +105,7 @@ def nearly_repeated_rows(records: Records) -> Finding:
         _against_chance(len(found), chance, len(rows)),
         "rows within 0.1 m/s and 0.2 m (the resolution of radars) of the row before them, compared with "
         "pairs of rows that are far apart",
-        f"{len(found):,} rows; {chance:.1f} or fewer by chance",
+        f"{counted(len(found), 'row')}; {chance:.1f} or fewer by chance",
         len(found),
         "Find out whether one encounter is recorded by several targets or time steps, and keep one row of "
         "each.",
@@ -134,7 +135,7 @@ def stuck_sensor(records: Records) -> Finding:
     return Finding(
         FINE if is_chance else by_share(count, len(rows)),
         "rows with the same value of one quantity as the row before, while another changes",
-        f"{name.replace('_', ' ')} in {count:,} rows (p = {p:.2g})",
+        f"{name.replace('_', ' ')} in {counted(count, 'row')} (p = {p:.2g})",
         count,
         "Look for a sensor that kept its last value, and leave these rows out.",
         () if is_chance else list(found),

@@ -8,6 +8,7 @@ from numpy.typing import NDArray
 from scipy.stats import binom, poisson
 
 from accelerated_evaluation.base.arrays import Array
+from accelerated_evaluation.base.numerals import counted
 from accelerated_evaluation.records.checks import (
     CHECKS,
     CUT_INS,
@@ -68,7 +69,8 @@ def round_numbers(records: Records) -> Finding:
     return Finding(
         FINE if not heaped else STOP if -minus_share > 0.5 else WARNING,
         "rows on multiples of 0.5, 1, 5 and 10 of m/s, km/h, mph, m and ft, compared with shifted lattices",
-        f"most conspicuous: {where}, {len(rows):,} rows ({-minus_share:.1%}; p = {min(p, 1):.2g}){meaning}",
+        f"most conspicuous: {where}, {counted(len(rows), 'row')} "
+        f"({-minus_share:.1%}; p = {min(p, 1):.2g}){meaning}",
         -minus_share,
         "Use the values as they were measured, because rounded values make steps in the tails. Many values "
         "on multiples of another unit show the unit of the sensor.",
@@ -139,7 +141,7 @@ def cut_edges(records: Records) -> Finding:
             rows = column.index[column == values[edge]]
             verdict = WARNING if values[edge] == 0 else by_share(len(rows), len(column))
             text = f"the {word} {name.replace('_', ' ')}, {values[edge]:g} (p = {p:.2g})"
-            found.append((verdict, -p, f"{len(rows):,} rows at {text}", rows))
+            found.append((verdict, -p, f"{counted(len(rows), 'row')} at {text}", rows))
     verdict, _, seen, rows = max(found, key=lambda entry: (VERDICTS.index(entry[0]), entry[1]))
     return Finding(
         verdict,
@@ -258,7 +260,7 @@ def outliers(records: Records) -> Finding:
     return Finding(
         WARNING if rows else FINE,
         "R^-1 and TTC^-1 larger than the exponential tail of their 100 largest values reaches by chance",
-        f"{len(rows):,} rows" + (f"; smallest p = {found[rows[0]]:.2g}" if rows else ""),
+        counted(len(rows), "row") + (f"; smallest p = {found[rows[0]]:.2g}" if rows else ""),
         len(rows),
         "Inspect these rows one by one. List false rows under data.<source>.outlier_rows; table sensitivity "
         "then shows their influence on the result.",

@@ -4,6 +4,7 @@ import numpy as np
 import pandas as pd
 from scipy.stats import binom, spearmanr
 
+from accelerated_evaluation.base.numerals import counted
 from accelerated_evaluation.records.checks import (
     CHECKS,
     CUT_INS,
@@ -188,5 +189,5 @@ def short_ranges(records: Records) -> Finding:
 
 def _outside(rows: pd.Series, size: int, what: str, extreme: str, advice: str) -> Finding:
     """Return the finding about rows outside of a limit; ``rows`` has their values, the worst first."""
-    seen = f"{len(rows):,} rows; {extreme}"
+    seen = f"{counted(len(rows), 'row')}; {extreme}"
     return Finding(by_share(len(rows), size), what, seen, len(rows), advice, list(rows.index))
