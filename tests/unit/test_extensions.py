@@ -184,6 +184,10 @@ def test_a_module_counts_as_code_of_the_rooms_to_which_it_adds(tmp_path, monkeyp
     assert code_up_to("laws").keys() - before[2].keys() == {"mine.py", shape}
     assert code_up_to("laws", "records").keys() - before[2].keys() == {"mine.py"}
     assert code_up_to("laws", "laws").keys() - before[2].keys() == {shape}
+    assert code_up_to("laws", "laws/smooth").keys() - before[2].keys() == {shape}
+    assert code_up_to("laws", "records/checks/mine").keys() - before[2].keys() == {"mine.py"}
+    for other in ("laws/distributions", "laws/smoo", "records/sources", "records/checks/min"):
+        assert code_up_to("laws", other) == before[2]
     first = code_up_to("records")["mine.py"]
     Path("mine.py").write_text(CHECK.format(name="mine", body="return 2"))
     digest_of.cache_clear()
@@ -213,10 +217,10 @@ def test_members_of_the_library_that_a_module_imports_first_are_not_its_own(tmp_
         "from pathlib import Path\n"
         "from accelerated_evaluation.base.extensions import EXTENSIONS, load_files\n"
         "load_files([Path('mine.py')])\n(found,) = EXTENSIONS.values()\n"
-        "print([name for _, name in found.members], sorted(found.rooms))\n"
+        "print([name for _, name in found.members], found.adds_to('records'), found.adds_to('laws'))\n"
     )
     run = subprocess.run([sys.executable, "main.py"], cwd=tmp_path, capture_output=True, text=True)
-    assert run.stdout == "['mine'] ['records']\n", run.stderr
+    assert run.stdout == "['mine'] True False\n", run.stderr
 
 
 def test_a_process_of_a_study_trusts_the_check_of_its_names_and_imports_no_other_member(tmp_path):

@@ -26,7 +26,9 @@ rule search_proposals:
         seed=config["seed"],
         seeds=[*SEEDS],
         settings=lambda wildcards: settings_of(wildcards.method),
-        library=code_up_to("methods"),
+        library=lambda wildcards: code_up_to(
+            "methods", *SIMULATING, f"methods/{wildcards.method}"
+        ),
     message:
         "Cross-Entropy searches, method {wildcards.method}"
     script:

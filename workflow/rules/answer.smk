@@ -68,7 +68,7 @@ rule study_answer:
         vehicle_content=VEHICLE_CONTENT,
         simulations=SIMULATIONS,
         support=SUPPORT,
-        library=code_up_to("answer"),
+        library=code_up_to("answer", *SIMULATING),
     message:
         "Weighting the laws, and computing the answer for {params.settings[vehicle][name]}"
     script:
@@ -111,7 +111,7 @@ rule compare_vehicles:
         half_width=config["importance_sampling"]["beta"],
         criteria=config["criteria"],
         support=SUPPORT,
-        library=code_up_to("answer"),
+        library=code_up_to("answer", *SIMULATING),
     message:
         "Comparing the vehicle under test with others under the same draws"
     script:
@@ -147,7 +147,7 @@ if OWN_MAP:
             },
             vehicle_content=ALL_CONTENT,
             simulations=ALL_SIMULATIONS,
-            library=code_up_to("answer"),
+            library=code_up_to("answer", *SIMULATING),
         message:
             "Simulating the most probable crashes and the most critical records"
         script:
@@ -172,7 +172,7 @@ elif "replays" in STAGES:
         params:
             **UNDER_TEST,
             seed=config["seed"],
-            library=code_up_to("answer"),
+            library=code_up_to("answer", *SIMULATING),
         message:
             "Simulating the most probable crashes again"
         script:

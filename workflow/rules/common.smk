@@ -87,6 +87,10 @@ UNDER_TEST = {
     "simulations": SIMULATIONS,
 }
 
+# Parts of the library whose extensions are used in simulations under a law, and in the notebooks.
+SIMULATING = ("laws", "scenarios", "vehicles")
+SHOWN = (*SIMULATING, "records", "methods")
+
 
 wildcard_constraints:
     scope="|".join(["all", *SEGMENTS]),

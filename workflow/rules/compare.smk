@@ -28,7 +28,7 @@ rule compare_laws:
         seed=config["seed"],
         draws=config["answer"]["draws"],
         support=SUPPORT,
-        library=code_up_to("answer"),
+        library=code_up_to("answer", *SIMULATING),
     message:
         "Comparing the laws with dependence and alternative laws"
     script:
@@ -54,7 +54,7 @@ rule compare_record_variants:
         draws=config["answer"]["draws"],
         support=SUPPORT,
         outlier_rows=INPUTS.source["outlier_rows"],
-        library=code_up_to("answer"),
+        library=code_up_to("answer", *SIMULATING),
     message:
         "Computing the answer for other treatments of the records"
     script:

@@ -20,7 +20,7 @@ rule accept_records:
     params:
         accepted=ACCEPTED,
         records=INPUTS.records.path,
-        library=code_up_to("records"),
+        library=code_up_to("records", "records/checks"),
     message:
         "Checking whether a check of the records says stop"
     script:

@@ -28,7 +28,7 @@ rule fit_models:
         description=lambda _: INPUTS.records.description,
         closing_speed_max=config["models"]["closing_speed_max"],
         range_max=config["filters"]["range_max"],
-        library=code_up_to("laws"),
+        library=code_up_to("laws", "laws/distributions"),
     message:
         "Fitting the lane-change models"
     script:
@@ -48,7 +48,7 @@ rule fit_family:
     priority: 90
     params:
         support=SUPPORT,
-        library=code_up_to("answer"),
+        library=code_up_to("answer", "laws/smooth"),
     message:
         "Fitting the laws with dependence"
     script:
@@ -73,7 +73,7 @@ rule fit_candidates:
         benchmark_of("fit_candidates.tsv")
     params:
         compared=COMPARED,
-        library=code_up_to("laws"),
+        library=code_up_to("laws", "laws/distributions"),
     message:
         "Comparing candidate families of R^-1 and TTC^-1"
     script:

@@ -26,7 +26,7 @@ rule ingest_encounters:
         data=config["data"],
         filters=config["filters"],
         segments=config["segments"],
-        library=code_up_to("scenarios", "records", "scenarios"),
+        library=code_up_to("scenarios", "records/sources", "scenarios"),
     message:
         "Ingesting the records"
     script:
@@ -48,7 +48,7 @@ if "segments" in STAGES:
         benchmark:
             benchmark_of("describe_encounters.tsv")
         params:
-            library=code_up_to("records"),
+            library=code_up_to("records", "records/sources"),
         message:
             "Testing the independence of v_L, R^-1 and TTC^-1, and the similarity of the segments"
         script:

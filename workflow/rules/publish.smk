@@ -45,7 +45,7 @@ for _notebook in NOTEBOOKS:
             benchmark_of("notebooks", f"{_notebook}.tsv")
         params:
             parameters=folders_of_study,
-            library=code_up_to("publishing"),
+            library=code_up_to("publishing", *SHOWN),
         message:
             f"Running the notebook {_notebook}"
         script:
@@ -68,7 +68,7 @@ for _figure in OWN_FIGURES:
         params:
             figure=_figure,
             study=folders_of_study,
-            library=code_up_to("publishing"),
+            library=code_up_to("publishing", f"publishing/figures/{_figure}"),
         message:
             f"Drawing {_figure}"
         script:
@@ -103,7 +103,7 @@ if "explorer" in STAGES:
         params:
             config=part(config, "seed", "study", "scenario", "vehicle", "answer"),
             support=SUPPORT,
-            library=code_up_to("publishing"),
+            library=code_up_to("publishing", *SIMULATING),
         message:
             "Making the explorer"
         script:

@@ -26,7 +26,7 @@ rule compare_scenario_methods:
         scenario=SCENARIO,
         event=config["scenario"]["event"],
         settings=part(config, "importance_sampling", "surrogate"),
-        library=code_up_to("answer"),
+        library=code_up_to("answer", *SIMULATING),
     message:
         "Comparing the methods on the scenario {params.scenario}"
     script:
@@ -48,7 +48,7 @@ rule compare_verdicts:
     params:
         **UNDER_TEST,
         scenario=SCENARIO,
-        library=code_up_to("answer"),
+        library=code_up_to("answer", *SIMULATING),
     message:
         "Comparing the vehicle with published verdicts"
     script:

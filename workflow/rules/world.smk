@@ -19,7 +19,7 @@ rule count_crashes:
     benchmark:
         benchmark_of("count_crashes.tsv")
     params:
-        library=code_up_to("answer"),
+        library=code_up_to("answer", *SIMULATING),
     message:
         "Comparing predicted crash rates with counted ones"
     script:
@@ -45,7 +45,7 @@ rule predict_humans:
         grid=answered("under_test")["limits"] | config["answer"]["grid"],
         draws=config["answer"]["draws"],
         support=SUPPORT,
-        library=code_up_to("answer"),
+        library=code_up_to("answer", *SIMULATING),
     message:
         "Predicting crashes and near-crashes of human drivers"
     script:
@@ -81,7 +81,7 @@ rule study_lead_motion:
         simulations=INPUTS.simulating(*MAPPED_VEHICLES)[1],
         draws=config["answer"]["draws"],
         support=SUPPORT,
-        library=code_up_to("answer"),
+        library=code_up_to("answer", *SIMULATING),
     message:
         "Estimating crashes with a lead vehicle that changes its speed"
     script:

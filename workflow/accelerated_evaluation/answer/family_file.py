@@ -101,7 +101,7 @@ def _header(records: DistinctRecords) -> dict[str, str | int]:
         digest.update(np.ascontiguousarray(values).tobytes())
     folders = Path(*smooth.__path__), Path(*answer.__path__)
     sources = [*sorted(folders[0].glob("*.py")), *(folders[1] / name for name in SCORING)]
-    shapes = [file for each in known().values() if "laws" in each.rooms for file in each.files]
+    shapes = [file for each in known().values() if each.adds_to("laws/smooth") for file in each.files]
     code = content_digest([*sources, *shapes])
     return {"format": FORMAT, "version": VERSION, "records": digest.hexdigest(), "code": code}
 

@@ -45,11 +45,16 @@ class Extension:
     # one. All members of the library would be imported for it, and most jobs need few of them.
     is_checked: bool = False
 
-    @property
-    def rooms(self) -> set[str]:
-        """The rooms (packages) of the library to which the module adds members."""
-        packages = {registry.package for registry, _ in self.members}
-        return {each.removeprefix(LIBRARY).split(".")[0] for each in packages if each.startswith(LIBRARY)}
+    def adds_to(self, *parts: str) -> bool:
+        """Return whether the module adds a member to one of some parts of the library.
+
+        A part is a room (package), such as ``laws``; a package in it, such as ``laws/smooth``; or one member,
+        such as ``methods/crude``.
+        """
+        own = [(registry.package, name) for registry, name in self.members]
+        places = [f"{each.replace('.', '/')}/{name}/" for each, name in own if each.startswith(LIBRARY)]
+        wanted = tuple(f"{LIBRARY.replace('.', '/')}{part}/" for part in parts)
+        return any(place.startswith(wanted) for place in places)
 
 
 EXTENSIONS: dict[str, Extension] = {}

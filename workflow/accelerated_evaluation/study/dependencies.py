@@ -39,13 +39,13 @@ JOBS = "study/jobs"  # the module that all scripts use
 def code_up_to(room: str, *uses: str) -> dict[str, str]:
     """Return digests of all code that a script importing from ``room`` may run, by the name of the room.
 
-    Extensions are also included, by the names of `extension_names`, if they add members to one of the rooms
-    ``uses``, by default to one of all these rooms. A script that imports a room need not use all kinds of
-    members in it. For example, the records of a study are read without any law.
+    Extensions are also included, by the names of `extension_names`, if they add members to one of the parts
+    ``uses`` of the library (`Extension.adds_to`), by default to one of all these rooms. A script that imports
+    a room need not use all members in it. For example, the records of a study are read without any law, and
+    one method estimates without the others.
     """
     rooms = ROOMS[: ROOMS.index(room) + 1]
-    used = {*(uses or rooms)}
-    extensions = [name for name, each in extension_names().items() if each.rooms & used]
+    extensions = [name for name, each in extension_names().items() if each.adds_to(*(uses or rooms))]
     return {name: digest_of(name) for name in (JOBS, *rooms, *extensions)}
 
 
