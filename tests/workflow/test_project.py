@@ -141,7 +141,9 @@ def test_functions_take_values_and_only_settings_are_made_from_the_configuration
 
 def test_every_rule_depends_on_the_last_room_from_which_its_script_imports():
     rules = "\n".join(path.read_text() for path in (ROOT / "workflow/rules").glob("*.smk"))
-    declared = re.findall(r'library=(?:lambda wildcards: )?code_up_to\(\s*"(\w+)"[^)]*\).*?scripts/(\w+\.py)', rules, re.DOTALL)
+    declared = re.findall(
+        r'library=(?:lambda wildcards: )?code_up_to\(\s*"(\w+)"[^)]*\).*?scripts/(\w+\.py)', rules, re.DOTALL
+    )
     assert {script for _, script in declared} == {path.name for path in (ROOT / "workflow/scripts").iterdir()}
     assert len(declared) == rules.count("    script:")
     for room, script in declared:

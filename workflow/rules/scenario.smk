@@ -3,7 +3,15 @@
 # In: the law with the largest weight, the vehicle, published verdicts of the scenario. Out: the estimates of every method,
 # and the agreement with the verdicts.
 
+from accelerated_evaluation.answer.compared_methods import METHODS_OF_SCORES
+from accelerated_evaluation.base.extensions import added
+
 VERDICTS = INPUTS.verdicts
+# The methods of the project that need no strata, and those of the user that the configuration names.
+COMPARED = [
+    *METHODS_OF_SCORES,
+    *(name for name in config["methods"] if name in added(METHODS.package)),
+]
 
 
 rule compare_scenario_methods:
@@ -25,8 +33,20 @@ rule compare_scenario_methods:
         seed=config["seed"],
         scenario=SCENARIO,
         event=config["scenario"]["event"],
-        settings=part(config, "importance_sampling", "surrogate"),
-        library=code_up_to("answer", *SIMULATING),
+        methods=COMPARED,
+        settings=part(
+            config,
+            *sorted(
+                {
+                    section
+                    for name in COMPARED
+                    for section in (*METHODS[name].sections, *METHODS[name].plan)
+                }
+            ),
+        ),
+        library=code_up_to(
+            "answer", *SIMULATING, *(f"methods/{name}" for name in COMPARED)
+        ),
     message:
         "Comparing the methods on the scenario {params.scenario}"
     script:

@@ -22,6 +22,7 @@ if __name__ == "__main__":
                 {"heaviest": read_law(snakemake.input.law)},
                 vehicle,
                 event_named(params.event, scenario),
+                params.methods,
                 params.settings,
                 partial(child_generator, params.seed, "scenario"),
                 {"study": params.study},

@@ -1,6 +1,6 @@
-"""Estimates of one event by all methods that only need normal scores, and by a scan if there is one."""
+"""Estimates of one event by methods that only need normal scores, and by a scan if there is one."""
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 
 import numpy as np
 import pandas as pd
@@ -22,23 +22,24 @@ def compare_methods(
     laws: Mapping[str, Law],
     vehicle: Vehicle,
     event: Event,
+    methods: Sequence[str],
     sections: Sections,
     stream: Callable[..., np.random.Generator],
     labels: Mapping[str, str],
 ) -> dict[str, pd.DataFrame]:
     """Estimate the probability of an event under single laws by several methods.
 
-    ``sections`` has the sections of the configuration of these methods, ``stream`` returns the generator of a
-    step by its name, and ``labels`` are columns that name the study. The result has ``estimates``, with a row
-    for each law, method and replicate, and ``runs``, with a row for each simulation of the surrogate-guided
-    method. The columns ``exact`` and ``exact_error`` of the estimates have the probability from a scan and
+    The methods are given by their names. ``sections`` has their sections of the configuration, ``stream``
+    returns the generator of a step by its name, and ``labels`` are columns that name the study. The result
+    has ``estimates``, with a row for each law, method and replicate, and ``runs``, with a row for each
+    simulation of the surrogate-guided method. The columns ``exact`` and ``exact_error`` of the estimates have the probability from a scan and
     its relative standard error, NaN if the scenario has no scans.
     """
     parts: dict[str, list[pd.DataFrame]] = {"estimates": [], "runs": []}
     for law_name, law in laws.items():
         problem = Problem(scenario, vehicle, event, law=law)
         known = exact_probability(problem, stream("exact", law_name))
-        for name in METHODS_OF_SCORES:
+        for name in methods:
             method = METHODS[name].configured(sections)
             count = method.replicates(sections) or 1
             generators = [stream(name, law_name, replicate) for replicate in range(count)]
@@ -46,6 +47,6 @@ def compare_methods(
             made = study_method(method, problem, method.stopping(sections), generators, named)
             made["estimates"] = made["estimates"].assign(exact=known[0], exact_error=known[1])
             for table, rows in made.items():
-                parts[table].append(rows)
+                parts.setdefault(table, []).append(rows)
     made = {name: pd.concat(rows, ignore_index=True) for name, rows in parts.items() if rows}
     return made | {"estimates": made["estimates"].assign(event=scenario.event_in_words(event))}
