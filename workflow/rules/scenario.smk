@@ -12,6 +12,9 @@ COMPARED = [
     *METHODS_OF_SCORES,
     *(name for name in config["methods"] if name in added(METHODS.package)),
 ]
+SECTIONS = sorted(
+    {key for name in COMPARED for key in METHODS[name].sections + METHODS[name].plan}
+)
 
 
 rule compare_scenario_methods:
@@ -34,16 +37,7 @@ rule compare_scenario_methods:
         scenario=SCENARIO,
         event=config["scenario"]["event"],
         methods=COMPARED,
-        settings=part(
-            config,
-            *sorted(
-                {
-                    section
-                    for name in COMPARED
-                    for section in (*METHODS[name].sections, *METHODS[name].plan)
-                }
-            ),
-        ),
+        settings=part(config, *SECTIONS),
         library=code_up_to(
             "answer", *SIMULATING, *(f"methods/{name}" for name in COMPARED)
         ),

@@ -32,8 +32,8 @@ def compare_methods(
     The methods are given by their names. ``sections`` has their sections of the configuration, ``stream``
     returns the generator of a step by its name, and ``labels`` are columns that name the study. The result
     has ``estimates``, with a row for each law, method and replicate, and ``runs``, with a row for each
-    simulation of the surrogate-guided method. The columns ``exact`` and ``exact_error`` of the estimates have the probability from a scan and
-    its relative standard error, NaN if the scenario has no scans.
+    simulation of the surrogate-guided method. The columns ``exact`` and ``exact_error`` of the estimates have
+    the probability from a scan and its relative standard error, NaN if the scenario has no scans.
     """
     parts: dict[str, list[pd.DataFrame]] = {"estimates": [], "runs": []}
     for law_name, law in laws.items():
