@@ -27,7 +27,7 @@ rule search_proposals:
         seeds=[*SEEDS],
         settings=lambda wildcards: settings_of(wildcards.method),
         library=lambda wildcards: code_up_to(
-            "methods", *SIMULATING, f"methods/{wildcards.method}"
+            "methods", *UNDER_PAPER, f"methods/{wildcards.method}"
         ),
     message:
         "Cross-Entropy searches, method {wildcards.method}"

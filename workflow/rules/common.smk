@@ -87,7 +87,8 @@ UNDER_TEST = {
     "simulations": SIMULATIONS,
 }
 
-# Parts of the library whose extensions are used in simulations under a law, and in the notebooks.
+# Parts of the library whose extensions are used under the paper's law, under any law, and in the notebooks.
+UNDER_PAPER = ("laws/distributions", "scenarios", "vehicles")
 SIMULATING = ("laws", "scenarios", "vehicles")
 SHOWN = (*SIMULATING, "records", "methods")
 

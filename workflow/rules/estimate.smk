@@ -34,7 +34,7 @@ for _method in REPLICATED:
             seed=config["seed"],
             method=_method,
             settings=settings_of(_method),
-            library=code_up_to("methods", *SIMULATING, f"methods/{_method}"),
+            library=code_up_to("methods", *UNDER_PAPER, f"methods/{_method}"),
         message:
             f"Estimating by the method {_method}, segments {{wildcards.scope}}"
         script:

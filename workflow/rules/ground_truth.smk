@@ -58,7 +58,7 @@ rule compute_exact:
         methods=[method for method in SEARCHING for _ in SEEDS],
         seeds=[seed for _ in SEARCHING for seed in SEEDS],
         variant=MODEL,
-        library=code_up_to("methods", *SIMULATING),
+        library=code_up_to("methods", *UNDER_PAPER),
     message:
         "Computing exact probabilities"
     script:
@@ -87,7 +87,7 @@ rule repeat_searches:
         settings=part(config, "cross_entropy", "importance_sampling"),
         stopping=asdict(configured_stopping(config["importance_sampling"])),
         library=code_up_to(
-            "methods", *SIMULATING, *(f"methods/{name}" for name in SEARCHING)
+            "methods", *UNDER_PAPER, *(f"methods/{name}" for name in SEARCHING)
         ),
     message:
         "Cross-Entropy searches with more updates, segment {params.segment}"
@@ -115,7 +115,7 @@ rule study_sensitivity:
         seed=config["seed"],
         variant=MODEL,
         sensitivity=config["sensitivity"] | part(INPUTS.source, "outlier_rows"),
-        library=code_up_to("crash_map", *SIMULATING),
+        library=code_up_to("crash_map", *UNDER_PAPER),
     message:
         "Computing the crash probability with one choice changed at a time"
     script:
@@ -140,7 +140,7 @@ rule bootstrap_uncertainty:
         variant=MODEL,
         alpha=config["importance_sampling"]["alpha"],
         replicates=config["uncertainty"]["replicates"],
-        library=code_up_to("crash_map", *SIMULATING),
+        library=code_up_to("crash_map", *UNDER_PAPER),
     message:
         "Resampling the lane changes, {params.replicates} refits"
     script:

@@ -28,7 +28,7 @@ rule run_crude_monte_carlo:
         crude_monte_carlo=config["crude_monte_carlo"],
         alpha=config["importance_sampling"]["alpha"],
         checkpoint=result("crude_checkpoint.json"),
-        library=code_up_to("methods", *SIMULATING),
+        library=code_up_to("methods", *UNDER_PAPER),
     message:
         "Crude Monte Carlo, {params.crude_monte_carlo[simulations]} simulations"
     script:
@@ -66,7 +66,7 @@ rule study_coverage:
             "maximum_simulations",
         ),
         coverage=config["coverage"],
-        library=code_up_to("methods", *SIMULATING),
+        library=code_up_to("methods", *UNDER_PAPER),
     message:
         "Computing the coverage of the intervals of {wildcards.judged}"
     script:
