@@ -77,6 +77,22 @@ def test_another_workflow_uses_the_study_as_a_module_with_its_own_settings(tmp_p
     assert "figures/mine/fig01_concept.png" in run.stdout + run.stderr
 
 
+def test_two_studies_of_a_workflow_have_the_same_modules(tmp_path):
+    """They share the processes, so the figure of one would be drawn in the other."""
+    text = stranger()
+    second = text[text.index("module") : text.index("rule theirs")].replace("cut_ins", "others")
+    (tmp_path / "Snakefile").write_text(f"{text}\n{second}")
+    shutil.copy(ROOT / "tests/toys/mine/toy_figure.py", tmp_path / "toy.py")
+    studies = {"cut_ins": {"study": "one", "modules": ["toy.py"]}, "others": {"study": "other"}}
+    (tmp_path / "config.yaml").write_text(yaml.safe_dump(studies))
+    run = dry_run(tmp_path)
+    assert run.returncode != 0
+    assert 'modules: seen ["toy.py"] in the study one, and [] in the study other;' in run.stdout + run.stderr
+    studies["others"]["modules"] = ["toy.py"]
+    (tmp_path / "config.yaml").write_text(yaml.safe_dump(studies))
+    assert {"cut_ins_draw_toy_figure", "others_all"} <= planned(dry_run(tmp_path, "theirs", "others_all"))
+
+
 def test_a_module_that_is_misconfigured_says_what_is_wrong(tmp_path):
     (tmp_path / "Snakefile").write_text(stranger())
     (tmp_path / "config.yaml").write_text(yaml.safe_dump({"cut_ins": {"study": "mine", "sead": 7}}))

@@ -49,12 +49,23 @@ def test_an_edited_module_reruns_its_room_and_those_after_it(studied):
     assert planned - notebooks == METHODS | ANSWER | ALWAYS
 
 
-def test_an_edited_extension_reruns_the_rooms_to_which_it_adds_and_those_after_them(studied):
-    planned = planned_after_an_edit(studied, "mine/toy_exponential.py")
-    assert METHODS | ANSWER | {"fit_models"} <= planned
-    without_laws = {"ingest_encounters", "inspect_records", "describe_encounters"}
-    without_laws |= {"map_crashes", "map_crashes_uncapped"}
-    assert not planned & {"record_configuration", *without_laws}
+OF_DISTRIBUTIONS = {"fit_models", "fit_candidates", "study_sensitivity", "bootstrap_uncertainty"}
+
+
+@pytest.mark.parametrize(
+    ("name", "rules"),
+    {
+        "exponential": METHODS | OF_DISTRIBUTIONS | ANSWER - {"fit_family"} | ALWAYS,
+        "method": {"estimate_toy_method", "collect_estimates"} | ALWAYS - {"explorer", "draw_toy_figure"},
+        "figure": ALWAYS - {"explorer"},
+    }.items(),
+)
+def test_an_edited_extension_reruns_what_uses_it(studied, name, rules):
+    """Records and maps use no distribution, the other estimates no method, and notebooks no figure."""
+    planned = planned_after_an_edit(studied, f"mine/toy_{name}.py")
+    notebooks = {rule for rule in planned if re.match(r"run_\d\d_", rule)}
+    assert planned - notebooks == rules
+    assert bool(notebooks) == (name != "figure")
 
 
 def backwards(section):

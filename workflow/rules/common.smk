@@ -18,7 +18,13 @@ from accelerated_evaluation.records.segments import segment_names
 from accelerated_evaluation.scenarios import SCENARIOS
 from accelerated_evaluation.study.configuration import WORKFLOW
 from accelerated_evaluation.study.dependencies import code_up_to
-from accelerated_evaluation.study.inputs import StudyInputs, map_folder, part
+from accelerated_evaluation.study.inputs import (
+    MODULES_OF_STUDIES,
+    StudyInputs,
+    map_folder,
+    part,
+    require_same_modules,
+)
 from snakemake.exceptions import WorkflowError
 from snakemake_interface_executor_plugins.settings import DeploymentMethod
 
@@ -47,6 +53,9 @@ try:
         cores=workflow.resource_settings.cores,
         is_main_process=workflow.is_main_process,
         arguments=sys.argv,
+    )
+    require_same_modules(
+        MODULES_OF_STUDIES, INPUTS.config["study"], INPUTS.config["modules"]
     )
 except StudyError as error:
     raise WorkflowError(str(error)) from None

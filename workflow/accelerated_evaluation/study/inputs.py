@@ -8,6 +8,7 @@ from pathlib import Path
 from typing import Any, Self
 
 from accelerated_evaluation.answer.criterion import criteria_of
+from accelerated_evaluation.base.errors import InputError
 from accelerated_evaluation.base.files import content_digest, project_file, value_digest
 from accelerated_evaluation.records.named import NamedRecords
 from accelerated_evaluation.records.sources import SOURCES
@@ -33,10 +34,12 @@ from accelerated_evaluation.study.preflight import (
     require_records,
     require_vehicles,
 )
+from accelerated_evaluation.study.schema import shown
 from accelerated_evaluation.vehicles.named import NamedVehicle
 from accelerated_evaluation.vehicles.protocol import event_named
 
 OF_THE_STUDY = ("slow", "workers")  # settings of the simulations that do not influence any outcome
+MODULES_OF_STUDIES: dict[str, list[str]] = {}  # of the studies of a workflow, in this process
 LIMITS = ("lead_speed_min", "lead_speed_max", "range_max")  # filters that are the limits of a crash map
 
 
@@ -146,6 +149,23 @@ class StudyInputs:
             "crash_map": crash_map,
             "seed": self.config["seed"],
         }
+
+
+def require_same_modules(studies: dict[str, list[str]], study: str, modules: list[str]) -> None:
+    """Raise InputError if two studies of a workflow name different modules, and note those of a study.
+
+    All studies of a workflow run in the same processes, so a law or figure of one would be used in the other.
+    ``studies`` has the modules of the studies so far.
+    """
+    studies[study] = modules
+    for other, theirs in studies.items():
+        if sorted(theirs) != sorted(modules):
+            raise InputError(
+                "modules",
+                seen=f"{shown(theirs)} in the study {other}, and {shown(modules)} in the study {study}",
+                expected="the same files in all studies of a workflow, because they share its processes",
+                change="Name the same files in each study, or use one workflow for each.",
+            )
 
 
 def part(section: Mapping[str, Any], *keys: str) -> dict[str, Any]:
