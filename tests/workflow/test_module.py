@@ -78,9 +78,13 @@ def test_another_workflow_uses_the_study_as_a_module_with_its_own_settings(tmp_p
 
 
 def test_two_studies_of_a_workflow_have_the_same_modules(tmp_path):
-    """They share the processes, so the figure of one would be drawn in the other."""
-    text = stranger()
+    """They share the processes, so the figure of one would be drawn in the other.
+
+    Each has a prefix of its own, because both would make the crash maps of the same vehicles.
+    """
+    text = stranger(prefix="first")
     second = text[text.index("module") : text.index("rule theirs")].replace("cut_ins", "others")
+    second = second.replace("first", "second")
     (tmp_path / "Snakefile").write_text(f"{text}\n{second}")
     shutil.copy(ROOT / "tests/toys/mine/toy_figure.py", tmp_path / "toy.py")
     studies = {"cut_ins": {"study": "one", "modules": ["toy.py"]}, "others": {"study": "other"}}
