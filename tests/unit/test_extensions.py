@@ -84,6 +84,10 @@ BROKEN = {
         "check 'drift': seen two members of this name; expected a name of its own for each member.",
     ),
     "nothing": ("a = 1\n", "members: seen none; expected at least one decorator"),
+    "a module of another folder": (
+        "import not_to_be_found\n",
+        "Install the module, or add its folder to the environment variable PYTHONPATH.",
+    ),
     "a fault": ("1 / 0\n", "seen ZeroDivisionError: division by zero; expected a file that Python can"),
     "an end": ("import sys\nsys.exit(3)\n", "seen SystemExit: 3; expected a file that Python can import."),
     "an end of the process": ("import os\nos._exit(0)\n", "seen SystemExit: os._exit(0); expected"),

@@ -77,6 +77,8 @@ def import_file(path: Path, where: str) -> ModuleType:
             where,
             seen=error_in_words(error),
             expected="a file that Python can import",
-            change="Correct the file.",
+            change="Correct the file."
+            if not isinstance(error, ModuleNotFoundError)
+            else "Install the module, or add its folder to the environment variable PYTHONPATH.",
         ) from error
     return module
