@@ -16,6 +16,12 @@ from accelerated_evaluation.base.errors import InputError, StudyError
 if TYPE_CHECKING:  # importing pandas takes half a second, and many programs write no table
     import pandas as pd
 
+_LIBRARY = Path(__file__).resolve().parents[1]
+# The default configuration, its schema, and the records of the project are in the folders config, data and
+# ``workflow`` of a copy of the repository. A wheel contains them as ``accelerated_evaluation/project``.
+_PACKAGED = _LIBRARY / "project"
+PROJECT = _PACKAGED if _PACKAGED.is_dir() else _LIBRARY.parents[1]
+
 
 @contextmanager
 def atomic_path(path: str | os.PathLike) -> Iterator[Path]:
@@ -182,13 +188,6 @@ def value_digest(value: Any) -> str:  # noqa: ANN401
 def without_addresses(text: str) -> str:
     """Return the ``repr`` of an object without memory addresses, which differ in every process."""
     return re.sub(r"<\S*?(\w+) object at 0x\w+>", r"\1", text)
-
-
-_LIBRARY = Path(__file__).resolve().parents[1]
-# The default configuration, its schema, and the records of the project are in the folders config, data and
-# ``workflow`` of a copy of the repository. A wheel contains them as ``accelerated_evaluation/project``.
-_PACKAGED = _LIBRARY / "project"
-PROJECT = _PACKAGED if _PACKAGED.is_dir() else _LIBRARY.parents[1]
 
 
 def project_file(path: str | os.PathLike, project: Path = PROJECT) -> Path:

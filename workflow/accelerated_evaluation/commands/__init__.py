@@ -21,6 +21,13 @@ if TYPE_CHECKING:  # these imports take seconds, and --help does not need them
     from accelerated_evaluation.scenarios import Scenario
     from accelerated_evaluation.track.law_files import InputFile
 
+LAW = """\
+A law of a study is results/STUDY/laws/answer.json (the law that the records support best) or
+results/STUDY/models/two_pieces.json (the paper's). It was fitted to results/STUDY/encounters.parquet.
+The law of another scenario (--scenario) is results/STUDY/laws/answer.json of its study, and needs no
+encounter table. With draws of the law, which are in results/STUDY/laws/draws.json and in
+results/STUDY/estimate/law.json, the intervals also contain the uncertainty of the records."""
+
 
 class Subcommand(Protocol):
     """A subcommand of ``accelerated-evaluation``."""
@@ -43,12 +50,6 @@ class Subcommand(Protocol):
 
 
 COMMANDS: Registry[Subcommand] = Registry("command", __name__, __path__, contract=[Subcommand])
-LAW = """\
-A law of a study is results/STUDY/laws/answer.json (the law that the records support best) or
-results/STUDY/models/two_pieces.json (the paper's). It was fitted to results/STUDY/encounters.parquet.
-The law of another scenario (--scenario) is results/STUDY/laws/answer.json of its study, and needs no
-encounter table. With draws of the law, which are in results/STUDY/laws/draws.json and in
-results/STUDY/estimate/law.json, the intervals also contain the uncertainty of the records."""
 
 
 def add_law(command: argparse.ArgumentParser) -> None:

@@ -68,6 +68,7 @@ earlier version, whose runs save simulations; another scenario, with its default
 
 # Beginnings of lines that are shown in a colour on a terminal: the code of bold yellow.
 DOUBTS = dict.fromkeys(("warning", "STOP", "NOT CONVERGED", "not converged"), "1;33")
+SHARE = number_option("a number from 0 to 1", lambda value: 0 <= value <= 1)
 
 
 def coloured(lines: Iterable[str], stream: TextIO) -> Iterator[str]:
@@ -79,9 +80,6 @@ def coloured(lines: Iterable[str], stream: TextIO) -> Iterator[str]:
     for number, line in enumerate(lines):
         codes = [code for start, code in DOUBTS.items() if line.startswith(start)] or ["1"] * (number == 0)
         yield f"\x1b[{codes[0]}m{line}\x1b[0m" if has_colours and codes else line
-
-
-SHARE = number_option("a number from 0 to 1", lambda value: 0 <= value <= 1)
 
 
 @COMMANDS.add("estimate")

@@ -49,6 +49,7 @@ their number.
 
 example:
   accelerated-evaluation simulate cut_ins.csv outcomes.csv --vehicle my_vehicle.py:MyVehicle"""
+POSITIVE = number_option("a positive number", lambda value: 0 < value < math.inf)
 
 
 def _description() -> str:
@@ -71,9 +72,6 @@ class Row(NamedTuple):
 
     number: int
     fields: list[str]
-
-
-POSITIVE = number_option("a positive number", lambda value: 0 < value < math.inf)
 
 
 @COMMANDS.add("simulate")

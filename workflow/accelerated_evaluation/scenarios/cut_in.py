@@ -36,6 +36,17 @@ from accelerated_evaluation.scenarios.protocol import (
 SPEED_LIMIT = 299_792_458.0  # [m/s]
 ROUNDED = 0.01  # [m]; a reported range may exceed the initial range by this, because of rounding
 ROOM = Path(__file__).parents[1] / "vehicles"
+# Collisions with a vehicle that cuts in have to be avoided from this time to collision on when it has entered
+# the lane by 0.3 m, in vehicles without standing passengers. The regulation does not name the speed of the
+# vehicle that cuts in, so each closing speed is tested at several.
+EU_2022_1426 = tuple(
+    PrescribedTest(
+        f"{closing} km/h faster, TTC {ttc:.2f} s",
+        "(EU) 2022/1426, Annex III, Part 1, 1.4.2",
+        np.array([(lead, ttc * closing / 3.6, closing / 3.6) for lead in (5.0, 10.0, 15.0)]),
+    )
+    for closing, ttc in ((10, 0.48), (20, 0.71), (30, 0.94), (40, 1.18), (50, 1.41), (60, 1.64))
+)
 
 
 @dataclass(frozen=True)
@@ -105,18 +116,6 @@ def _reported_rules(crash: bool, encounter: Mapping[str, float]) -> dict[str, Re
         else (lambda x: x == 0, f"0 {kind}"),
     }
 
-
-# Collisions with a vehicle that cuts in have to be avoided from this time to collision on when it has entered
-# the lane by 0.3 m, in vehicles without standing passengers. The regulation does not name the speed of the
-# vehicle that cuts in, so each closing speed is tested at several.
-EU_2022_1426 = tuple(
-    PrescribedTest(
-        f"{closing} km/h faster, TTC {ttc:.2f} s",
-        "(EU) 2022/1426, Annex III, Part 1, 1.4.2",
-        np.array([(lead, ttc * closing / 3.6, closing / 3.6) for lead in (5.0, 10.0, 15.0)]),
-    )
-    for closing, ttc in ((10, 0.48), (20, 0.71), (30, 0.94), (40, 1.18), (50, 1.41), (60, 1.64))
-)
 
 CUT_IN = SCENARIOS.add("cut_in")(
     Scenario(

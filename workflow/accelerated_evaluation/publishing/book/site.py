@@ -44,40 +44,6 @@ from accelerated_evaluation.publishing.texts import fill
 PACKAGES = ("numpy", "scipy", "pandas", "pyarrow", "numba", "matplotlib")
 PACKAGES += ("snakemake", "papermill", "jinja2", "sphinx", "myst-nb", "sphinx-book-theme")
 
-
-def known_to_pages(study: Study, records: Iterable[str]) -> dict[str, Any]:
-    """Return the values that are inserted into the templates of the first and the last page, by name.
-
-    The last page lists the SHA-256 checksums of the records.
-    """
-    answer = study.answer
-    return {
-        "vehicle": (vehicle := study.config["vehicle"]),
-        "tested": NAMES.get(vehicle["name"], vehicle["name"]),
-        "crash": answer[answer["event"] == "crash"].iloc[0],
-        "rests": rests_in_words(study.extrapolation),
-        "paper": _of_the_paper(study) if study.has("exact", "crude") else None,
-        "commit": commit_of(PROJECT),
-        "checksums": {str(path): _checksum(Path(path)) for path in records},
-        "versions": {"Python": platform.python_version()} | {name: version(name) for name in PACKAGES},
-        "configuration": yaml.safe_dump(study.config, allow_unicode=True, sort_keys=False).strip(),
-    }
-
-
-def _of_the_paper(study: Study) -> dict[str, Any]:
-    """Return the values that need results of the paper's methods and of crude Monte Carlo."""
-    return {
-        "probability": PAPER_PROBABILITY,
-        "departed": departure(study.premises, study.source),
-        "contradicted": contradictions(study.truth, study.crude),
-    }
-
-
-def _checksum(path: Path) -> str:
-    """Return the SHA-256 of a data file, or "no such file", since it may have been deleted meanwhile."""
-    return file_digest(path) if path.is_file() else "no such file"
-
-
 # Guides in the order in which a reader needs them; the last group takes those that are not listed.
 GUIDES = {
     "Your records and your vehicle": (
@@ -110,7 +76,6 @@ GUIDES = {
         "glossary",
     ),
 }
-
 FIGURE_FILES = {"PDF": "pdf", "SVG": "svg", "PNG": "png", "data": "csv"}
 TABLE_FILES = {"CSV": "csv", "Markdown": "md", "LaTeX": "tex"}
 PARAMETERS = {
@@ -121,12 +86,43 @@ MATHJAX = "tex-svg.js"  # one file that draws formulas and adds MathML for scree
 STYLE, SCRIPT = "book.css", "book.js"
 CHAPTER_LINK = re.compile(r"(?<!!)\[(?P<text>[^\]]+)\]\((?P<chapter>\w+\.ipynb)(#[^)]*)?\)")
 PIXELS = 2  # pixels of a PNG file per pixel of its width on the page, so that enlarged figures are sharp
-
-
 ADDED = """# Figures of your own
 
 These figures are drawn by functions that your modules register (configuration key `modules`,
 [guide](extensions.md)). The caption of each figure is the docstring of its function."""
+
+
+def known_to_pages(study: Study, records: Iterable[str]) -> dict[str, Any]:
+    """Return the values that are inserted into the templates of the first and the last page, by name.
+
+    The last page lists the SHA-256 checksums of the records.
+    """
+    answer = study.answer
+    return {
+        "vehicle": (vehicle := study.config["vehicle"]),
+        "tested": NAMES.get(vehicle["name"], vehicle["name"]),
+        "crash": answer[answer["event"] == "crash"].iloc[0],
+        "rests": rests_in_words(study.extrapolation),
+        "paper": _of_the_paper(study) if study.has("exact", "crude") else None,
+        "commit": commit_of(PROJECT),
+        "checksums": {str(path): _checksum(Path(path)) for path in records},
+        "versions": {"Python": platform.python_version()} | {name: version(name) for name in PACKAGES},
+        "configuration": yaml.safe_dump(study.config, allow_unicode=True, sort_keys=False).strip(),
+    }
+
+
+def _of_the_paper(study: Study) -> dict[str, Any]:
+    """Return the values that need results of the paper's methods and of crude Monte Carlo."""
+    return {
+        "probability": PAPER_PROBABILITY,
+        "departed": departure(study.premises, study.source),
+        "contradicted": contradictions(study.truth, study.crude),
+    }
+
+
+def _checksum(path: Path) -> str:
+    """Return the SHA-256 of a data file, or "no such file", since it may have been deleted meanwhile."""
+    return file_digest(path) if path.is_file() else "no such file"
 
 
 @dataclass(frozen=True)

@@ -45,6 +45,27 @@ FARTHEST = 200.0  # largest value of a variable without limits that can be repla
 PLOTTED = 0.999  # share of the records that are within the axes
 SHOWN_LINES = 6_000  # largest number of lines of a crash map that the page contains
 GAMMA_LEVELS = (np.arange(15) + 0.5) / 15  # levels of the quantiles that represent the rate of cut-ins
+# Families of laws in words, by the beginning of the names of their members.
+FAMILIES = {
+    "exponential": "Exponential tails",
+    "generalised": "Generalised Pareto tails",
+    "two kinds": "Tails of two kinds of drivers",
+    "hazard": "A smooth hazard without a tail",
+    "truncated normals": "Mixtures of truncated normal distributions",
+    "Gaussian copula": "A Gaussian copula",
+    "independent": "Independent variables",
+    "kernel": "A kernel around each record",
+}
+LARGEST = 3_000_000  # largest size of a page in bytes
+SHOWN_EVENTS = ("crash", "impact_speed")  # events of the page, whose lines are chosen for crashes
+PLACES = {
+    "/*STYLE*/": "explorer.css",
+    "/*SIMULATOR*/": "simulator.js",
+    "/*ENGINE*/": "engine.js",
+    "/*VIEW*/": "view.js",
+    "/*SETTINGS*/": "settings.js",
+    "/*PAGE*/": "page.js",
+}
 
 
 @dataclass
@@ -127,19 +148,6 @@ def add_laws(payload: Payload, law: Sections, lines: ExploredLines) -> None:
     }
 
 
-# Families of laws in words, by the beginning of the names of their members.
-FAMILIES = {
-    "exponential": "Exponential tails",
-    "generalised": "Generalised Pareto tails",
-    "two kinds": "Tails of two kinds of drivers",
-    "hazard": "A smooth hazard without a tail",
-    "truncated normals": "Mixtures of truncated normal distributions",
-    "Gaussian copula": "A Gaussian copula",
-    "independent": "Independent variables",
-    "kernel": "A kernel around each record",
-}
-
-
 def family_in_words(name: str) -> str:
     """Return the family of a law in words, or the name of a law that is not known here."""
     return next((words for begin, words in FAMILIES.items() if name.startswith(begin)), name)
@@ -202,18 +210,6 @@ def published_of(table: pd.DataFrame, key: str) -> list[dict[str, Any]]:
     columns = [key, "probability", "median", *(name for name in table if name.startswith(("low", "high")))]
     rows = table[[name for name in columns if name in table]].to_dict("records")
     return [{name: None if value != value else value for name, value in row.items()} for row in rows]
-
-
-LARGEST = 3_000_000  # largest size of a page in bytes
-SHOWN_EVENTS = ("crash", "impact_speed")  # events of the page, whose lines are chosen for crashes
-PLACES = {
-    "/*STYLE*/": "explorer.css",
-    "/*SIMULATOR*/": "simulator.js",
-    "/*ENGINE*/": "engine.js",
-    "/*VIEW*/": "view.js",
-    "/*SETTINGS*/": "settings.js",
-    "/*PAGE*/": "page.js",
-}
 
 
 @dataclass(frozen=True)

@@ -30,6 +30,11 @@ DENSITIES = {
 }
 TITLES = {"single": "(a) single parametric distribution", "piecewise": "(b) piecewise mixture; marker: knot"}
 POINTS = 300
+MAPS = {
+    "range": ("m", "range", "$R$ [m]"),
+    "inverse_ttc": ("per_s", "inverse time to collision", "$TTC^{-1}$ [1/s]"),
+}
+BINS = 50
 
 
 @figure
@@ -79,13 +84,6 @@ def _draw_densities(
         parts.append(density_table(name, curve, np.linspace(0.0, end, POINTS), INVERSE_TTC))
         draw_curve(axis, parts[-1], (INVERSE_TTC.column, INVERSE_TTC.density), label, curve)
     return pd.concat(parts)
-
-
-MAPS = {
-    "range": ("m", "range", "$R$ [m]"),
-    "inverse_ttc": ("per_s", "inverse time to collision", "$TTC^{-1}$ [1/s]"),
-}
-BINS = 50
 
 
 @figure

@@ -16,6 +16,8 @@ from accelerated_evaluation.publishing.published import figure
 
 FONT_SIZE = 6.5
 LINE = {"color": "black", "linewidth": 0.7}
+FLOW_HEIGHT = 5.6  # [in]
+MAIN, WIDE = 1.36, 2.3  # middle and width of the main column of the flow chart [in]
 
 
 @dataclass(frozen=True)
@@ -120,8 +122,6 @@ def flow_table(boxes: Mapping[str, FlowBox], arrows: Iterable[Arrow]) -> pd.Data
     return pd.DataFrame(rows).rename(columns=inches)
 
 
-FLOW_HEIGHT = 5.6  # [in]
-MAIN, WIDE = 1.36, 2.3  # middle and width of the main column of the flow chart [in]
 FLOW_BOXES = {
     "start": FlowBox(
         "$f^*$ starts as f, no weight below {minimum_weight:g}\n(single: exponentials with the means of $f$)",

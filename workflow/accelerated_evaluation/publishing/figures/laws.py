@@ -35,6 +35,8 @@ TAILS = {"generalised": "generalised Pareto", "two kinds": "two kinds of drivers
 TAILS |= {"hazard": "smooth hazard alone"}
 BLANK = {"facecolor": "white", "edgecolor": "none", "pad": 0.5}  # hides the lines behind a text
 MARGIN = 1.5  # the largest difference of an accepted law, times this, is the end of a panel of figure 21
+# What the figure counts: the quantity in the table, and the heading of its rows.
+COUNTED = {"closing speed": "records by range", "replay": "replayed records"}
 
 
 @figure
@@ -92,10 +94,6 @@ def _draw_differences(
     for at, value in zip(y[far], below[far], strict=True):
         axes.text(end, at, f"{value:,.0f} →", ha="right", va="center", fontsize=6, bbox=BLANK)
     axes.set_xlim(min(0, (below - error).min()) - 0.08 * end, 1.05 * end)
-
-
-# What the figure counts: the quantity in the table, and the heading of its rows.
-COUNTED = {"closing speed": "records by range", "replay": "replayed records"}
 
 
 @figure

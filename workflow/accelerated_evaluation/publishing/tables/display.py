@@ -26,6 +26,71 @@ _SUPERSCRIPT = str.maketrans("-0123456789", "⁻⁰¹²³⁴⁵⁶⁷⁸⁹")
 # cells and formulas.
 _MARKDOWN = re.compile(r"[|$`*\\]|<(?=[A-Za-z/!?])|&(?=[#A-Za-z])|\](?=[(\[])|(?<!\w)_|_(?!\w)")
 _PLAIN = str.maketrans("⁻⁰¹²³⁴⁵⁶⁷⁸⁹", "-0123456789")
+NAMES = {
+    "under test": "car under test",
+    "acc_aeb": "car with ACC and emergency braking",
+    "acc_only": "car with ACC alone",
+    "cc_human": "careful human (UN R157)",
+    "reg157": "braking model of UN R157",
+    "rss": "RSS driver",
+    "fsm": "FSM driver",
+    "human": "random human driver",
+}
+LONG = 15  # largest number of rows that are not folded
+SHOWN = 8  # number of rows of a longer table that stay visible
+# Headers that are not the name of the column with spaces. The article and the CSV files keep the names.
+HEADERS = {
+    "aic": "AIC",
+    "aic_above_best": "AIC above the best",
+    "behind": "behind the best [standard errors]",
+    "bic": "BIC",
+    "change_inverse_range": "relative change of the tilt of R⁻¹",
+    "change_inverse_ttc": "relative change of the tilt of TTC⁻¹",
+    "ci_high": "upper limit",
+    "ci_low": "lower limit",
+    "cov_reported": "coefficient of variation, reported",
+    "cov_true": "coefficient of variation, true",
+    "coverage80": "coverage of 80 %",
+    "coverage95": "coverage of 95 %",
+    "dispersion_15000": "dispersion, blocks of 15,000",
+    "contains": "the intervals contain",
+    "dispersion_5000": "dispersion, blocks of 5,000",
+    "gain_inverse_ttc_0.25": "gain [nats], TTC⁻¹ > 0.25/s",
+    "gain_inverse_ttc_0.35": "gain [nats], TTC⁻¹ > 0.35/s",
+    "gain_inverse_ttc_0.45": "gain [nats], TTC⁻¹ > 0.45/s",
+    "high": "upper limit",
+    "in_hundred_car": "expected in the 100-Car study",
+    "knot_shift_inverse_range_per_m": "shift of the knots of R⁻¹ [1/m]",
+    "knot_shift_inverse_ttc_per_s": "shift of the knots of TTC⁻¹ [1/s]",
+    "ks_distance": "KS distance",
+    "looked_at": "examined",
+    "low": "lower limit",
+    "n": "number",
+    "n_parameters": "number of parameters",
+    "p_value": "p value",
+    "per_km": "per km",
+    "refused": "rejected",
+    "threshold_range_m": "threshold of the range [m]",
+    "threshold_ttc_s": "threshold of TTC [s]",
+    "to_crash": "ratio to crashes",
+    "within": "within the limits",
+    "to_exact": "ratio to exact",
+    "to_exact_sd": "its standard deviation",
+    "who": "vehicle or study",
+}
+# Endings of names that belong to the word before them.
+ENDINGS = {
+    r"^(?:low|high)(\d+)$": lambda found: f"{found[1]} %, {'from' if found[0][0] == 'l' else 'to'}",
+    r"_low$": ", from",
+    r"_high$": ", to",
+    r"_min$": ", smallest",
+    r"_max$": ", largest",
+    r"_mean$": ", mean",
+}
+# Columns whose values are codes: of vehicles, and of quantities, models and methods.
+CODED_COLUMNS = ("variable", "model", "method")
+QUANTITIES = {"inverse_range": "R⁻¹", "inverse_ttc": "TTC⁻¹"}
+VEHICLE_COLUMNS = ("vehicle", "driver", "reference", "who")
 
 
 def save_table(
@@ -117,78 +182,9 @@ def as_latex(text: str) -> str:
     return text.replace("×", r"$\times$").replace("–", "--").replace("∞", r"$\infty$")
 
 
-NAMES = {
-    "under test": "car under test",
-    "acc_aeb": "car with ACC and emergency braking",
-    "acc_only": "car with ACC alone",
-    "cc_human": "careful human (UN R157)",
-    "reg157": "braking model of UN R157",
-    "rss": "RSS driver",
-    "fsm": "FSM driver",
-    "human": "random human driver",
-}
-
-
 def vehicles_in_words(vehicles: pd.Series) -> pd.Series:
     """Return the names of vehicles in words, shape (n,); a name that is not known here stays as it is."""
     return vehicles.replace(NAMES)
-
-
-LONG = 15  # largest number of rows that are not folded
-SHOWN = 8  # number of rows of a longer table that stay visible
-# Headers that are not the name of the column with spaces. The article and the CSV files keep the names.
-HEADERS = {
-    "aic": "AIC",
-    "aic_above_best": "AIC above the best",
-    "behind": "behind the best [standard errors]",
-    "bic": "BIC",
-    "change_inverse_range": "relative change of the tilt of R⁻¹",
-    "change_inverse_ttc": "relative change of the tilt of TTC⁻¹",
-    "ci_high": "upper limit",
-    "ci_low": "lower limit",
-    "cov_reported": "coefficient of variation, reported",
-    "cov_true": "coefficient of variation, true",
-    "coverage80": "coverage of 80 %",
-    "coverage95": "coverage of 95 %",
-    "dispersion_15000": "dispersion, blocks of 15,000",
-    "contains": "the intervals contain",
-    "dispersion_5000": "dispersion, blocks of 5,000",
-    "gain_inverse_ttc_0.25": "gain [nats], TTC⁻¹ > 0.25/s",
-    "gain_inverse_ttc_0.35": "gain [nats], TTC⁻¹ > 0.35/s",
-    "gain_inverse_ttc_0.45": "gain [nats], TTC⁻¹ > 0.45/s",
-    "high": "upper limit",
-    "in_hundred_car": "expected in the 100-Car study",
-    "knot_shift_inverse_range_per_m": "shift of the knots of R⁻¹ [1/m]",
-    "knot_shift_inverse_ttc_per_s": "shift of the knots of TTC⁻¹ [1/s]",
-    "ks_distance": "KS distance",
-    "looked_at": "examined",
-    "low": "lower limit",
-    "n": "number",
-    "n_parameters": "number of parameters",
-    "p_value": "p value",
-    "per_km": "per km",
-    "refused": "rejected",
-    "threshold_range_m": "threshold of the range [m]",
-    "threshold_ttc_s": "threshold of TTC [s]",
-    "to_crash": "ratio to crashes",
-    "within": "within the limits",
-    "to_exact": "ratio to exact",
-    "to_exact_sd": "its standard deviation",
-    "who": "vehicle or study",
-}
-# Endings of names that belong to the word before them.
-ENDINGS = {
-    r"^(?:low|high)(\d+)$": lambda found: f"{found[1]} %, {'from' if found[0][0] == 'l' else 'to'}",
-    r"_low$": ", from",
-    r"_high$": ", to",
-    r"_min$": ", smallest",
-    r"_max$": ", largest",
-    r"_mean$": ", mean",
-}
-# Columns whose values are codes: of vehicles, and of quantities, models and methods.
-CODED_COLUMNS = ("variable", "model", "method")
-QUANTITIES = {"inverse_range": "R⁻¹", "inverse_ttc": "TTC⁻¹"}
-VEHICLE_COLUMNS = ("vehicle", "driver", "reference", "who")
 
 
 def header(name: Any) -> Any:  # noqa: ANN401

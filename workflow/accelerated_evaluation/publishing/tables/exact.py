@@ -24,6 +24,7 @@ EVENTS = {
 SURE = 4  # half-width, in standard errors, of the range in which the true probability may lie
 CONTRADICTED = 1e-4  # p-value below which simulations contradict all values in this range
 HEAVY = 10  # factor of the rarest crashes in a coefficient of variation that simulations do not show
+DISTANCE = "million kilometres"
 
 
 @table("needed", digits=3)
@@ -122,9 +123,6 @@ uncertainty_table = result_table("uncertainty", digits=3)
 
 # The probabilities of crashes and near misses; readers are shown the `severity_digest`.
 severity_table = result_table("severity", digits=3, digest=severity_digest)
-
-
-DISTANCE = "million kilometres"
 
 
 def best_known(injuries: pd.DataFrame) -> pd.DataFrame:

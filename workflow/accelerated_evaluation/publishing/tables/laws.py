@@ -11,6 +11,11 @@ from accelerated_evaluation.publishing.tables.display import readable
 from accelerated_evaluation.records.verdict import Verdict
 
 DIGITS = 2  # significant digits of probabilities, which are enough for their wide intervals
+# Columns of the ratios to a reference vehicle: prefix in the table, and headings in the short table.
+RATIOS = {
+    "": ("ratio", "80 % of ratio", "safer"),
+    "human_": ("ratio to human", "80 % of it", "safer than human"),
+}
 
 
 def with_intervals(rows: pd.DataFrame) -> pd.DataFrame:
@@ -107,13 +112,6 @@ answer_thresholds_table = result_table("answer_thresholds", digits=DIGITS, diges
 
 # The answer for alternative treatments of the records.
 data_quality_table = result_table("data_quality", digits=DIGITS, digest=with_intervals)
-
-
-# Columns of the ratios to a reference vehicle: prefix in the table, and headings in the short table.
-RATIOS = {
-    "": ("ratio", "80 % of ratio", "safer"),
-    "human_": ("ratio to human", "80 % of it", "safer than human"),
-}
 
 
 def vehicles_digest(vehicles: pd.DataFrame) -> pd.DataFrame:

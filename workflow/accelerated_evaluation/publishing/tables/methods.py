@@ -5,6 +5,7 @@ import pandas as pd
 from accelerated_evaluation.publishing.published import table
 
 DIGITS = 3
+PHASES = ("search", "learn", "estimate")
 
 
 @table("scenario_methods", digits=DIGITS)
@@ -38,9 +39,6 @@ def agreement_table(scenario_agreement: pd.DataFrame) -> pd.DataFrame:
     """Return the table of the published verdicts on crashes, with the share that the vehicle reproduces."""
     share = scenario_agreement["agree"] / scenario_agreement["verdicts"]
     return scenario_agreement.assign(share=share.round(6))
-
-
-PHASES = ("search", "learn", "estimate")
 
 
 def side_by_side(replicates: pd.DataFrame, scope: str) -> pd.DataFrame:

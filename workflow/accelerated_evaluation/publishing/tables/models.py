@@ -10,6 +10,9 @@ from accelerated_evaluation.laws.paper.models import UNITS, IndependentLaw
 from accelerated_evaluation.publishing.published import result_table, table
 from accelerated_evaluation.publishing.tables.display import readable, reproducible_value
 
+PARAMETER_DIGITS = 5  # significant digits of fitted parameters, of which the eighth depends on the processor
+SYMBOLS = {"inverse_range": "R⁻¹", "inverse_ttc": "TTC⁻¹"}
+
 
 def _rounded(account: pd.DataFrame) -> pd.DataFrame:
     """Return the account with short values of the variables, and all digits of the numbers of rows."""
@@ -27,10 +30,6 @@ def _what_was_seen(report: pd.DataFrame) -> pd.DataFrame:
 
 # The report on the records.
 records_report_table = result_table("records_report", digits=3, digest=_what_was_seen)
-
-
-PARAMETER_DIGITS = 5  # significant digits of fitted parameters, of which the eighth depends on the processor
-SYMBOLS = {"inverse_range": "R⁻¹", "inverse_ttc": "TTC⁻¹"}
 
 
 def parameter_table(model: IndependentLaw) -> pd.DataFrame:

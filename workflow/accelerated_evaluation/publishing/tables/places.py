@@ -8,6 +8,13 @@ are left, the number is the mean over them.
 
 from typing import NamedTuple
 
+_NEEDED = "needed[scope=all; method={}].simulations"
+_SEARCHED = "table2_computation[stage=Cross-Entropy; method={}; quantity=simulations].ours"
+_REPEATED = "repeated_searches[crash_updates=smallest; method={}].{}"
+_SETTLED = "repeated_searches[crash_updates=largest; method=piecewise].{}"
+_RUN = "estimates[scope=all; method={}; replicate=0].simulations"
+_KEPT = "encounters_account[step=range].rows_kept"
+
 
 class Found(NamedTuple):
     """Where a number stands: a formula in the letters a, b, ..., and one place for each letter."""
@@ -26,13 +33,6 @@ def _single_over_piecewise(place: str) -> tuple[str, str]:
     """Return a place for the method single, and the same for piecewise; ``{}`` stands for the method."""
     return place.format("single"), place.format("piecewise")
 
-
-_NEEDED = "needed[scope=all; method={}].simulations"
-_SEARCHED = "table2_computation[stage=Cross-Entropy; method={}; quantity=simulations].ours"
-_REPEATED = "repeated_searches[crash_updates=smallest; method={}].{}"
-_SETTLED = "repeated_searches[crash_updates=largest; method=piecewise].{}"
-_RUN = "estimates[scope=all; method={}; replicate=0].simulations"
-_KEPT = "encounters_account[step=range].rows_kept"
 
 _saving = Found("1 - b / a", _single_over_piecewise(_NEEDED))
 _crude = Found("a / b", (_NEEDED.format("crude"), _NEEDED.format("piecewise")))

@@ -24,6 +24,85 @@ from accelerated_evaluation.publishing.tables.spreads import (
 NORMAL = float(ndtri((1 + LEVEL) / 2))
 CHOSEN = {"pareto": ("Pareto", "inverse_range"), "exponential": ("exponential", "inverse_ttc")}
 QUANTILE = 0.95  # at which the segments are compared, where the last knot of TTC^-1 is by default
+# Where in the paper; what it says; what is done here; and the effect in the study.
+READINGS = (
+    (
+        "section II",
+        "17 distribution templates, which are not named",
+        "18 families: the 17 continuous ones that MATLAB's statistics toolbox fits, and Pareto with one "
+        "parameter, which the toolbox has as a generalized Pareto distribution only",
+        "none on later results",
+    ),
+    (
+        "section III",
+        "the knots are not printed",
+        "knot of TTC^-1 at a quantile of the records, of R^-1 by profile likelihood",
+        "knot of TTC^-1: probability x{knot}",
+    ),
+    (
+        "section VI",
+        "the f under which the single method estimates is not stated",
+        "both methods estimate under the piecewise f, as the common estimate in figure 12 suggests",
+        "under the single f: probability x{single}",
+    ),
+    (
+        "section VI",
+        "no largest closing speed",
+        "{cap:g} m/s, as in the authors' code",
+        "other caps: probability x{caps}",
+    ),
+    (
+        "section V.C.1",
+        "thresholds only as a figure",
+        "the {search[event_quantile]:g} quantile of a score",
+        "numbers of iterations and simulations of the searches",
+    ),
+    (
+        "section V.C.2",
+        "N is adjusted for each piece with a large portion; no numbers",
+        "a portion from 0.1 needs {search[minimum_piece_events]} events, and all together "
+        "{search[minimum_events]}; at most {search[maximum_batches]} N",
+        "{longer} of {updates} iterations simulated more than N",
+    ),
+    (
+        "section V.C.3",
+        "a lower bound of the weight of a piece without events",
+        "{search[minimum_weight]:g}, also for pieces with a few events",
+        "none that is visible",
+    ),
+    (
+        "section V.C.4",
+        "a piece without events keeps its tilt, or it is set to 0",
+        "it keeps its tilt; the mean of a bounded piece stays 2 % of its width inside; the tilt of an "
+        "unbounded tail is at least 0, but single exponentials have no such limit",
+        "the tails of piecewise give the weights a finite variance; see chapter 9 for single",
+    ),
+    (
+        "section V.C.5",
+        "knots move until an iteration has enough events; no step, no limit",
+        "steps of {search[truncation_shift][inverse_range]:g} 1/m and "
+        "{search[truncation_shift][inverse_ttc]:g} 1/s, as long as an iteration may draw",
+        "see chapters 7 and 9",
+    ),
+    (
+        "appendix C",
+        "the search ends when theta converges",
+        "it ends after {search[crash_iterations]} updates in a row with the crash itself",
+        "after {most} instead of {least} updates, piecewise needs x{needed} simulations",
+    ),
+    (
+        "section VI.C",
+        "converged if the relative half-width is at most beta",
+        "and at least {sampling[minimum_events]} crashes were seen",
+        "piecewise and single stopped with at least {fewest} crashes",
+    ),
+    (
+        "section VI.C",
+        "10 tests",
+        "{sampling[replicates]} replicates that share the f* of {search[seeds]} searches",
+        "the searches differ little, see table needed",
+    ),
+)
 
 
 class StudyResults(NamedTuple):
@@ -175,87 +254,6 @@ def _shortest(repeated: pd.DataFrame) -> pd.DataFrame:
 
 def _by_exact_variances(searches: int) -> str:
     return f"exact variances of {searches} search{'es' * (searches != 1)} each"
-
-
-# Where in the paper; what it says; what is done here; and the effect in the study.
-READINGS = (
-    (
-        "section II",
-        "17 distribution templates, which are not named",
-        "18 families: the 17 continuous ones that MATLAB's statistics toolbox fits, and Pareto with one "
-        "parameter, which the toolbox has as a generalized Pareto distribution only",
-        "none on later results",
-    ),
-    (
-        "section III",
-        "the knots are not printed",
-        "knot of TTC^-1 at a quantile of the records, of R^-1 by profile likelihood",
-        "knot of TTC^-1: probability x{knot}",
-    ),
-    (
-        "section VI",
-        "the f under which the single method estimates is not stated",
-        "both methods estimate under the piecewise f, as the common estimate in figure 12 suggests",
-        "under the single f: probability x{single}",
-    ),
-    (
-        "section VI",
-        "no largest closing speed",
-        "{cap:g} m/s, as in the authors' code",
-        "other caps: probability x{caps}",
-    ),
-    (
-        "section V.C.1",
-        "thresholds only as a figure",
-        "the {search[event_quantile]:g} quantile of a score",
-        "numbers of iterations and simulations of the searches",
-    ),
-    (
-        "section V.C.2",
-        "N is adjusted for each piece with a large portion; no numbers",
-        "a portion from 0.1 needs {search[minimum_piece_events]} events, and all together "
-        "{search[minimum_events]}; at most {search[maximum_batches]} N",
-        "{longer} of {updates} iterations simulated more than N",
-    ),
-    (
-        "section V.C.3",
-        "a lower bound of the weight of a piece without events",
-        "{search[minimum_weight]:g}, also for pieces with a few events",
-        "none that is visible",
-    ),
-    (
-        "section V.C.4",
-        "a piece without events keeps its tilt, or it is set to 0",
-        "it keeps its tilt; the mean of a bounded piece stays 2 % of its width inside; the tilt of an "
-        "unbounded tail is at least 0, but single exponentials have no such limit",
-        "the tails of piecewise give the weights a finite variance; see chapter 9 for single",
-    ),
-    (
-        "section V.C.5",
-        "knots move until an iteration has enough events; no step, no limit",
-        "steps of {search[truncation_shift][inverse_range]:g} 1/m and "
-        "{search[truncation_shift][inverse_ttc]:g} 1/s, as long as an iteration may draw",
-        "see chapters 7 and 9",
-    ),
-    (
-        "appendix C",
-        "the search ends when theta converges",
-        "it ends after {search[crash_iterations]} updates in a row with the crash itself",
-        "after {most} instead of {least} updates, piecewise needs x{needed} simulations",
-    ),
-    (
-        "section VI.C",
-        "converged if the relative half-width is at most beta",
-        "and at least {sampling[minimum_events]} crashes were seen",
-        "piecewise and single stopped with at least {fewest} crashes",
-    ),
-    (
-        "section VI.C",
-        "10 tests",
-        "{sampling[replicates]} replicates that share the f* of {search[seeds]} searches",
-        "the searches differ little, see table needed",
-    ),
-)
 
 
 @table("readings")

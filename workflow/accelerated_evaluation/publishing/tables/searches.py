@@ -5,6 +5,11 @@ import pandas as pd
 from accelerated_evaluation.methods.coverage import LEVELS
 from accelerated_evaluation.publishing.published import result_table, table
 
+COVERAGE_COLUMNS = (
+    *("method", "stopping", "replicates", "bias", "cov_true", "cov_reported"),
+    *(f"coverage{level}" for level in LEVELS),
+)
+
 
 def search_totals(trace: pd.DataFrame) -> pd.Series:
     """Return the simulations of each search, summed over the segments, by method and seed."""
@@ -75,12 +80,6 @@ def updates_digest(repeated_searches: pd.DataFrame) -> pd.DataFrame:
 
 # The searches with more seeds and more updates; readers are shown the `updates_digest`.
 repeated_searches_table = result_table("repeated_searches", digits=3, digest=updates_digest)
-
-
-COVERAGE_COLUMNS = (
-    *("method", "stopping", "replicates", "bias", "cov_true", "cov_reported"),
-    *(f"coverage{level}" for level in LEVELS),
-)
 
 
 @table("coverage", digits=3)

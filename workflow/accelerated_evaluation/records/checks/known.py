@@ -57,6 +57,11 @@ FAR, SLIGHT = 0.8, 0.4  # below the first, all faults need the ratio `RARE`; bel
 OTHER_CUT_INS, OTHER = 1.5, 0.8
 SHOWN = 3  # number of differences, and of faults, that are named
 SMALL = float(np.log(1.25))  # smaller factors are not named
+COLUMNS = {
+    "lead_speed": "data.table.columns.lead_speed",
+    "range": "data.table.columns.range",
+    "closing_speed": "data.table.columns.closing",
+}  # keys of the columns of cut-ins
 
 
 @dataclass(frozen=True)
@@ -113,13 +118,6 @@ class Fault:
     needed: float  # how many times nearer the records must come to the known ones; see `SUM`
     corrected: Array  # the points without the fault, shape (n, d)
     unit: str = ""  # the unit of the columns, if it is another one
-
-
-COLUMNS = {
-    "lead_speed": "data.table.columns.lead_speed",
-    "range": "data.table.columns.range",
-    "closing_speed": "data.table.columns.closing",
-}  # keys of the columns of cut-ins
 
 
 def _faults(x: Array, units: Mapping[str, str]) -> Iterator[Fault]:

@@ -23,6 +23,10 @@ from accelerated_evaluation.records.checks import (
 DRIFTING = ("lead_speed", "range", "inverse_ttc")
 BLOCKS = 10  # number of blocks of consecutive rows in a third of the record, for the jackknife
 MEDIUM = 0.5  # difference of means in standard deviations, a medium effect (Cohen 1988)
+NEAR_TTC, NEAR_RANGE = 1.0, 1.0  # [s], [m]; the crash map defines near misses by the same limits
+# Largest share of crashes in records of other scenarios than the cut-in. Their vehicles are less careful than
+# the recorded drivers: the vehicle of the left turn crashes in 2 % of the records of the project.
+MANY_CRASHES = 0.1
 
 
 @CHECKS.add("order_of_rows")
@@ -98,12 +102,6 @@ def _wins(first: Array, last: Array) -> float:
     ordered = np.sort(first)
     below = np.searchsorted(ordered, last, side="left") + np.searchsorted(ordered, last, side="right")
     return float(below.mean() / (2 * ordered.size))
-
-
-NEAR_TTC, NEAR_RANGE = 1.0, 1.0  # [s], [m]; the crash map defines near misses by the same limits
-# Largest share of crashes in records of other scenarios than the cut-in. Their vehicles are less careful than
-# the recorded drivers: the vehicle of the left turn crashes in 2 % of the records of the project.
-MANY_CRASHES = 0.1
 
 
 @CHECKS.add("replayed_crashes")

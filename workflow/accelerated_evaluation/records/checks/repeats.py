@@ -25,6 +25,8 @@ from accelerated_evaluation.records.checks import (
 )
 
 FEW_CLUSTERS = 20  # effective number of clusters below which bootstrap intervals over clusters are too short
+RESOLUTION = {"m/s": 0.1, "m": 0.2}  # of automotive radars; variables in other units must be equal
+FAR = (0.23, 0.31, 0.43)  # distances between rows of different cut-ins, as shares of the length of the record
 
 
 @CHECKS.add("clusters")
@@ -41,10 +43,6 @@ def clusters(records: Records) -> Finding:
         "The records of one cluster are similar, so a few clusters contain little information about other "
         "clusters. Expect wide intervals. Records of more clusters reduce them most.",
     )
-
-
-RESOLUTION = {"m/s": 0.1, "m": 0.2}  # of automotive radars; variables in other units must be equal
-FAR = (0.23, 0.31, 0.43)  # distances between rows of different cut-ins, as shares of the length of the record
 
 
 @CHECKS.add("repeated_rows")

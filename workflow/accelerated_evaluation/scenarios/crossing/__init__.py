@@ -16,6 +16,12 @@ from numpy.typing import NDArray
 from accelerated_evaluation.base.arrays import Array
 from accelerated_evaluation.scenarios.protocol import FLAG, Fault, Panel, ReportedRule, outcome
 
+PANELS = (
+    Panel("speed [m/s]", {"host_speed_m_per_s": "host"}),
+    Panel("acceleration [m/s²]", {"host_acceleration_m_per_s2": "host"}),
+    Panel("position of the target [m]", {"ahead_m": "ahead", "aside_m": "aside"}, zero=True),
+)
+
 
 @dataclass(frozen=True)
 class CrossingOutcomes:
@@ -38,13 +44,6 @@ class CrossingOutcomes:
         "keep the speeds of the end of the run; 0 after a crash, inf if one of them never reaches the point",
         optional=True,
     )
-
-
-PANELS = (
-    Panel("speed [m/s]", {"host_speed_m_per_s": "host"}),
-    Panel("acceleration [m/s²]", {"host_acceleration_m_per_s2": "host"}),
-    Panel("position of the target [m]", {"ahead_m": "ahead", "aside_m": "aside"}, zero=True),
-)
 
 
 def outcome_rules(columns: Mapping[str, Array]) -> list[Fault]:
