@@ -22,6 +22,8 @@ from accelerated_evaluation.base.users_code import error_in_words, import_file, 
 GROUP = "accelerated_evaluation"
 VARIABLE = "ACCELERATED_EVALUATION_MODULES"  # paths of the files, separated as in PATH
 LIBRARY = "accelerated_evaluation."
+EXTENSIONS: dict[str, "Extension"] = {}
+_being_imported: list["Extension"] = []
 
 
 class Members(Protocol):
@@ -55,10 +57,6 @@ class Extension:
         places = [f"{each.replace('.', '/')}/{name}/" for each, name in own if each.startswith(LIBRARY)]
         wanted = tuple(f"{LIBRARY.replace('.', '/')}{part}/" for part in parts)
         return any(place.startswith(wanted) for place in places)
-
-
-EXTENSIONS: dict[str, Extension] = {}
-_being_imported: list[Extension] = []
 
 
 def current() -> Extension | None:

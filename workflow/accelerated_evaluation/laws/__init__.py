@@ -10,21 +10,10 @@ from accelerated_evaluation.base.registry import Registry
 from accelerated_evaluation.laws.protocol import Box, Law
 from accelerated_evaluation.laws.strata import Factors, StratifiedLaw, Stratum
 
-
-@dataclass(frozen=True)
-class FitSettings:
-    """What a fit of a law of cut-ins may use, besides the encounter table."""
-
-    models: Mapping[str, Any]  # the section of the configuration that describes the paper's models
-    range_max: float  # largest range of the records [m]
-    closing_speed_max: float  # cap on the closing speed [m/s]
-    description: str  # of the records
-
-
 # Classes of laws, by the name in law files.
 LAWS: Registry[type[Law]] = Registry("law", __name__, __path__, "kind", contract=[Law])
 # Functions that fit a law of cut-ins to an encounter table, by the name that a user gives to --law.
-FITS: Registry[Callable[[pd.DataFrame, FitSettings], Law]] = Registry(
+FITS: Registry[Callable[[pd.DataFrame, "FitSettings"], Law]] = Registry(
     "fitted law", __name__, __path__, contract=[Callable]
 )
 
@@ -40,6 +29,16 @@ __all__ = [
     "nested_content",
     "nested_law",
 ]
+
+
+@dataclass(frozen=True)
+class FitSettings:
+    """What a fit of a law of cut-ins may use, besides the encounter table."""
+
+    models: Mapping[str, Any]  # the section of the configuration that describes the paper's models
+    range_max: float  # largest range of the records [m]
+    closing_speed_max: float  # cap on the closing speed [m/s]
+    description: str  # of the records
 
 
 def nested_content(law: Law) -> dict[str, Any]:

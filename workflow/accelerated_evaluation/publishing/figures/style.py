@@ -59,6 +59,7 @@ _RC = {
     "svg.fonttype": "none",
     "pdf.fonttype": 42,
 }
+_print: "Print | None" = None
 
 
 @dataclass(frozen=True)
@@ -78,9 +79,6 @@ class Print:
     font: str
     folders: Mapping[float, Path]
     only: str | None = None
-
-
-_print: Print | None = None
 
 
 @contextmanager
