@@ -1,19 +1,18 @@
 """Arguments of public functions are checked and converted at the call, and errors say what is wrong."""
 
 import math
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
-from accelerated_evaluation.base.arguments import (
-    A_GENERATOR,
-    a_number,
-    by_name,
-    checked,
-    described,
-    one_of,
-)
+from accelerated_evaluation.base.arguments import a_number, by_name, described, one_of
+from accelerated_evaluation.base.checking import checked
 from accelerated_evaluation.base.errors import InputError
+from accelerated_evaluation.base.randomness import A_GENERATOR
+from numpy.typing import NDArray
 
 CAPITALS = {"fr": b"Paris", "it": b"Rome"}
 
@@ -87,7 +86,9 @@ def test_a_class_checks_its_arguments_also_when_it_is_changed():
 def test_the_name_and_the_text_of_a_function_remain():
     assert drawn.__name__ == "drawn"
     assert drawn.__doc__ == "Return the arguments."
-    with pytest.raises(TypeError, match="missing a required argument: 'size'"):
+    with pytest.raises(
+        InputError, match=r"drawn: seen missing a required argument: .size.; expected drawn\(size"
+    ):
         drawn()
 
 
@@ -104,3 +105,78 @@ def test_the_name_and_the_text_of_a_function_remain():
 )
 def test_a_wrong_value_is_described_in_a_few_words(value, words):
     assert described(value) == words
+
+
+@checked()
+def hinted(
+    number: float = 0.0,
+    count: int = 0,
+    name: str | None = None,
+    is_new: bool = False,
+    values: NDArray[np.float64] = (),
+    flags: NDArray[np.bool_] = (),
+    names: Sequence[str] = (),
+    path: Path | None = None,
+    rule: Callable[[float], float] = abs,
+    part: Part | None = None,
+    anything: Any = None,
+    *more: str,
+    **others: Any,
+):
+    """Return the arguments."""
+    return locals()
+
+
+@pytest.mark.parametrize(
+    ("name", "given", "used"),
+    [
+        ("number", 3, 3.0),
+        ("count", np.int64(3), 3),
+        ("name", "a", "a"),
+        ("is_new", np.True_, True),
+        ("values", [1, 2], [1.0, 2.0]),
+        ("flags", [True, False], [True, False]),
+        ("names", (name for name in "ab"), ("a", "b")),
+        ("path", "a.csv", Path("a.csv")),
+        ("rule", len, len),
+        ("part", Part(1), Part(1)),
+        ("anything", 3, 3),
+    ],
+)
+def test_an_argument_is_checked_and_converted_by_its_type_hint(name, given, used):
+    value = hinted(**{name: given})[name]
+    assert np.array_equal(value, used)
+    assert type(value) is (np.ndarray if name in ("values", "flags") else type(used))
+
+
+@pytest.mark.parametrize(
+    ("name", "given", "expected"),
+    [
+        ("number", "3", "a number"),
+        ("number", True, "a number"),
+        ("number", math.nan, "a number"),
+        ("count", 2.5, "a whole number"),
+        ("count", "1", "a whole number"),
+        ("name", 3, "text or None"),
+        ("is_new", 1, "True or False"),
+        ("values", "12", "an array of numbers"),
+        ("values", ["a"], "an array of numbers"),
+        ("values", 3, "an array of numbers"),
+        ("flags", [0, 1], "an array of true and false"),
+        ("names", "ab", "a list, each of it text"),
+        ("names", ["a", 1], "a list, each of it text"),
+        ("names", {"a": 1}, "a list, each of it text"),
+        ("path", 3, "a path or None"),
+        ("rule", abs(-1), "a function"),
+        ("rule", Part, "a function"),
+        ("part", "all", "an object of the class Part or None"),
+    ],
+)
+def test_an_argument_that_does_not_fit_its_type_hint_is_refused(name, given, expected):
+    with pytest.raises(InputError, match=rf"hinted, argument {name}: seen .*; expected {expected}\. "):
+        hinted(**{name: given})
+
+
+def test_a_wrong_name_of_an_argument_is_refused():
+    with pytest.raises(InputError, match=r"Part: seen .*'nme'; expected Part\(share, name\)\. Correct"):
+        Part(1, nme="a")

@@ -1,9 +1,10 @@
 """The mistakes of a user of Python get the same messages as mistakes in files."""
 
-from dataclasses import replace
+from dataclasses import asdict, replace
 
 import accelerated_evaluation as ae
 import numpy as np
+import pandas as pd
 import pytest
 
 GRID = ae.Grid(
@@ -145,7 +146,7 @@ def test_an_evaluation_says_what_it_cannot_use(changed, message, law):
     [
         (
             lambda turns: ae.Simulations(0),
-            "Simulations, argument size: seen 0; expected a whole number of 1 or more",
+            "Simulations, argument size: seen 0; expected a whole number from 1 to 1e+08",
         ),
         (lambda turns: ae.FewRuns(batch_size=2.5), "FewRuns, argument batch_size: seen 2.5"),
         (lambda turns: ae.FewRuns(100), "argument stopping: seen 100; expected a stopping rule"),
@@ -265,13 +266,175 @@ def test_limits_that_are_auto_are_derived_from_a_users_table(tmp_path, monkeypat
     assert by_keys.size == by_config.size > 100
 
 
-def test_a_map_of_another_scenario_is_refused_and_an_exact_answer_prints_itself():
+class Unknown:
+    """An object that no parameter of the public interface accepts."""
+
+
+PLACES = {"name": "gap", "unit": "m", "description": "the gap"}
+TURN = ae.SCENARIOS["left_turn"]
+DOORS = [
+    (ae.child_generator, {"root_seed": 1}),
+    (ae.load, {"paths": (), "given": {}}),
+    (ae.read_records, {"config": "left_turn", "check": None}),
+    (ae.event_named, {"text": "crash", "scenario": "left_turn"}),
+    (ae.outcome, {"unit": "m", "description": "the gap", "optional": False}),
+    (ae.Outcome, PLACES),
+    (ae.Variable, PLACES | {"low": 0.0, "high": 9.0, "step": 1.0, "sign_matters": True}),
+    (ae.Event, {"quantity": "gap", "threshold": 1.0, "happens": abs, "score": abs}),
+    (ae.Event.flag, {"name": "crash", "scored_by": "gap"}),
+    (ae.Event.above, {"name": "impact_speed", "threshold": 1, "scored_by": "gap"}),
+    (ae.Event.at_most, {"name": "gap", "threshold": 1}),
+    (ae.Box, {"names": ("a",), "lower": (0.0,), "upper": (1.0,)}),
+    (
+        ae.Scenario,
+        {
+            key: getattr(TURN, key)
+            for key in ("name", "description", "variables", "outcome_type", "events", "default_vehicle")
+        }
+        | {"vehicles": dict(TURN.vehicles)},
+    ),
+    (ae.Request, {"law": "paper", "replicates": 1, "sampling_share": 0.1, "event": None, "compare": ()}),
+    (
+        ae.FewRuns,
+        {"stopping": ae.Stopping(), "batch_size": 5, "share": 0.1, "predecessor": None, "on_batch": None},
+    ),
+    (ae.Simulations, {"size": 10}),
+    (ae.Scan, {"lines": 16, "points": 20}),
+    (ae.Grid, asdict(GRID)),
+    (ae.Problem, {"scenario": "left_turn", "vehicle": "acc_aeb", "event": None, "law": None, "graded": True}),
+    (ae.vehicles_of, {"scenario": "left_turn"}),
+    (ae.Posterior, {"probabilities": [0.1, 0.2], "member": [0, 1]}),
+    (ae.Replayed, {"happened": [True, False]}),
+    (ae.compare, {"own": None, "other": None}),
+    (ae.LAWS.add, {"name": "a_new_law"}),
+    (ae.LAWS.__getitem__, {"name": "gaussian_copula"}),
+]
+
+
+@pytest.mark.parametrize(("door", "given"), DOORS)
+def test_every_parameter_says_what_it_cannot_use(door, given):
+    door(**given)
+    for name in given:
+        for wrong in (Unknown(), 1j, [Unknown()]):
+            with pytest.raises(ae.InputError, match=r": seen .*; expected .*\. \w"):
+                door(**(given | {name: wrong}))
+
+
+def test_every_parameter_of_functions_of_laws_says_what_it_cannot_use(turns, law, tmp_path):
+    draws, problem = ae.as_draws(law), ae.Problem("left_turn", "acc_aeb", law=law)
+    found = ae.evaluate(problem, draws, ae.Simulations(3000), generator=1)
+    doors = [
+        (ae.as_draws, {"law": law}),
+        (ae.OneLaw, {"proposal": law, "name": "a"}),
+        (ae.DrawnLaws, {"parts": [draws], "own": law, "description": "one"}),
+        (draws.__add__, {"other": draws}),
+        (draws.thinned, {"size": 1}),
+        (law.draw, {"n": 2, "generator": 1}),
+        (draws.draw_from_mean, {"n": 2, "generator": 1}),
+        (law.box.contains, {"x": turns.x}),
+        (ae.write_law, {"path": tmp_path / "law.json", "law": law, "records": None, "verdict": None}),
+        (ae.read_law, {"path": tmp_path / "law.json", "records": None}),
+        (ae.FittedRecords.of, {"scenario": "left_turn", "table": turns.table, "support": None}),
+        (problem.simulate, {"x": turns.x}),
+        (problem.evaluate, {"z": np.zeros((2, 3))}),
+        (
+            ae.evaluate,
+            {"problem": problem, "draws": draws, "by": ae.Simulations(3000), "events": [], "generator": 1},
+        ),
+        (ae.extrapolation, {"answer": found, "records": turns, "replayed": None}),
+        (ae.Replayed.of, {"problem": problem, "x": turns.x}),
+        (ae.Replayed([True]).supports, {"probability": 0.5}),
+        (found.table, {"events_per_km": 0.1}),
+        (found.budget, {"sampling_deviation": 0.1}),
+        (found.posterior.interval, {"level": 0.8}),
+        (found.crashes.drawn, {"size": 2, "generator": 1}),
+    ]
+    for door, given in doors:
+        test_every_parameter_says_what_it_cannot_use(door, given)
+
+
+@pytest.mark.parametrize(
+    ("call", "message"),
+    [
+        (lambda: ae.Variable("gap", "m", 9, 0, "the gap"), "Variable gap: seen limits from 9 to 0"),
+        (
+            lambda: ae.Box(("a", "b"), (0.0,), (1.0, 1.0)),
+            "expected a lower limit below an upper limit for each",
+        ),
+        (lambda: ae.Posterior([0.1, 0.2], [0]), "expected one probability and one number of a candidate"),
+        (lambda: replace(TURN, variables=()), "Scenario left_turn: seen no variables"),
+        (lambda: replace(TURN, variables=TURN.variables[:1] * 2), "expected a name of its own for each"),
+        (
+            lambda: replace(TURN, outcome_type=Unknown),
+            "seen the outcomes Unknown; expected a frozen dataclass",
+        ),
+        (lambda: replace(TURN, events=()), "seen no events; expected at least one Event"),
+        (lambda: ae.LAWS["no_such"], "law: seen 'no_such'; expected one of"),
+        (lambda: ae.FewRuns(stoping=ae.Stopping()), "'stoping'; expected FewRuns(stopping, batch_size"),
+        (
+            lambda: ae.FittedRecords.of("left_turn", pd.DataFrame({"a": [1]})),
+            "argument table: seen a table without sdv_speed_mps",
+        ),
+        (
+            lambda: ae.Problem("left_turn", "acc_aeb").simulate(np.zeros((4, 2))),
+            "argument x: seen a ndarray of shape (4, 2); expected an array of shape (n, 3) with",
+        ),
+    ],
+)
+def test_values_that_contradict_each_other_are_refused(call, message):
+    with pytest.raises(ae.InputError) as error:
+        call()
+    assert message in str(error.value)
+
+
+EVENTS = [
+    ({"happens": lambda outcomes: outcomes.no_such}, "function happens: seen AttributeError"),
+    (
+        {"happens": lambda outcomes: 1 / 0},
+        "seen ZeroDivisionError: division by zero; expected a function",
+    ),
+    ({"happens": lambda outcomes: True}, "seen True with values such as [ True]; expected an array of flags"),
+    ({"happens": lambda outcomes: outcomes.crash[:3]}, "of the shape (3000,)"),
+    ({"happens": lambda outcomes: outcomes.impact_speed}, "expected an array of flags without NaN"),
+    ({"score": lambda outcomes: outcomes.impact_speed * np.nan}, "function score: seen a ndarray of shape"),
+    ({"score": lambda outcomes: 0.0}, "seen 0.0 with values such as [0.]; expected an array of numbers"),
+]
+
+
+@pytest.mark.parametrize(("changed", "message"), EVENTS)
+def test_the_functions_of_a_users_event_are_checked(changed, message, law):
+    usual = {"happens": lambda outcomes: outcomes.crash, "score": lambda outcomes: outcomes.clearance}
+    event = ae.Event("mine", **(usual | changed))
+    problem = ae.Problem("left_turn", "acc_aeb", event, law=law)
+    with pytest.raises(ae.InputError) as error:
+        problem.evaluate(np.zeros((3000, 3)))
+    assert message in str(error.value)
+
+
+def test_an_event_of_another_scenario_is_refused(law):
+    problem = ae.Problem("left_turn", "acc_aeb", ae.event_named("min_range=1", "cut_in"))
+    with pytest.raises(ae.InputError, match="event min_range, function happens: seen AttributeError"):
+        ae.evaluate(problem, law, ae.Simulations(200), generator=1)
+
+
+def test_draws_are_added_to_draws_and_laws_of_the_same_variables(turns, law):
+    draws = ae.as_draws(law)
+    assert (draws + law).size == (draws + draws).size == 2
+    cut_ins = ae.read_records({"data": {"sample": 2000, "spmd": {"outlier_rows": []}}})
+    with pytest.raises(ae.InputError, match="the sum of two sets of draws: seen sdv_speed_mps"):
+        draws + ae.fit_paper_law("single", cut_ins)
+
+
+def test_records_and_draws_print_one_line(turns, law):
+    assert repr(turns).startswith(f"{turns.size:,} records of {TURN.one}, with sdv_speed_mps, turning_")
+    assert repr(ae.as_draws(law) + ae.OneLaw(law, "another")) == "2 draws of another, " + law.description
+
+
+def test_a_map_of_another_scenario_is_refused_and_an_exact_answer_prints_itself(turns, law):
     cut_ins = ae.read_records({"data": {"sample": 2000, "spmd": {"outlier_rows": []}}})
     paper = ae.fit_paper_law("two_pieces", cut_ins)
     way = ae.Map(ae.map_crashes("acc_aeb", replace(GRID, closing_speed_points=40), [], 1), cut_ins)
     exact = ae.evaluate(ae.Problem("cut_in", "acc_aeb"), paper, way, generator=1)
     assert "intervals with no uncertainty, without data and choice of law" in repr(exact)
-    turns = ae.read_records("left_turn")
-    law = ae.choose_draws("independent_variables", turns)
     with pytest.raises(ae.InputError, match="Map: seen a problem of the scenario left_turn"):
         ae.evaluate(ae.Problem("left_turn", "acc_aeb"), law, way, generator=1)

@@ -53,9 +53,11 @@ def test_a_box_contains_its_limits_which_may_be_infinite():
     assert box.contains(x).tolist() == [True, True, False, False]
     assert box.content()[0] == {"name": "a", "lower": None, "upper": 1.0}
     assert Box.from_content(box.content()) == box
-    for lower, upper in [((0.0, 0.0), (1.0, 0.0)), ((0.0, np.nan), (1.0, 1.0)), ((0.0,), (1.0,))]:
-        with pytest.raises(ValueError, match="a lower limit below an upper limit"):
+    for lower, upper in [((0.0, 0.0), (1.0, 0.0)), ((0.0,), (1.0,))]:
+        with pytest.raises(InputError, match="a lower limit below an upper limit"):
             Box(("a", "b"), lower, upper)
+    with pytest.raises(InputError, match=r"Box, argument lower: seen \(0.0, nan\); expected a list"):
+        Box(("a", "b"), (0.0, np.nan), (1.0, 1.0))
     with pytest.raises(ValueError, match="need finite limits"):
         Normals(np.zeros((1, 2)), np.eye(2)[None], box)
 

@@ -11,15 +11,17 @@ from numpy.typing import NDArray
 from accelerated_evaluation.answer.calibration import mid_p
 from accelerated_evaluation.answer.posterior import Posterior, answer_row, budget
 from accelerated_evaluation.answer.words import answer_in_words, budget_in_words
-from accelerated_evaluation.base.arguments import A_GENERATOR, Argument, checked, one_of
+from accelerated_evaluation.base.arguments import Argument, a_number, one_of
 from accelerated_evaluation.base.arrays import Array
+from accelerated_evaluation.base.checking import checked
 from accelerated_evaluation.base.errors import InputError
+from accelerated_evaluation.base.randomness import A_GENERATOR
 from accelerated_evaluation.laws import Law
 from accelerated_evaluation.laws.draws import Draws, as_draws
 from accelerated_evaluation.methods.problem import Problem
 from accelerated_evaluation.scenarios.protocol import Event
 from accelerated_evaluation.vehicles.loading import checked_vehicle
-from accelerated_evaluation.vehicles.protocol import event_named
+from accelerated_evaluation.vehicles.protocol import EVENTS, event_named
 
 # An answer is rejected unless the mid-p value of the number of events among replayed records exceeds this
 # value.
@@ -27,6 +29,7 @@ MISSED = 1e-4
 QUANTILES = (0.1, 0.25, 0.5, 0.75, 0.9)  # levels of the quantiles of the impact speed
 
 
+@checked()
 @dataclass(frozen=True)
 class Crashes:
     """Crashes with their probabilities under each draw of the law.
@@ -55,11 +58,13 @@ class Crashes:
         weights = self.weights.mean(axis=0)
         return weights / weights.sum() if len(weights) else weights
 
+    @checked(size=a_number(1, whole=True), generator=A_GENERATOR)
     def drawn(self, size: int, generator: np.random.Generator) -> Array:
         """Draw crashes from the mean of the draws, shape (size, d)."""
         return self.x[generator.choice(len(self.x), size, p=self.shares)]
 
 
+@checked()
 @dataclass(frozen=True)
 class Replayed:
     """In which records the event happened when the vehicle replayed them: a check that needs no law.
@@ -76,6 +81,7 @@ class Replayed:
     happened: NDArray[np.bool_]  # shape (n,)
 
     @classmethod
+    @checked()
     def of(cls, problem: Problem, x: Array) -> Self:
         """Replay records x, shape (n, d)."""
         return cls(problem.event.happens(problem.simulate(x)))
@@ -90,6 +96,7 @@ class Replayed:
         """Number of records."""
         return len(self.happened)
 
+    @checked(probability=a_number(0, 1))
     def supports(self, probability: float) -> bool:
         """Return whether the count is possible for a probability of the event in an encounter."""
         return bool(mid_p(self.events, self.records * probability) > MISSED)
@@ -176,6 +183,7 @@ class Answer:
         # The weights of a crash map may need a GB, and already add up to the probability.
         return weights if (scale == 1).all() else weights * scale[:, None]
 
+    @checked(events_per_km=a_number(0))
     def table(self, events_per_km: float | None = None) -> pd.DataFrame:
         """Return one row for each event: mean, median, 50, 80 and 95 % interval, and rate per kilometre.
 
@@ -235,6 +243,7 @@ class Answer:
         """Return the answer in words."""
         return self.in_words()
 
+    @checked(sampling_deviation=a_number(0))
     def budget(self, sampling_deviation: float | None = None) -> pd.DataFrame:
         """Return the variance of the logarithm of the main event by source (`posterior.budget`).
 
@@ -276,6 +285,7 @@ def _way(value: object) -> Way:
     by=Argument(
         "a way: Map, Simulations or FewRuns, with its settings", _way, "Write, for example, FewRuns()."
     ),
+    events=EVENTS,
     generator=A_GENERATOR,
 )
 def evaluate(

@@ -15,8 +15,9 @@ from numpy.typing import NDArray
 from accelerated_evaluation.answer.answer import Answer, Crashes
 from accelerated_evaluation.answer.impact_share import impact_share
 from accelerated_evaluation.answer.posterior import Posterior, SampledPosterior
-from accelerated_evaluation.base.arguments import a_number, checked, one_of
+from accelerated_evaluation.base.arguments import a_number, one_of
 from accelerated_evaluation.base.arrays import Array
+from accelerated_evaluation.base.checking import checked
 from accelerated_evaluation.laws.draws import Draws
 from accelerated_evaluation.methods.problem import Problem
 from accelerated_evaluation.methods.study import with_encounters
@@ -32,7 +33,7 @@ Shown = Callable[[Estimate, Posterior | None], None]
 
 @checked(
     stopping=one_of(Stopping, words="a stopping rule", change="Write, for example, Stopping(beta=0.2)."),
-    batch_size=a_number(1, whole=True),
+    batch_size=a_number(1, 10**5, whole=True),
     share=a_number(0),
 )
 @dataclass(frozen=True)

@@ -9,8 +9,9 @@ import numpy as np
 from accelerated_evaluation.answer.answer import Answer, Crashes, Replayed
 from accelerated_evaluation.answer.extrapolation import speed_limits
 from accelerated_evaluation.answer.posterior import Posterior
-from accelerated_evaluation.base.arguments import Argument, checked, one_of
+from accelerated_evaluation.base.arguments import Argument, one_of
 from accelerated_evaluation.base.arrays import Array
+from accelerated_evaluation.base.checking import checked
 from accelerated_evaluation.base.errors import InputError
 from accelerated_evaluation.crash_map.impacts import with_impacts
 from accelerated_evaluation.crash_map.lines import CrashLines, crash_places, divided_at
@@ -41,8 +42,9 @@ def _points(records: Any) -> Array:  # noqa: ANN401
     """Return recorded cut-ins as points, shape (n, 3); TypeError or ValueError if they are none."""
     _require_cut_ins(getattr(records, "scenario", CUT_IN), "records")
     x = np.asarray(getattr(records, "x", records), dtype=float)
-    if x.ndim != 2 or x.shape[1] != CUT_IN.dimension:
+    if x.ndim != 2 or x.shape[1] != CUT_IN.dimension or not len(x):
         raise ValueError
+    CUT_IN.checked(*x.T, source="Map, argument records")
     return x
 
 

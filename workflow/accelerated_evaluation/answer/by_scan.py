@@ -18,7 +18,9 @@ from scipy.stats import qmc
 
 from accelerated_evaluation.answer.answer import Answer, Crashes
 from accelerated_evaluation.answer.posterior import SampledPosterior
+from accelerated_evaluation.base.arguments import a_number
 from accelerated_evaluation.base.arrays import Array
+from accelerated_evaluation.base.checking import checked
 from accelerated_evaluation.base.errors import InputError
 from accelerated_evaluation.laws.draws import Draws, OneLaw
 from accelerated_evaluation.laws.protocol import Box, SlicedLaw
@@ -45,6 +47,7 @@ class Stretches:
     end: Array  # (m,)
 
 
+@checked(lines=a_number(1, 10**7, whole=True), points=a_number(2, 10**5, whole=True))
 @dataclass(frozen=True)
 class Scan:
     """The way to an answer by scans of lines, for fast vehicles in scenarios with a variable to scan.

@@ -7,7 +7,8 @@ import numpy as np
 
 from accelerated_evaluation.answer.answer import Answer, Crashes
 from accelerated_evaluation.answer.posterior import SampledPosterior
-from accelerated_evaluation.base.arguments import a_number, checked
+from accelerated_evaluation.base.arguments import a_number
+from accelerated_evaluation.base.checking import checked
 from accelerated_evaluation.base.errors import InputError
 from accelerated_evaluation.laws.draws import Draws
 from accelerated_evaluation.methods.problem import Problem
@@ -18,7 +19,7 @@ ROUNDS = 25  # or so many repetitions
 SMALLEST = 1e-3  # lower bound of the estimate of a draw, as a share of the mean
 
 
-@checked(size=a_number(1, whole=True))
+@checked(size=a_number(1, 10**8, whole=True))
 @dataclass(frozen=True)
 class Simulations:
     """The way to an answer by many simulations, for fast vehicles in any scenario.

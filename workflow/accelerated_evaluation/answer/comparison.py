@@ -14,6 +14,7 @@ import pandas as pd
 from accelerated_evaluation.answer.answer import Answer
 from accelerated_evaluation.answer.posterior import Posterior, SampledPosterior, answer_row
 from accelerated_evaluation.base.arrays import Array
+from accelerated_evaluation.base.checking import checked
 from accelerated_evaluation.base.errors import InputError
 from accelerated_evaluation.base.files import read_json
 from accelerated_evaluation.base.tables import read_csv, require_file
@@ -34,6 +35,7 @@ LIMITS = {
 CHANGE = "Name the folder results/STUDY/estimate of an estimate with the same records, seed and --law."
 
 
+@checked()
 def compare(own: Posterior | None, other: Posterior | None) -> dict[str, float]:
     """Return the ratio of two probabilities under the same draws, and the probability that it is below 1.
 

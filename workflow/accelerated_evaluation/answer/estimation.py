@@ -42,6 +42,7 @@ from accelerated_evaluation.answer.words import (
     ratio_in_words,
     ratio_row,
 )
+from accelerated_evaluation.base.checking import checked
 from accelerated_evaluation.base.files import write_csv
 from accelerated_evaluation.crash_map.mapping import map_crashes
 from accelerated_evaluation.crash_map.maps import Grid
@@ -67,7 +68,7 @@ from accelerated_evaluation.records.verdict import Verdict, verdict_on
 from accelerated_evaluation.vehicles.external.slow import SlowVehicle
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, repr=False)
 class Estimated:
     """The replicates of an answer from few runs, with everything that is written and printed.
 
@@ -87,6 +88,10 @@ class Estimated:
     request: Request
     evidence: Evidence
     criteria: Sequence[Criterion] = ()
+
+    def __repr__(self) -> str:
+        """Return the estimate in words."""
+        return "\n".join(self.lines())
 
     @cached_property
     def tables(self) -> dict[str, pd.DataFrame]:
@@ -113,6 +118,7 @@ class Estimated:
             injured_by_level(own.posterior, risks),
         )
 
+    @checked()
     def write(self, folder: Path) -> pd.DataFrame:
         """Write all tables and the law to a folder, and return the ratios to other vehicles."""
         for name, table in self.tables.items():
@@ -123,6 +129,7 @@ class Estimated:
             write_csv(folder / "compared.csv", compared)
         return compared
 
+    @checked()
     def compared(self, folder: Path) -> pd.DataFrame:
         """Return the ratios to other estimates and to references, one row each."""
         posteriors = {name: other.posterior for name, other in self.references.items()}

@@ -18,6 +18,7 @@ from accelerated_evaluation.answer.answer import Answer
 from accelerated_evaluation.answer.fitted_records import FittedRecords
 from accelerated_evaluation.answer.posterior import Posterior, summarise
 from accelerated_evaluation.base.arrays import Array
+from accelerated_evaluation.base.checking import checked
 from accelerated_evaluation.base.percent import in_percent
 
 ALL, RECORDED, NEAR, FAR = "all", "recorded", "near", "far"
@@ -107,6 +108,7 @@ def rank_scores(records: Array, x: Array) -> Array:
     return scores
 
 
+@checked()
 def extrapolation(
     answer: Answer, records: FittedRecords, replayed: NDArray[np.bool_] | None = None
 ) -> pd.DataFrame:

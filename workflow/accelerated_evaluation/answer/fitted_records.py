@@ -10,6 +10,7 @@ import pandas as pd
 
 from accelerated_evaluation.answer.joint_family import ClusteredRecords
 from accelerated_evaluation.base.arrays import Array
+from accelerated_evaluation.base.checking import checked
 from accelerated_evaluation.base.errors import InputError
 from accelerated_evaluation.base.tables import read_parquet, write_parquet
 from accelerated_evaluation.laws import Box
@@ -19,6 +20,7 @@ from accelerated_evaluation.records.checks import Records
 from accelerated_evaluation.records.named import NamedRecords
 from accelerated_evaluation.records.segments import read_encounters, write_encounters
 from accelerated_evaluation.records.sources import UNKNOWN
+from accelerated_evaluation.scenarios import A_SCENARIO
 from accelerated_evaluation.scenarios.protocol import CLUSTER, FITTED, Scenario
 from accelerated_evaluation.vehicles.loading import load_vehicle
 
@@ -26,7 +28,7 @@ FEWEST = 50  # smallest number of records, so that the region near the event, wi
 TIED = 1e-9  # relative size of the residuals of a variable that is a linear function of others
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, repr=False)
 class FittedRecords:
     """The records of a scenario to which laws are fitted, with the distance and time in which they were made.
 
@@ -49,6 +51,7 @@ class FittedRecords:
     account: pd.DataFrame | None = None  # number of records that each filter has removed
 
     @classmethod
+    @checked(scenario=A_SCENARIO)
     def of(
         cls,
         scenario: Scenario,
@@ -57,8 +60,20 @@ class FittedRecords:
         exposure: Mapping[str, float | None] = UNKNOWN,
     ) -> Self:
         """Return the records of an encounter table; a support is the limits of cut-ins for smooth laws."""
+        needed = scenario.names if support is not None else (*scenario.names, FITTED, CLUSTER)
+        if missing := [name for name in needed if name not in table]:
+            raise InputError(
+                "FittedRecords.of, argument table",
+                seen=f"a table without {', '.join(missing)}",
+                expected=f"an encounter table of the scenario {scenario.name}: {', '.join(needed)}",
+                change="Read your own table with read_records, which makes it.",
+            )
         data = clustered(scenario, table) if support is None else DistinctRecords.of(table, support)
         return cls(scenario, table, data, exposure)
+
+    def __repr__(self) -> str:
+        """Return the number of records and their scenario."""
+        return f"{self.size:,} records of {self.scenario.one}, with {', '.join(self.scenario.names)}"
 
     @property
     def x(self) -> Array:
@@ -75,6 +90,7 @@ class FittedRecords:
         """Number of records."""
         return len(self.x)
 
+    @checked()
     def write(self, path: str | os.PathLike) -> None:
         """Write the encounter table as a Parquet file."""
         if self.support is not None:

@@ -6,7 +6,7 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import partial, reduce
 from pathlib import Path
-from typing import Protocol, Self
+from typing import Any, Protocol, Self
 
 import numpy as np
 import pandas as pd
@@ -19,18 +19,27 @@ from accelerated_evaluation.answer.fitted_records import FittedRecords
 from accelerated_evaluation.answer.joint_family import JointFamily, Respond
 from accelerated_evaluation.answer.law_weights import bootstrapped_weights
 from accelerated_evaluation.answer.smooth_family import SmoothFamily
-from accelerated_evaluation.base.arguments import A_GENERATOR, Argument, a_number, checked, one_of
+from accelerated_evaluation.base.arguments import Argument, a_number, one_of
 from accelerated_evaluation.base.arrays import Array
-from accelerated_evaluation.base.randomness import child_generator
+from accelerated_evaluation.base.checking import checked
+from accelerated_evaluation.base.errors import InputError
+from accelerated_evaluation.base.randomness import A_GENERATOR, child_generator
 from accelerated_evaluation.laws import Law
 from accelerated_evaluation.laws.draws import Draws
 from accelerated_evaluation.scenarios.protocol import Scenario
 from accelerated_evaluation.vehicles.loading import load_vehicle
 from accelerated_evaluation.vehicles.protocol import Vehicle
 
+
+def _streams(value: Any) -> Callable[[str], np.random.Generator]:  # noqa: ANN401
+    if callable(value) and not isinstance(value, type):
+        return value
+    return partial(child_generator, a_number(0, whole=True).take(value), "laws")
+
+
 STREAMS = Argument(
     "a seed, or a function that returns a generator for the name of a step",
-    lambda value: value if callable(value) else partial(child_generator, operator.index(value), "laws"),
+    _streams,
 )
 
 
@@ -48,7 +57,7 @@ class Family(Protocol):
         """Draw the chosen candidates, shape (K,), each with parameters from their posterior."""
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, repr=False)
 class LawStudy:
     """The candidate laws of the records of a scenario, with draws of their weights.
 
@@ -82,7 +91,7 @@ class LawStudy:
     @classmethod
     @checked(
         records=one_of(FittedRecords, words="records", change="Read them with read_records."),
-        size=a_number(1, whole=True),
+        size=a_number(1, 10**5, whole=True),
         streams=STREAMS,
     )
     def of(
@@ -136,6 +145,10 @@ class LawStudy:
         scores = family.scores if added is None else np.vstack([family.scores, added.scores])
         return cls(family, bootstrapped_weights(scores, family.resampled, size, generator), added)
 
+    def __repr__(self) -> str:
+        """Return the candidates and their mean weights."""
+        return self.table().to_string(index=False)
+
     @property
     def names(self) -> tuple[str, ...]:
         """Names of the M candidates."""
@@ -177,19 +190,40 @@ class LawStudy:
         ]
         return reduce(operator.add, parts)
 
+    @checked()
     def only(self, names: Sequence[str]) -> Self:
         """Return the study in which only the named candidates have weight, relative to each other.
 
         In a draw in which all their weights are 0, they have equal weights.
         """
+        self._require(names, "LawStudy.only, argument names")
         kept = np.isin(self.names, names)
         weights = np.where(kept, self.weights, 0.0)
         weights[~weights.any(axis=1)] = kept
         return replace(self, weights=weights / weights.sum(axis=1, keepdims=True))
 
+    @checked()
     def mean(self, values: Mapping[str, Array | float]) -> Array | float:
         """Return the mean of a quantity over the candidates, given by name, with their mean weights."""
+        if missing := [name for name in self.names if name not in values]:
+            raise InputError(
+                "LawStudy.mean, argument values",
+                seen=f"no value of {', '.join(missing)}",
+                expected=f"a value of each candidate: {', '.join(self.names)}",
+                change="Add the values.",
+            )
         return sum(weight * values[name] for weight, name in zip(self.mean_weights, self.names, strict=True))
+
+    def _require(self, names: Sequence[str], where: str) -> None:
+        """Raise InputError, which names the argument ``where``, unless all names are those of candidates."""
+        wrong = [name for name in names if name not in self.names]
+        if wrong or not names:
+            raise InputError(
+                where,
+                seen=", ".join(map(repr, wrong)) or "no name",
+                expected=f"names of candidates: {', '.join(self.names)}",
+                change="Correct the names.",
+            )
 
     def table(self) -> pd.DataFrame:
         """Return the candidates with their mean weights, one row each: ``law`` and ``weight``."""

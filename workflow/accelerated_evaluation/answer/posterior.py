@@ -11,7 +11,10 @@ from fewruns import LawEstimates
 from numpy.typing import NDArray
 from scipy.special import stdtrit
 
+from accelerated_evaluation.base.arguments import a_number
 from accelerated_evaluation.base.arrays import Array
+from accelerated_evaluation.base.checking import checked
+from accelerated_evaluation.base.errors import InputError
 
 LEVELS = (0.5, 0.8, 0.95)  # levels of the credible intervals
 SUMMARY = (
@@ -27,6 +30,7 @@ LEAST = 0.1  # lower bound of 1 + t c, for sampling errors so large that their d
 LEAST_BETWEEN = 0.25
 
 
+@checked()
 @dataclass(frozen=True)
 class Posterior:
     """The probability of an event under each of K draws of the law.
@@ -43,6 +47,15 @@ class Posterior:
     probabilities: Array  # shape (K,)
     member: NDArray[np.intp]  # number of the candidate from which each law was drawn, shape (K,)
 
+    def __post_init__(self) -> None:
+        if self.probabilities.shape != self.member.shape or self.probabilities.ndim != 1:
+            raise InputError(
+                "Posterior",
+                seen=f"probabilities of shape {self.probabilities.shape}, member of {self.member.shape}",
+                expected="one probability and one number of a candidate for each draw, shape (K,)",
+                change="Pass two arrays of equal length.",
+            )
+
     is_sampled = False  # whether the probabilities have sampling errors
     unseen_lapses = 0.0  # bound on the probability that failures which no run has shown may add
 
@@ -51,6 +64,7 @@ class Posterior:
         """Median of the draws of the probability."""
         return float(np.median(self.probabilities))
 
+    @checked(level=a_number(0, 1))
     def interval(self, level: float) -> tuple[float, float]:
         """Return the ends of the equal-tailed credible interval of the probability at a level from 0 to 1."""
         low, high = np.quantile(self.probabilities, [(1 - level) / 2, (1 + level) / 2])

@@ -12,6 +12,8 @@ import numpy as np
 from accelerated_evaluation.answer.by_few_runs import SHARE
 from accelerated_evaluation.answer.choice import ANSWER, LawSettings
 from accelerated_evaluation.answer.criterion import Criterion, criteria_of
+from accelerated_evaluation.base.arguments import a_number
+from accelerated_evaluation.base.checking import checked
 from accelerated_evaluation.base.errors import InputError
 from accelerated_evaluation.base.randomness import child_generator
 from accelerated_evaluation.base.sections import integer, section
@@ -42,6 +44,7 @@ SECTION = section(
 LIMITS = ("lead_speed_min", "lead_speed_max", "range_max")  # limits of a crash map
 
 
+@checked(replicates=a_number(1, whole=True), sampling_share=a_number(0))
 @dataclass(frozen=True)
 class Request:
     """What is asked of an estimate, in addition to its configuration; see the command ``estimate``.

@@ -1,20 +1,19 @@
-"""Arguments of public functions: declared at the function, checked and converted at its call."""
+"""What one argument may be, and how a value that it may not be is reported."""
 
 import inspect
 import math
 import operator
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
-from functools import wraps
-from typing import Any, TypeVar
+from typing import Any
 
 import numpy as np
 
 from accelerated_evaluation.base.errors import InputError
-from accelerated_evaluation.base.randomness import child_generator
 
 LONGEST = 60  # characters of a wrong value in a message
-Target = TypeVar("Target", bound=Callable)
+# Errors of `take` for a value that is not allowed.
+WRONG = (ArithmeticError, LookupError, TypeError, ValueError)
 
 
 @dataclass(frozen=True)
@@ -27,7 +26,7 @@ class Argument:
         What the argument may be, in words, or a function that returns these words.
     take
         Function that returns the value which is used in place of the one that was given. For a value that is
-        not allowed, it raises TypeError, ValueError or LookupError, or an `InputError` with its own message.
+        not allowed, it raises an error of `WRONG`, or an `InputError` with its own message.
     change
         What the user can do about a value that is not allowed.
     """
@@ -40,41 +39,22 @@ class Argument:
         """Return the value that is used; ``where`` names the function and the argument in an error."""
         try:
             return self.take(value)
-        except (TypeError, ValueError, LookupError) as error:
-            expected = self.expected() if callable(self.expected) else self.expected
-            raise InputError(where, seen=described(value), expected=expected, change=self.change) from error
+        except WRONG as error:
+            raise InputError(
+                where, seen=described(value), expected=self.in_words, change=self.change
+            ) from error
 
-
-def checked(**arguments: Argument) -> Callable[[Target], Target]:
-    """Return a decorator that checks and converts the named arguments of a function or of a class.
-
-    An argument that is equal to its default is left as it is.
-    """
-
-    def decorate(target: Target) -> Target:
-        function = target.__init__ if inspect.isclass(target) else target
-        signature, name = inspect.signature(function), target.__qualname__
-
-        @wraps(function)
-        def with_checks(*given: Any, **named: Any) -> Any:  # noqa: ANN401
-            bound = signature.bind(*given, **named)
-            for key, argument in arguments.items():
-                if key in bound.arguments and bound.arguments[key] is not signature.parameters[key].default:
-                    bound.arguments[key] = argument.of(bound.arguments[key], f"{name}, argument {key}")
-            return function(*bound.args, **bound.kwargs)
-
-        if not inspect.isclass(target):
-            return with_checks
-        target.__init__ = with_checks
-        return target
-
-    return decorate
+    @property
+    def in_words(self) -> str:
+        """What the argument may be, in words."""
+        return self.expected() if callable(self.expected) else self.expected
 
 
 def described(value: object) -> str:
     """Return a value that was not expected, in a few words."""
-    if value is None or isinstance(value, str | int | float | bool):
-        return repr(value)
+    listed = value if isinstance(value, list | tuple) else [value]
+    if all(each is None or isinstance(each, str | int | float | bool) for each in listed):
+        return text if len(text := repr(value)) <= LONGEST else f"{text[: LONGEST - 3]}..."
     name = value.__name__ if inspect.isclass(value) or inspect.isroutine(value) else type(value).__name__
     kind = "the class" if inspect.isclass(value) else "the function" if inspect.isroutine(value) else "a"
     shape = f" of shape {value.shape}" if isinstance(value, np.ndarray) else ""
@@ -127,18 +107,3 @@ def by_name(registry: Mapping[str, Any], kind: type, words: str) -> Argument:
         raise TypeError
 
     return Argument(lambda: f"{words}, or its name: {', '.join(sorted(registry))}", take)
-
-
-def _generator(value: Any) -> np.random.Generator:  # noqa: ANN401
-    if isinstance(value, np.random.Generator):
-        return value
-    if isinstance(value, bool) or operator.index(value) < 0:
-        raise ValueError
-    return child_generator(operator.index(value))
-
-
-A_GENERATOR = Argument(
-    "a numpy.random.Generator, or a whole number of 0 or more as its seed",
-    _generator,
-    "Write, for example, generator=1.",
-)

@@ -16,8 +16,8 @@ from pathlib import Path
 from types import ModuleType
 from typing import Protocol
 
-from accelerated_evaluation.base.errors import InputError, StudyError, located
-from accelerated_evaluation.base.users_code import error_in_words, import_file, kept_alive
+from accelerated_evaluation.base.errors import InputError, located
+from accelerated_evaluation.base.users_code import import_file, running
 
 GROUP = "accelerated_evaluation"
 VARIABLE = "ACCELERATED_EVALUATION_MODULES"  # paths of the files, separated as in PATH
@@ -130,7 +130,8 @@ def _add(extension: Extension, load: Callable[[], ModuleType]) -> None:
     _being_imported.append(extension)
     try:
         with located(extension.name):
-            extension.module = _imported(load)
+            with running("import", "a module that Python can import", "Correct it, or remove the package."):
+                extension.module = load()
             extension.files = extension.files or _files_of(extension.module)
             if not extension.members:
                 raise InputError(
@@ -146,17 +147,6 @@ def _add(extension: Extension, load: Callable[[], ModuleType]) -> None:
         raise
     finally:
         _being_imported.pop()
-
-
-def _imported(load: Callable[[], ModuleType]) -> ModuleType:
-    try:
-        with kept_alive():
-            return load()
-    except (StudyError, KeyboardInterrupt):
-        raise
-    except BaseException as error:  # a module that calls sys.exit must not end the study without a message
-        expected, change = "a module that Python can import", "Correct it, or remove the package."
-        raise InputError("import", seen=error_in_words(error), expected=expected, change=change) from error
 
 
 def _files_of(module: ModuleType) -> list[Path]:

@@ -1,10 +1,16 @@
 """Random generators: one root seed, and an independent child generator for every piece of random work."""
 
+import operator
 import zlib
+from typing import Any
 
 import numpy as np
 
+from accelerated_evaluation.base.arguments import Argument, a_number
+from accelerated_evaluation.base.checking import checked
 
+
+@checked(root_seed=a_number(0, whole=True))
 def child_generator(root_seed: int, *path: str | int) -> np.random.Generator:
     """Return the random generator for one piece of work.
 
@@ -33,3 +39,19 @@ def child_generator(root_seed: int, *path: str | int) -> np.random.Generator:
     """
     key = tuple(part if isinstance(part, int) else zlib.crc32(part.encode()) for part in path)
     return np.random.default_rng(np.random.SeedSequence(root_seed, spawn_key=key))
+
+
+def _generator(value: Any) -> np.random.Generator:  # noqa: ANN401
+    if isinstance(value, np.random.Generator):
+        return value
+    if isinstance(value, bool) or operator.index(value) < 0:
+        raise ValueError
+    return child_generator(operator.index(value))
+
+
+A_GENERATOR = Argument(
+    "a numpy.random.Generator, or a whole number of 0 or more as its seed",
+    _generator,
+    "Write, for example, generator=1.",
+)
+DRAWING = {"n": a_number(0, 10**8, whole=True), "generator": A_GENERATOR}  # arguments of methods that draw

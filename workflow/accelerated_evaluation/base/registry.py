@@ -3,11 +3,13 @@
 import importlib
 import pkgutil
 from collections.abc import Callable, Iterable, Iterator, Mapping
+from contextlib import suppress
 from dataclasses import fields, is_dataclass
 from difflib import get_close_matches
 from typing import Any, Generic, TypeVar
 
 from accelerated_evaluation.base import extensions
+from accelerated_evaluation.base.arguments import described
 from accelerated_evaluation.base.errors import InputError
 
 Member = TypeVar("Member")
@@ -48,10 +50,18 @@ class Registry(Mapping[str, Member], Generic[Member]):
         InputError is raised if another member already has the name, or if the member does not fulfil the
         contract.
         """
+        if not isinstance(name, str) or not name:
+            raise InputError(
+                f"a new {self.what}",
+                seen=f"{described(name)} as its name",
+                expected="text",
+                change='Register it with add("name").',
+            )
 
         def register(member: Member) -> Member:
             if self._attribute is not None:
-                setattr(member, self._attribute, name)
+                with suppress(AttributeError, TypeError):  # of what is no member: the next line says so
+                    setattr(member, self._attribute, name)
             self._require(name, member)
             extension = extensions.current()
             if extension is not None and not extension.is_checked:
@@ -80,7 +90,7 @@ class Registry(Mapping[str, Member], Generic[Member]):
             near = get_close_matches(str(name), self._members, n=1)
             raise InputError(
                 self.what,
-                seen=repr(name),
+                seen=described(name),
                 expected=f"one of {', '.join(self)}",
                 change=f"Did you mean {near[0]}?" if near else "Name one of these.",
             )
@@ -92,6 +102,8 @@ class Registry(Mapping[str, Member], Generic[Member]):
         The module of the same name is imported first, then the extensions. The other modules, which may be
         large, are imported only if the name is not found there.
         """
+        if not isinstance(name, str):
+            return False
         for step in (lambda: self._import_namesake(name), extensions.load_known, self._import_all):
             if name not in self._members:
                 step()

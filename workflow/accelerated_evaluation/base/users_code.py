@@ -43,6 +43,24 @@ def kept_alive() -> Iterator[None]:
             os.chdir(folder)
 
 
+@contextmanager
+def running(where: str, expected: str, change: str) -> Iterator[None]:
+    """Run a user's code in a ``with`` block as in `kept_alive`; InputError is raised if it fails or exits.
+
+    The arguments are as in `InputError`: ``where`` names the code, and ``expected`` what it should do or
+    return. A `StudyError` of the code is raised unchanged.
+    """
+    try:
+        with kept_alive():
+            yield
+    except (StudyError, KeyboardInterrupt):
+        raise
+    except BaseException as error:  # code that calls sys.exit must not end the study without a message
+        if isinstance(error, ModuleNotFoundError):
+            change = "Install the module, or add its folder to the environment variable PYTHONPATH."
+        raise InputError(where, seen=error_in_words(error), expected=expected, change=change) from error
+
+
 def error_in_words(error: BaseException) -> str:
     """Return the type and the message of an exception on one line."""
     return f"{type(error).__name__}: {' '.join(str(error).split())}"
@@ -67,18 +85,9 @@ def import_file(path: Path, where: str) -> ModuleType:
     module = importlib.util.module_from_spec(spec)
     sys.modules[name] = module
     try:
-        with kept_alive():
+        with running(where, "a file that Python can import", "Correct the file."):
             spec.loader.exec_module(module)
-    except BaseException as error:  # a file that calls sys.exit must not end the study without a message
+    except BaseException:
         del sys.modules[name]
-        if isinstance(error, KeyboardInterrupt | StudyError):
-            raise
-        raise InputError(
-            where,
-            seen=error_in_words(error),
-            expected="a file that Python can import",
-            change="Correct the file."
-            if not isinstance(error, ModuleNotFoundError)
-            else "Install the module, or add its folder to the environment variable PYTHONPATH.",
-        ) from error
+        raise
     return module

@@ -8,15 +8,18 @@ from numpy.typing import NDArray
 from scipy.ndimage import maximum_filter
 from tqdm import tqdm
 
-from accelerated_evaluation.base.arguments import A_GENERATOR, checked, one_of
+from accelerated_evaluation.base.arguments import one_of
 from accelerated_evaluation.base.arrays import Array
+from accelerated_evaluation.base.checking import checked
 from accelerated_evaluation.base.errors import InputError
+from accelerated_evaluation.base.randomness import A_GENERATOR
 from accelerated_evaluation.crash_map.maps import LINES_PER_CELL, Cells, CrashMap, Grid, Intervals
 from accelerated_evaluation.scenarios.cut_in import CUT_IN
 from accelerated_evaluation.scenarios.protocol import Event
 from accelerated_evaluation.vehicles.loading import as_vehicle, checked_vehicle
 from accelerated_evaluation.vehicles.protocol import (
     CRASH,
+    EVENTS,
     Outcomes,
     RandomVehicle,
     Vehicle,
@@ -31,7 +34,7 @@ LEAST_EFFORT = 1 / 8  # smallest effort for a row of v_L, relative to the row wi
 ENCOUNTERS_AT_ONCE = 500_000  # number of encounters that are simulated at once, which need about 100 MB
 
 
-@checked(grid=one_of(Grid, words="a grid"), generator=A_GENERATOR)
+@checked(grid=one_of(Grid, words="a grid"), events=EVENTS, generator=A_GENERATOR)
 def map_crashes(
     vehicle: Vehicle, grid: Grid, events: Iterable[Event | str], generator: np.random.Generator | int
 ) -> CrashMap:

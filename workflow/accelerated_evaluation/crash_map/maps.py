@@ -20,7 +20,9 @@ from dataclasses import asdict, dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
+from accelerated_evaluation.base.arguments import a_number
 from accelerated_evaluation.base.arrays import Array
+from accelerated_evaluation.base.checking import checked
 from accelerated_evaluation.base.errors import InputError
 from accelerated_evaluation.base.files import atomic_path, read_arrays
 from accelerated_evaluation.scenarios.cut_in import CUT_IN
@@ -28,6 +30,7 @@ from accelerated_evaluation.scenarios.protocol import Event
 from accelerated_evaluation.vehicles.protocol import CRASH, Outcomes, Vehicle, simulate_inner
 
 LINES_PER_CELL = 2  # the standard error of the mean of a cell is estimated from the difference of its lines
+POSITIVE, COUNT = a_number(1e-9, 1e9), a_number(1, 100_000, whole=True)
 
 
 @dataclass(frozen=True)
@@ -39,6 +42,18 @@ class Intervals:
     end: Array  # excluded [m/s]; infinite if the interval contains the largest scanned closing speed
 
 
+@checked(
+    lead_speed_min=a_number(0),
+    lead_speed_max=POSITIVE,
+    range_max=POSITIVE,
+    lead_speed_cells=COUNT,
+    range_cells=COUNT,
+    refinement=COUNT,
+    closing_speed_max=POSITIVE,
+    closing_speed_points=COUNT,
+    reference_inverse_range=POSITIVE,
+    reference_inverse_ttc=POSITIVE,
+)
 @dataclass(frozen=True, kw_only=True)
 class Grid:
     """Cells and resolution of a crash map.

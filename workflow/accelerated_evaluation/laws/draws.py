@@ -16,8 +16,12 @@ import pandas as pd
 from numpy.typing import NDArray
 from scipy.special import logsumexp
 
+from accelerated_evaluation.base.arguments import a_number
 from accelerated_evaluation.base.arrays import Array
+from accelerated_evaluation.base.checking import checked
+from accelerated_evaluation.base.errors import InputError
 from accelerated_evaluation.base.files import value_digest
+from accelerated_evaluation.base.randomness import A_GENERATOR, DRAWING
 from accelerated_evaluation.laws import LAWS, nested_content, nested_law
 from accelerated_evaluation.laws.joint.truncated_normals import TruncatedNormalMixture
 from accelerated_evaluation.laws.mixed import MixedLaws
@@ -85,6 +89,10 @@ class Draws(ABC):
         """Number of the candidate of each draw, shape (K,), in alphabetical order of their names."""
         return np.unique(self.names, return_inverse=True)[1]
 
+    def __repr__(self) -> str:
+        """Return the number of draws and the names of their candidates."""
+        return f"{self.size:,} draw{'s' * (self.size > 1)} of {', '.join(sorted(set(self.names)))}"
+
     @abstractmethod
     def log_densities(self, x: Array) -> Array:
         """Return the log density of each draw at points x, shape (n, d), as an array of shape (K, n)."""
@@ -127,9 +135,22 @@ class Draws(ABC):
     def with_cap_of(self, law: Law) -> Self:
         """Return the draws with the cap on the closing speed of another law, if they can have one."""
 
-    def __add__(self, other: "Draws") -> "DrawnLaws":
-        """Return these draws followed by others, under the mixture of both proposals by numbers of draws."""
-        return DrawnLaws([self, other], description="draws of laws of several kinds")
+    @checked()
+    def __add__(self, other: "Draws | Law") -> "DrawnLaws":
+        """Return these draws followed by others, or by a law, under the mixture of both proposals.
+
+        The proposals are weighted by the numbers of draws. InputError is raised if the other draws have other
+        variables.
+        """
+        added = as_draws(other)
+        if added.proposal.box.names != self.proposal.box.names:
+            raise InputError(
+                "the sum of two sets of draws",
+                seen=" and ".join(", ".join(each.proposal.box.names) for each in (self, added)),
+                expected="laws of the same variables",
+                change="Add draws for records of one scenario.",
+            )
+        return DrawnLaws([self, added], description="draws of laws of several kinds")
 
     def content_as_part(self) -> dict[str, Any]:
         """Return the content of the draws as a part of others."""
@@ -142,12 +163,14 @@ class Draws(ABC):
         They are in the order of the indices, which may be repeated.
         """
 
+    @checked(size=a_number(1, whole=True))
     def thinned(self, size: int) -> "Draws":
         """Return at most ``size`` of the draws, at equal distances in their order."""
         return self.subset(np.unique(np.linspace(0, self.size - 1, min(size, self.size)).round().astype(int)))
 
 
-@dataclass(frozen=True)
+@checked()
+@dataclass(frozen=True, repr=False)
 class OneLaw(Draws):
     """A single law as K = 1 draws.
 
@@ -193,6 +216,7 @@ class OneLaw(Draws):
         """Return zeros, shape (1, n), because the law is its own proposal."""
         return np.zeros((1, len(x)))
 
+    @checked(**DRAWING)
     def draw_from_mean(self, n: int, generator: np.random.Generator) -> Array:
         """Draw n points from the law."""
         return self.proposal.draw(n, generator)
@@ -211,7 +235,8 @@ class OneLaw(Draws):
 
 
 @LAWS.add("draws")
-@dataclass(frozen=True, eq=False)
+@checked()
+@dataclass(frozen=True, eq=False, repr=False)
 class DrawnLaws(Draws, Law):
     """Draws that follow each other: laws of any kind, or sets of draws, under one proposal.
 
@@ -242,6 +267,7 @@ class DrawnLaws(Draws, Law):
     description: str = "draws of laws"
 
     @classmethod
+    @checked(generator=A_GENERATOR)
     def of(cls, laws: Sequence[Law], names: Sequence[str], generator: np.random.Generator) -> Self:
         """Fit a mixture of truncated normals to points of all laws, as their proposal.
 
@@ -307,6 +333,7 @@ class DrawnLaws(Draws, Law):
         """Return the log density of each draw at points x, shape (n, d), as an array of shape (K, n)."""
         return np.concatenate([part.log_densities(x) for part in self.parts])
 
+    @checked(**DRAWING)
     def draw_from_mean(self, n: int, generator: np.random.Generator) -> Array:
         """Draw from the mean of each part in proportion to its size, n points or a few more together."""
         return np.concatenate(
@@ -362,7 +389,8 @@ class DrawnLaws(Draws, Law):
         return cls(parts, own, content["description"])
 
 
-def as_draws(law: Law) -> Draws:
+@checked()
+def as_draws(law: Law | Draws) -> Draws:
     """Return a law with draws as it is, and any other law as K = 1 draws.
 
     Examples

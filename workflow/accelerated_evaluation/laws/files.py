@@ -10,7 +10,8 @@ from typing import Any
 import numpy as np
 import pandas as pd
 
-from accelerated_evaluation.base.errors import InputError
+from accelerated_evaluation.base.checking import checked
+from accelerated_evaluation.base.errors import InputError, located
 from accelerated_evaluation.base.files import read_json, require_format, value_digest, write_json
 from accelerated_evaluation.base.tables import require_file
 from accelerated_evaluation.laws import LAWS, Box, Law
@@ -25,6 +26,7 @@ NOT_CHECKED = {"stops": {}, "warnings": ["no verdict on the records in the file 
 CHANGE = "Fit the law again, or name a law file that this version wrote."
 
 
+@checked()
 def write_law(
     path: str | os.PathLike, law: Law, records: pd.DataFrame | None = None, verdict: Verdict | None = None
 ) -> None:
@@ -92,6 +94,7 @@ def _described(records: pd.DataFrame) -> dict[str, int | str]:
     return {"rows": len(records), "sha256": digest.hexdigest()}
 
 
+@checked()
 def read_law(path: str | os.PathLike, records: pd.DataFrame | None = None) -> Law:
     """Return the law that a law file describes.
 
@@ -125,8 +128,9 @@ def read_law(path: str | os.PathLike, records: pd.DataFrame | None = None) -> La
         kind = LAWS[content["kind"]]
         if kind.needs_records or "records" in content:
             _require_table(path, records, content["records"])
-        box = Box.from_content(content["variables"])
-        law = kind.from_content(content, box, records)
+        with located(str(path)):
+            box = Box.from_content(content["variables"])
+            law = kind.from_content(content, box, records)
         _require_possible(law, box)
         json.dumps(law.content(), allow_nan=False)  # raises ValueError if a number is NaN or infinite
         return law

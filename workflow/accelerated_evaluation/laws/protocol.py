@@ -7,7 +7,7 @@ gives the probability of an interval of one variable for given others.
 """
 
 from abc import ABC, abstractmethod
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any, ClassVar, Protocol, Self, runtime_checkable
 
@@ -15,13 +15,28 @@ import numpy as np
 import pandas as pd
 from numpy.typing import NDArray
 
+from accelerated_evaluation.base.arguments import described
 from accelerated_evaluation.base.arrays import Array
+from accelerated_evaluation.base.checking import checked
 from accelerated_evaluation.base.errors import InputError
 from accelerated_evaluation.base.files import value_digest
+from accelerated_evaluation.base.randomness import DRAWING
 
 NODES, NODE_WEIGHTS = np.polynomial.legendre.leggauss(32)
 
 
+def require_points(x: Array, names: Sequence[str], where: str) -> None:
+    """Raise InputError, which names the argument ``where``, unless x is n points of these variables."""
+    if x.ndim != 2 or x.shape[1] != len(names):
+        raise InputError(
+            where,
+            seen=described(x),
+            expected=f"an array of shape (n, {len(names)}) with the columns {', '.join(names)}",
+            change="Pass one row for each encounter.",
+        )
+
+
+@checked()
 @dataclass(frozen=True)
 class Box:
     """The names and limits of d variables, which together form a box.
@@ -35,7 +50,7 @@ class Box:
 
     Raises
     ------
-    ValueError
+    InputError
         If a lower limit is not below its upper limit.
 
     Examples
@@ -54,9 +69,15 @@ class Box:
     def __post_init__(self) -> None:
         for name in ("lower", "upper"):  # whole numbers would make arrays of integers
             object.__setattr__(self, name, tuple(map(float, getattr(self, name))))
-        ends = np.array([self.lower, self.upper])
-        if ends.shape != (2, len(self.names)) or not (ends[0] < ends[1]).all():
-            raise ValueError(f"each variable needs a lower limit below an upper limit, got {self}")
+        ends = list(zip(self.lower, self.upper, strict=False))
+        sizes = {len(self.names), len(self.lower), len(self.upper)}
+        if len(sizes) > 1 or not all(low < high for low, high in ends):
+            raise InputError(
+                "Box",
+                seen=f"{len(self.names)} variables with the limits {self.lower} and {self.upper}"[:200],
+                expected="a lower limit below an upper limit for each variable",
+                change="Correct the names or the limits.",
+            )
 
     @property
     def dimension(self) -> int:
@@ -68,8 +89,10 @@ class Box:
         """Whether all limits are finite."""
         return bool(np.isfinite([self.lower, self.upper]).all())
 
+    @checked()
     def contains(self, x: Array) -> NDArray[np.bool_]:
         """Return whether each of n points x, shape (n, d), is in the box; the result has shape (n,)."""
+        require_points(x, self.names, "Box.contains, argument x")
         return ((x >= self.lower) & (x <= self.upper)).all(axis=1)
 
     def require(self, x: Array, where: str) -> None:
@@ -169,6 +192,7 @@ class Law(ABC):
         from the records, and their density is that of range and closing speed given the lead speed.
         """
 
+    @checked(**DRAWING)
     def draw(self, n: int, generator: np.random.Generator) -> Array:
         """Draw n independent points from the law, shape (n, d)."""
         return self.from_normal_scores(generator.standard_normal((n, self.dimension)))

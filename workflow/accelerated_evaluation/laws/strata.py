@@ -21,7 +21,9 @@ from numpy.typing import ArrayLike, NDArray
 from scipy.special import ndtr
 
 from accelerated_evaluation.base.arrays import Array
+from accelerated_evaluation.base.checking import checked
 from accelerated_evaluation.base.files import value_digest
+from accelerated_evaluation.base.randomness import DRAWING
 from accelerated_evaluation.laws.distributions import Distribution, Empirical
 from accelerated_evaluation.laws.protocol import Box, Law
 
@@ -211,6 +213,7 @@ class StratifiedLaw(Law):
         """Return closing speeds [m/s], in which values above the cap of the law are replaced by the cap."""
         return np.minimum(closing_speed, self.closing_speed_max)
 
+    @checked(**DRAWING)
     def draw(self, n: int, generator: np.random.Generator) -> Array:
         """Draw n independent cut-ins, ordered by stratum, shape (n, 3)."""
         return self.draw_in_strata(n, generator)[0]

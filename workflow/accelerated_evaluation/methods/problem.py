@@ -4,6 +4,7 @@ from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, replace
 from functools import cached_property
+from types import NoneType
 from typing import Any, Self
 
 import numpy as np
@@ -11,12 +12,14 @@ import pandas as pd
 from fewruns.problems import Response
 from numpy.typing import NDArray
 
-from accelerated_evaluation.base.arguments import checked, one_of
+from accelerated_evaluation.base.arguments import one_of
 from accelerated_evaluation.base.arrays import Array
+from accelerated_evaluation.base.checking import checked
 from accelerated_evaluation.base.errors import InputError
 from accelerated_evaluation.base.files import without_addresses
 from accelerated_evaluation.laws import Law
 from accelerated_evaluation.laws.files import read_law
+from accelerated_evaluation.laws.protocol import require_points
 from accelerated_evaluation.records.segments import read_encounters
 from accelerated_evaluation.scenarios import A_SCENARIO
 from accelerated_evaluation.scenarios.protocol import Event, Scenario
@@ -28,11 +31,13 @@ REACH = 8.0  # largest absolute value of a normal score
 HALVINGS = 50  # after which the interval of a score is shorter than the resolution of floats
 SAME = 1e-6  # relative tolerance for an encounter that its normal scores reproduce
 
-AN_EVENT = one_of(Event, words="an event, or text such as 'crash' or 'impact_speed=5'")
-A_LAW = one_of(Law, words="a law of the encounters", change="Fit one, or read a law file with read_law.")
+AN_EVENT = one_of(Event, str, NoneType, words="an event, or text such as 'crash' or 'impact_speed=5'")
+A_LAW = one_of(
+    Law, NoneType, words="a law of the encounters", change="Fit one, or read a law file with read_law."
+)
 
 
-@checked(scenario=A_SCENARIO)
+@checked(scenario=A_SCENARIO, event=AN_EVENT, law=A_LAW)
 @dataclass(frozen=True)
 class Problem:
     """A vehicle in the encounters of a scenario that follow a law, and an event whose probability is sought.
@@ -80,10 +85,10 @@ class Problem:
             event = self.scenario.events[0]
         elif isinstance(event, str):
             event = event_named(event, self.scenario, f"{where} event")
-        object.__setattr__(self, "event", AN_EVENT.of(event, f"{where} event"))
+        object.__setattr__(self, "event", event)
         object.__setattr__(self, "vehicle", as_vehicle(self.vehicle, self.scenario, f"{where} vehicle"))
         if self.law is not None:
-            require_law(self.scenario, A_LAW.of(self.law, f"{where} law"))
+            require_law(self.scenario, self.law)
 
     @property
     def known_law(self) -> Law:
@@ -130,12 +135,16 @@ class Problem:
         """Return the problem in one stratum of a stratified law, given by its name."""
         return replace(self, law=self.known_law.only(stratum))
 
+    @checked()
     def simulate(self, x: Array) -> Any:  # noqa: ANN401
         """Simulate the vehicle in n encounters x, shape (n, d), and return the outcomes of the scenario."""
+        require_points(x, self.scenario.names, "Problem.simulate, argument x")
         return self.vehicle.simulate(*self.scenario.to_inputs(x).T)
 
+    @checked()
     def evaluate(self, z: Array) -> Response:
         """Simulate at normal scores z, shape (n, d); return the flags of the event and the scores."""
+        require_points(z, self.scenario.names, "Problem.evaluate, argument z")
         return self.response(self.simulate(self.known_law.from_normal_scores(z)))
 
     def repeat(self, z: Array) -> Response:

@@ -6,7 +6,7 @@ scenario.
 """
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, field, fields
+from dataclasses import dataclass, field, fields, is_dataclass
 from functools import partial
 from pathlib import Path
 from typing import Any, Protocol
@@ -15,9 +15,12 @@ import numpy as np
 import pandas as pd
 from numpy.typing import ArrayLike, NDArray
 
+from accelerated_evaluation.base.arguments import a_number, described
 from accelerated_evaluation.base.arrays import Array
+from accelerated_evaluation.base.checking import checked
 from accelerated_evaluation.base.errors import InputError
 from accelerated_evaluation.base.tables import CLUSTER as CLUSTER
+from accelerated_evaluation.base.users_code import running
 from accelerated_evaluation.records.named import NamedRecords
 from accelerated_evaluation.scenarios.prescribed import PrescribedTest
 
@@ -34,6 +37,7 @@ ReportedRule = tuple[Callable[[float], bool], str]
 """Function that returns whether a reported outcome is possible, and a text that says what was expected."""
 
 
+@checked(low=a_number(), high=a_number(), step=a_number(0))
 @dataclass(frozen=True)
 class Variable:
     """One variable of an encounter.
@@ -71,6 +75,15 @@ class Variable:
     sign_matters: bool = True
     step: float = 0.1
 
+    def __post_init__(self) -> None:
+        if not self.low < self.high:
+            raise InputError(
+                f"Variable {self.name}",
+                seen=f"limits from {self.low:g} to {self.high:g}",
+                expected="a smallest value below the largest value",
+                change="Correct low or high.",
+            )
+
     @property
     def in_title(self) -> str:
         """Return the name of the variable as text without the unit at its end, such as ``sdv speed``."""
@@ -90,6 +103,7 @@ class Variable:
         return f"{self.low:g} to {self.high:g} {self.unit}" if is_limited else self.unit
 
 
+@checked()
 @dataclass(frozen=True)
 class Outcome:
     """One outcome of a simulated encounter.
@@ -123,6 +137,7 @@ class Outcome:
         return self.unit == FLAG
 
 
+@checked()
 def outcome(unit: str, description: str, *, optional: bool = False) -> Any:  # noqa: ANN401
     """Return a dataclass field for an outcome, an array of shape (n,), with its unit and its description.
 
@@ -149,6 +164,7 @@ class Panel:
     limits: tuple[float, float] | None = None  # of the vertical axis; None to show all values
 
 
+@checked()
 @dataclass(frozen=True, order=True)
 class Event:
     """An event of an encounter, given by two functions of the outcomes: whether it happened, and how nearly.
@@ -204,7 +220,14 @@ class Event:
     filled: float = field(default=FILLED, kw_only=True, repr=False, compare=False)
     words: str | None = field(default=None, kw_only=True, repr=False, compare=False)
 
+    def __post_init__(self) -> None:
+        for name in ("happens", "score"):
+            function = getattr(self, name)
+            if getattr(function, "func", None) is not _values:  # as it is in a copy of an event
+                object.__setattr__(self, name, partial(_values, self.quantity, name, function))
+
     @classmethod
+    @checked()
     def flag(cls, name: str, *, scored_by: str, **more: Any) -> "Event":  # noqa: ANN401
         """Return the event that an outcome is true, such as a crash, scored by another outcome.
 
@@ -214,6 +237,7 @@ class Event:
         return cls(name, happens=happens, score=score, scored_by=scored_by, **more)
 
     @classmethod
+    @checked()
     def above(cls, name: str, threshold: float, *, scored_by: str, **more: Any) -> "Event":  # noqa: ANN401
         """Return the event that an outcome which is 0 without a crash is above a threshold in a crash.
 
@@ -232,6 +256,7 @@ class Event:
         )
 
     @classmethod
+    @checked()
     def at_most(cls, name: str, threshold: float, **more: Any) -> "Event":  # noqa: ANN401
         """Return the event that an outcome is at or below a threshold; the outcome is also the score.
 
@@ -247,6 +272,24 @@ class Event:
             scored_by=name,
             **more,
         )
+
+
+def _values(event: str, name: str, function: Callable[[Any], NDArray], outcomes: Any) -> NDArray:  # noqa: ANN401
+    """Return what a function of an event returns; InputError if it fails, or returns something else."""
+    where, change = f"event {event}, function {name}", "Correct the function."
+    known = ", ".join(getattr(outcomes, "__dict__", ()))
+    with running(where, f"a function of the outcomes {known}", change):
+        values = function(outcomes)
+    array, shape = np.asarray(values), np.shape(getattr(outcomes, "crash", values))
+    kinds, what = ("b", "flags") if name == "happens" else ("fiu", "numbers")
+    if array.shape != shape or array.dtype.kind not in kinds or np.isnan(array).any():
+        raise InputError(
+            where,
+            seen=f"{described(values)} with values such as {array.ravel()[:1]}",
+            expected=f"an array of {what} without NaN, of the shape {shape}",
+            change=change,
+        )
+    return array
 
 
 def _outcome(name: str, outcomes: Any) -> Array:  # noqa: ANN401
@@ -305,6 +348,7 @@ def _no_reported_rules(crash: bool, encounter: Mapping[str, float]) -> dict[str,
     return {}
 
 
+@checked()
 @dataclass(frozen=True)
 class Scenario:
     """A kind of encounter, with its variables, outcomes, events, records and vehicles.
@@ -410,6 +454,25 @@ class Scenario:
     panels: Sequence[Panel] = ()
     cluster: str = "driver"
     prescribed: Sequence[PrescribedTest] = ()
+
+    def __post_init__(self) -> None:
+        names = [each.name for each in self.variables]
+        is_described = is_dataclass(self.outcome_type) and all(
+            {"unit", "description"} <= each.metadata.keys() for each in fields(self.outcome_type)
+        )
+        for wrong, seen, expected in (
+            (not names, "no variables", "at least one Variable"),
+            (len({*names}) < len(names), f"the variables {', '.join(names)}", "a name of its own for each"),
+            (
+                not is_described or self.outcome_names[:1] != ("crash",),
+                f"the outcomes {self.outcome_type.__name__}",
+                "a frozen dataclass with fields that `outcome` makes, of which the first is crash",
+            ),
+            (not self.events, "no events", "at least one Event, the crash"),
+        ):
+            if wrong:
+                change = "Correct the scenario; docs/your_scenario.md has an example."
+                raise InputError(f"Scenario {self.name}", seen=seen, expected=expected, change=change)
 
     @property
     def one(self) -> str:

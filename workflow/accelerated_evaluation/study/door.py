@@ -9,7 +9,8 @@ from accelerated_evaluation.answer import estimation, fitted_records
 from accelerated_evaluation.answer.estimation import Estimated
 from accelerated_evaluation.answer.fitted_records import FittedRecords
 from accelerated_evaluation.answer.settings import Request, Settings, law_settings, support_of
-from accelerated_evaluation.base.arguments import Argument, a_choice, checked, one_of
+from accelerated_evaluation.base.arguments import Argument, a_choice, one_of
+from accelerated_evaluation.base.checking import checked
 from accelerated_evaluation.base.randomness import child_generator
 from accelerated_evaluation.laws.draws import Draws
 from accelerated_evaluation.laws.paper.models import PAPER_LAWS, IndependentLaw
@@ -21,6 +22,7 @@ from accelerated_evaluation.study import configuration
 Config = Mapping[str, Any] | str | os.PathLike
 
 
+@checked()
 def load(
     paths: str | os.PathLike | Sequence[str | os.PathLike] = (), given: Mapping[str, Any] | None = None
 ) -> dict[str, Any]:

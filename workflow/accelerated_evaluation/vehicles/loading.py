@@ -8,10 +8,11 @@ from pathlib import Path
 from typing import Any
 
 from accelerated_evaluation.base import extensions
-from accelerated_evaluation.base.arguments import checked, described
-from accelerated_evaluation.base.errors import InputError, StudyError
+from accelerated_evaluation.base.arguments import described
+from accelerated_evaluation.base.checking import checked
+from accelerated_evaluation.base.errors import InputError
 from accelerated_evaluation.base.sections import TEXT, default_of, flag, listed, mapping, section, text
-from accelerated_evaluation.base.users_code import error_in_words, import_file, kept_alive
+from accelerated_evaluation.base.users_code import import_file, running
 from accelerated_evaluation.scenarios import A_SCENARIO, SCENARIOS
 from accelerated_evaluation.scenarios.cut_in import CUT_IN
 from accelerated_evaluation.scenarios.parameters import parameter_names, required_names
@@ -216,16 +217,9 @@ def _load_user_vehicle(name: str, scenario: Scenario, parameters: dict[str, Any]
         names = ", ".join("range_" if each == "range" else each for each in scenario.names)
         signature = f"a method simulate({names})"
         raise _load_error(name, "no method simulate", signature, "Add it to the class.")
-    try:
-        with kept_alive():
-            return CheckedVehicle(vehicle_class(**parameters), name, scenario)
-    except (StudyError, KeyboardInterrupt):
-        raise
-    except BaseException as error:  # a vehicle that calls sys.exit must not end the study without a message
-        change = "Correct the class or the vehicle's parameters."
-        raise _load_error(
-            name, error_in_words(error), f"{class_name} made from {parameters}", change
-        ) from error
+    expected = f"{class_name} made from {parameters}"
+    with running(f"vehicle {name}", expected, "Correct the class or the vehicle's parameters."):
+        return CheckedVehicle(vehicle_class(**parameters), name, scenario)
 
 
 def _load_error(name: str, seen: str, expected: str, change: str) -> InputError:

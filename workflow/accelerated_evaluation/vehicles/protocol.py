@@ -7,8 +7,9 @@ from typing import Any, Protocol, runtime_checkable
 import numpy as np
 from numpy.typing import NDArray
 
-from accelerated_evaluation.base.arguments import checked
+from accelerated_evaluation.base.arguments import Argument
 from accelerated_evaluation.base.arrays import Array
+from accelerated_evaluation.base.checking import checked
 from accelerated_evaluation.base.errors import InputError
 from accelerated_evaluation.base.numerals import number_in
 from accelerated_evaluation.base.registry import Registry
@@ -110,6 +111,19 @@ VEHICLES: Registry[type[Vehicle]] = CUT_IN.vehicles
 
 
 CRASH = CUT_IN.event("crash")
+OUTCOMES_GUIDE = "See accelerated_evaluation.vehicles.protocol for the outcomes that are expected."
+
+
+def _events(value: Any) -> tuple[Event | str, ...]:  # noqa: ANN401
+    events = (value,) if isinstance(value, Event | str) else tuple(value)
+    if not all(isinstance(each, Event | str) for each in events):
+        raise TypeError
+    return events
+
+
+EVENTS = Argument(
+    "events, or texts such as 'impact_speed=5'", _events, "Write, for example, ['impact_speed=5']."
+)
 
 
 @checked(scenario=A_SCENARIO)
@@ -210,7 +224,7 @@ def outcome_error(
     vehicle: str, what: str, seen: str, expected: str, change: str = "Correct the vehicle."
 ) -> InputError:
     """Return the error for a user's vehicle whose outcomes (``what`` names the part) are not as expected."""
-    advice = f"{change} See accelerated_evaluation.vehicles.protocol for the outcomes that are expected."
+    advice = f"{change} {OUTCOMES_GUIDE}"
     return InputError(f"vehicle {vehicle}, {what}", seen=seen, expected=expected, change=advice)
 
 

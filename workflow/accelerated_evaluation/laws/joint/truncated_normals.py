@@ -16,7 +16,9 @@ from scipy.interpolate import CubicHermiteSpline
 from scipy.special import logsumexp, ndtr, ndtri
 
 from accelerated_evaluation.base.arrays import Array, numbers_in
+from accelerated_evaluation.base.checking import checked
 from accelerated_evaluation.base.errors import InputError
+from accelerated_evaluation.base.randomness import DRAWING
 from accelerated_evaluation.laws import LAWS
 from accelerated_evaluation.laws.joint import JointLaw
 from accelerated_evaluation.laws.joint.expectation_maximisation import (
@@ -107,6 +109,7 @@ class TruncatedNormalMixture(JointLaw):
             logs[part] = logsumexp(slices + self.log_scale[:, None], axis=0)
         return logs
 
+    @checked(**DRAWING)
     def draw(self, n: int, generator: np.random.Generator) -> Array:
         """Draw n independent points, shape (n, d); points outside the box are rejected and drawn again."""
         missing = generator.multinomial(n, self.shares)

@@ -22,6 +22,8 @@ from numpy.typing import NDArray
 from scipy.special import logsumexp
 
 from accelerated_evaluation.base.arrays import Array, numbers_in
+from accelerated_evaluation.base.checking import checked
+from accelerated_evaluation.base.randomness import DRAWING
 from accelerated_evaluation.laws import LAWS
 from accelerated_evaluation.laws.distributions import Empirical
 from accelerated_evaluation.laws.draws import Draws
@@ -230,6 +232,7 @@ class MeanLaw(Draws, SmoothLaw):
         """The law of the closing speed of a draw of the member that has most draws."""
         return self.laws[int(np.argmax(self.member == np.bincount(self.member).argmax()))]
 
+    @checked(**DRAWING)
     def draw_from_mean(self, n: int, generator: np.random.Generator) -> Array:
         """Draw n cut-ins from the mean law, shape (n, 3)."""
         return self.draw(n, generator)

@@ -11,12 +11,18 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from accelerated_evaluation.base.arrays import Array
-from accelerated_evaluation.base.errors import InputError, StudyError
-from accelerated_evaluation.base.users_code import error_in_words, kept_alive
+from accelerated_evaluation.base.errors import InputError
+from accelerated_evaluation.base.users_code import running
 from accelerated_evaluation.scenarios.cut_in import CUT_IN
 from accelerated_evaluation.scenarios.protocol import Scenario
 from accelerated_evaluation.vehicles.moving import checked_lead_speeds, require_motion, takes_motion
-from accelerated_evaluation.vehicles.protocol import Vehicle, checked_outcomes, outcome_error, repeats_itself
+from accelerated_evaluation.vehicles.protocol import (
+    OUTCOMES_GUIDE,
+    Vehicle,
+    checked_outcomes,
+    outcome_error,
+    repeats_itself,
+)
 
 BATCH_TIME_LIMIT = 600.0  # [s], default of the longest time for a batch
 REPEATED = 4  # number of encounters of the first batch that are simulated again, each twice
@@ -119,16 +125,11 @@ class CheckedVehicle:
 
     def _outcomes(self, encounters: Array, lead_speeds: Array | None = None) -> Any:  # noqa: ANN401
         """Return the checked outcomes of the user's vehicle for valid encounters, shape (d, n)."""
-        try:
-            with kept_alive():
-                if lead_speeds is None:
-                    outcomes = self.vehicle.simulate(*encounters.copy())
-                else:
-                    outcomes = self.vehicle.simulate_moving(*encounters.copy(), lead_speeds.copy())
-        except (StudyError, KeyboardInterrupt):
-            raise
-        except BaseException as error:  # sys.exit in a vehicle must not end the study without a message
-            raise outcome_error(self.name, "simulate", error_in_words(error), "outcomes") from error
+        with running(f"vehicle {self.name}, simulate", "outcomes", f"Correct the vehicle. {OUTCOMES_GUIDE}"):
+            if lead_speeds is None:
+                outcomes = self.vehicle.simulate(*encounters.copy())
+            else:
+                outcomes = self.vehicle.simulate_moving(*encounters.copy(), lead_speeds.copy())
         return checked_outcomes(outcomes, encounters, vehicle=self.name, scenario=self.scenario)
 
 

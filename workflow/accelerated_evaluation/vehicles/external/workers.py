@@ -170,7 +170,7 @@ def _follow_parent() -> None:
         for group, mark in [*RUNNING]:
             end_group(group, mark)
         # The process is ended by a signal, because os._exit is replaced while a vehicle runs; see
-        # `checked.kept_alive`.
+        # `users_code.kept_alive`.
         os.kill(os.getpid(), signal.SIGKILL)
 
     def follow() -> None:
