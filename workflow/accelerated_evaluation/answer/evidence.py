@@ -20,7 +20,6 @@ from accelerated_evaluation.scenarios.protocol import Event
 from accelerated_evaluation.vehicles.external.slow import SlowVehicle
 from accelerated_evaluation.vehicles.external.watched import WatchedVehicle
 from accelerated_evaluation.vehicles.external.workers import difference_elsewhere
-from accelerated_evaluation.vehicles.loading import load_vehicle
 
 SHOWN = 3  # number of records with the event that a message names
 
@@ -111,11 +110,10 @@ def replays_of(
 ) -> Replays:
     """Replay records of shape (n, d); those near the event of the default vehicle come first."""
     scenario, car = vehicle.scenario, vehicle.vehicle
-    known = load_vehicle(scenario.default_vehicle, scenario)
     return replay(
         lambda points: event.happens(car.simulate(*scenario.to_inputs(points.T).T)),
         records.T,
-        event.score(known.simulate(*scenario.to_inputs(records).T)),
+        event.score(scenario.known_vehicle().simulate(*scenario.to_inputs(records).T)),
         generator,
         is_slow=isinstance(car, SlowVehicle),
     )

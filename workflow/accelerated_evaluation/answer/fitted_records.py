@@ -22,7 +22,6 @@ from accelerated_evaluation.records.segments import read_encounters, write_encou
 from accelerated_evaluation.records.sources import UNKNOWN
 from accelerated_evaluation.scenarios import A_SCENARIO
 from accelerated_evaluation.scenarios.protocol import CLUSTER, FITTED, Scenario
-from accelerated_evaluation.vehicles.loading import load_vehicle
 
 FEWEST = 50  # smallest number of records, so that the region near the event, with a tenth of them, has a few
 TIED = 1e-9  # relative size of the residuals of a variable that is a linear function of others
@@ -120,7 +119,7 @@ def records_of(
     """
     raw = named.read(generator)
     if check is not None:
-        known = None if support is not None else load_vehicle(scenario.default_vehicle, scenario).simulate
+        known = None if support is not None else scenario.known_vehicle().simulate
         check(named.for_checks(raw, known))
     accounts: list[pd.DataFrame] = []
     records = FittedRecords.of(scenario, named.encounters(raw, accounts.append), support, named.exposure(raw))

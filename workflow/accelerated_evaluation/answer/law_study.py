@@ -27,8 +27,6 @@ from accelerated_evaluation.base.randomness import A_GENERATOR, child_generator
 from accelerated_evaluation.laws import Law
 from accelerated_evaluation.laws.draws import Draws
 from accelerated_evaluation.scenarios.protocol import Scenario
-from accelerated_evaluation.vehicles.loading import load_vehicle
-from accelerated_evaluation.vehicles.protocol import Vehicle
 
 
 def _streams(value: Any) -> Callable[[str], np.random.Generator]:  # noqa: ANN401
@@ -120,8 +118,7 @@ class LawStudy:
             Cap on the closing speed of laws of cut-ins [m/s].
         """
         if records.support is None:
-            vehicle = load_vehicle(records.scenario.default_vehicle, records.scenario)
-            family = JointFamily.of(records.data, _responder(records.scenario, vehicle), streams("fit"))
+            family = JointFamily.of(records.data, _responder(records.scenario), streams("fit"))
             return cls.of_family(family, size, streams("weigh"))
         family, others = _smooth_family(records, store, closing_speed_max), None
         if candidates := added_candidates():
@@ -238,9 +235,9 @@ def _smooth_family(
     return replace(family, encounters=records.table, closing_speed_max=closing_speed_max)
 
 
-def _responder(scenario: Scenario, vehicle: Vehicle) -> Respond:
-    """Return a function that simulates a vehicle at points; it gives flags and scores of the main event."""
-    event = scenario.events[0]
+def _responder(scenario: Scenario) -> Respond:
+    """Return a function that simulates the known vehicle at points: flags and scores of the main event."""
+    event, vehicle = scenario.events[0], scenario.known_vehicle()
 
     def respond(x: Array) -> Response:
         outcomes = vehicle.simulate(*scenario.to_inputs(x).T)

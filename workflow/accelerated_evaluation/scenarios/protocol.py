@@ -539,6 +539,10 @@ class Scenario:
         """Names of the outcomes, which are columns of a table of simulated encounters."""
         return tuple(each.name for each in fields(self.outcome_type))
 
+    def known_vehicle(self) -> Any:  # noqa: ANN401
+        """Return the default vehicle, a built-in one, with the default values of its parameters."""
+        return self.vehicles[self.default_vehicle]()
+
     @property
     def measured(self) -> tuple[str, ...]:
         """Names of the outcomes that are numbers, not flags."""

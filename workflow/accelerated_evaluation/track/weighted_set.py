@@ -25,7 +25,6 @@ from accelerated_evaluation.laws import Law, StratifiedLaw
 from accelerated_evaluation.laws.draws import as_draws
 from accelerated_evaluation.laws.strata import VARIABLES
 from accelerated_evaluation.scenarios.protocol import Scenario
-from accelerated_evaluation.vehicles.loading import load_vehicle
 
 DRAWS = 100  # largest number of draws of the law under which the encounters are weighted
 PLACES = 20_000  # number of pairs of lead speed and range at which probabilities of shells are computed
@@ -111,8 +110,7 @@ def draw_scored_set(scenario: Scenario, law: Law, size: int, generator: np.rando
     draws = as_draws(law).thinned(DRAWS)
     x = draws.draw_from_mean(POOL, generator)
     encounters, pool = scenario.to_inputs(x), len(x)
-    known = load_vehicle(scenario.default_vehicle, scenario)
-    score = scenario.events[0].score(known.simulate(*encounters.T))
+    score = scenario.events[0].score(scenario.known_vehicle().simulate(*encounters.T))
     order = np.argsort(-score, kind="stable")  # the hardest last
     begins = pool - np.round(pool * np.geomspace(1, HARDEST_SHARE, SHELLS)).astype(int)
     shells, count = np.split(order, begins[1:]), size // SHELLS

@@ -318,7 +318,7 @@ def _payload(explored: Explored, generator: np.random.Generator) -> Payload:
     lines = explored_lines(law, tried, generator)
     add_lines(payload, law, lines)
     add_laws(payload, law, lines)
-    known = scenario.vehicles[scenario.default_vehicle]()
+    known = scenario.known_vehicle()
     add_records(payload, scenario, explored.x, known, generator)
     if not explored.is_simulated and explored.crash_map is not None:
         add_map(payload, explored.crash_map, SHOWN_EVENTS, generator)
