@@ -16,7 +16,7 @@ import argparse
 import math
 import time
 from collections.abc import Callable
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 from pathlib import Path
 
 import numpy as np
@@ -24,12 +24,11 @@ import pandas as pd
 from accelerated_evaluation.base.arrays import Array
 from accelerated_evaluation.base.files import write_csv
 from accelerated_evaluation.base.randomness import child_generator
-from accelerated_evaluation.methods import problem as library
 from accelerated_evaluation.methods.surrogate import Surrogate
 from accelerated_evaluation.vehicles import AccAeb, Outcomes, Vehicle, load_vehicle
 from fewruns.problems import Response, ScoreProblem, SystemProblem
 from methods import Target
-from problems import BENCHMARK, problems, segment_problem
+from problems import BENCHMARK, derived, problems, segment_problem
 from run import ROOT
 from scipy.integrate import quad
 from scipy.special import log_ndtr, ndtr
@@ -73,51 +72,33 @@ class Unbraked:
         return Outcomes(crash, left, np.where(crash, 1e-3, nearest), np.where(crash, closing_speed, 0.0))
 
 
-@dataclass
-class Careless:
-    """A car that also crashes in a share of all cut-ins that close in fast, whatever it does otherwise."""
+@dataclass(frozen=True)
+class Striking:
+    """A car that drives like another one, but crashes in all cut-ins that close in fast."""
 
     car: Vehicle
-    rate: float
-    generator: np.random.Generator = field(repr=False, compare=False)
-    deterministic: bool | None = False
 
     def simulate(self, lead_speed: Array, range_: Array, closing_speed: Array) -> Outcomes:
         """Simulate n cut-ins; see `Vehicle`."""
         own = self.car.simulate(lead_speed, range_, closing_speed)
-        lapse = (self.generator.random(len(range_)) < self.rate) & (np.asarray(closing_speed) > CLOSING)
-        lapse &= ~own.crash
+        strikes = (np.asarray(closing_speed) > CLOSING) & ~own.crash
         return Outcomes(
-            own.crash | lapse,
-            np.where(lapse, 0.0, own.min_range),
-            np.where(lapse, 1e-3, own.min_ttc),
-            np.where(lapse, closing_speed, own.impact_speed),
+            own.crash | strikes,
+            np.where(strikes, 0.0, own.min_range),
+            np.where(strikes, 1e-3, own.min_ttc),
+            np.where(strikes, closing_speed, own.impact_speed),
         )
 
 
-@dataclass
-class Shaken:
-    """A problem whose normal scores are disturbed in every run, which leaves their law as it is."""
+def shaken(event: ScoreProblem, spread: float, generator: np.random.Generator) -> SystemProblem:
+    """Return an event whose normal scores are disturbed in every run, which leaves their law as it is."""
 
-    problem: ScoreProblem
-    spread: float
-    generator: np.random.Generator = field(repr=False, compare=False)
-    deterministic: bool | None = False
+    def respond(z: Array) -> Response:
+        noise = generator.standard_normal(z.shape)
+        return event.evaluate(math.sqrt(1 - spread**2) * z + spread * noise)
 
-    @property
-    def dimension(self) -> int:
-        """That of the problem."""
-        return self.problem.dimension
-
-    @property
-    def fingerprint(self) -> str:
-        """That of the problem, and the disturbance."""
-        return f"{self.problem.fingerprint}, disturbed by {self.spread}"
-
-    def evaluate(self, z: Array) -> Response:
-        """Run the system at disturbed scores."""
-        noise = self.generator.standard_normal(z.shape)
-        return self.problem.evaluate(math.sqrt(1 - self.spread**2) * z + self.spread * noise)
+    name = f"{event.fingerprint}, disturbed by {spread}"
+    return derived(event, respond, fingerprint=name, deterministic=False, upper_set=False)
 
 
 @dataclass(frozen=True)
@@ -170,13 +151,15 @@ def least_runs(distance: float, spread: float, error: float = 0.156) -> float:
     return float((root / ndtr(-distance / math.hypot(1, spread)) / error) ** 2)
 
 
-def lapsing(other: Vehicle, exact: float, rate: float, *, declared: bool | None = False) -> Chance:
+def lapsing(
+    other: Vehicle, rate: float, exact: float | None = None, *, declared: bool | None = False
+) -> Chance:
     """Return the study's car that drives like another one in a share of its runs.
 
     Parameters
     ----------
     other, exact
-        The other car, and its probability.
+        The other car, and its probability, which is found by many draws if it is None.
     rate
         The share of the runs.
     declared
@@ -186,49 +169,31 @@ def lapsing(other: Vehicle, exact: float, rate: float, *, declared: bool | None 
     def make(generator: np.random.Generator) -> ScoreProblem:
         return segment_problem("5-15", Lapsing(AccAeb(), other, rate, generator, declared), BENCHMARK)
 
-    return Chance(make, (1 - rate) * reference("segment_5_15") + rate * exact)
+    others = share_of(other) if exact is None else exact
+    return Chance(make, (1 - rate) * reference("segment_5_15") + rate * others)
 
 
 def human(rate: float, *, declared: bool | None = False) -> Chance:
     """Return the study's car that drives like the competent and careful human in a share of its runs."""
-    return lapsing(load_vehicle("cc_human"), reference("driver_cc_human"), rate, declared=declared)
+    return lapsing(load_vehicle("cc_human"), rate, reference("driver_cc_human"), declared=declared)
 
 
-def no_brakes(rate: float, *, declared: bool | None = False) -> Chance:
-    """Return the study's car whose braking fails in a share of its runs."""
-    problem = segment_problem("5-15", Unbraked(), BENCHMARK)
-    return lapsing(Unbraked(), share_of(problem, lambda x, crash: crash), rate, declared=declared)
-
-
-def careless(rate: float, *, declared: bool | None = False) -> Chance:
-    """Return the study's car that crashes in a share of all fast cut-ins."""
-    own = segment_problem("5-15", AccAeb(), BENCHMARK)
-    fast = share_of(own, lambda x, crash: x[:, 2] > CLOSING)
-
-    def make(generator: np.random.Generator) -> ScoreProblem:
-        return replace(own, vehicle=Careless(AccAeb(), rate, generator, declared))
-
-    exact = reference("segment_5_15")
-    return Chance(make, exact + rate * (fast - exact))
-
-
-def share_of(problem: library.Problem, kind: Callable[[Array, Array], Array]) -> float:
-    """Return the share of a kind of cut-ins, given these and whether each is a crash, by many draws."""
+def share_of(vehicle: Vehicle) -> float:
+    """Return the share of the cut-ins of the main problem in which a vehicle crashes, by many draws."""
     z = child_generator(ROOT, "chance", "shares").standard_normal((DRAWS, 3))
-    x = problem.law.from_normal_scores(z)
-    return float(kind(x, problem.simulate(x).crash).mean())
-
-
-def shaken(spread: float) -> Chance:
-    """Return the crash of the main problem with disturbed scores."""
-    own = problems()["segment_5_15"].event
-    return Chance(lambda generator: Shaken(own, spread, generator), reference("segment_5_15"))
+    return float(segment_problem("5-15", vehicle, BENCHMARK).evaluate(z)[0].mean())
 
 
 def striped(name: str) -> Chance:
     """Return a vehicle that crashes in thin stripes; crude Monte Carlo gives its probability to about 1 %."""
-    own = segment_problem("5-15", load_vehicle(name), BENCHMARK)
-    return Chance(lambda _: own, share_of(own, lambda x, crash: crash))
+    vehicle = load_vehicle(name)
+    return Chance(lambda _: segment_problem("5-15", vehicle, BENCHMARK), share_of(vehicle))
+
+
+def shaken_main(spread: float) -> Chance:
+    """Return the crash of the main problem with disturbed scores."""
+    own = problems()["segment_5_15"].event
+    return Chance(lambda generator: shaken(own, spread, generator), reference("segment_5_15"))
 
 
 PROBLEMS: dict[str, Callable[[], Chance]] = {
@@ -237,11 +202,11 @@ PROBLEMS: dict[str, Callable[[], Chance]] = {
     "lapses_0.1": lambda: human(0.1),
     "lapses_0.01_undeclared": lambda: human(0.01, declared=None),
     "lapses_0.1_undeclared": lambda: human(0.1, declared=None),
-    "no_brakes_0.01": lambda: no_brakes(0.01),
-    "no_brakes_0.01_undeclared": lambda: no_brakes(0.01, declared=None),
-    "careless_0.01_undeclared": lambda: careless(0.01, declared=None),
-    "careless_0.01": lambda: careless(0.01),
-    "shaken_0.1": lambda: shaken(0.1),
+    "no_brakes_0.01": lambda: lapsing(Unbraked(), 0.01),
+    "no_brakes_0.01_undeclared": lambda: lapsing(Unbraked(), 0.01, declared=None),
+    "careless_0.01_undeclared": lambda: lapsing(Striking(AccAeb()), 0.01, declared=None),
+    "careless_0.01": lambda: lapsing(Striking(AccAeb()), 0.01),
+    "shaken_0.1": lambda: shaken_main(0.1),
     "noise_0.1": lambda: noisy_plane(4.5, 0.1),
     "noise_0.3": lambda: noisy_plane(4.5, 0.3),
     "reg157": lambda: striped("reg157"),

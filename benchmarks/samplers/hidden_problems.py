@@ -9,8 +9,7 @@ from collections.abc import Callable, Sequence
 
 import numpy as np
 from accelerated_evaluation.base.arrays import Array
-from fewruns import SystemProblem
-from public_problems import PublicProblem
+from problems import Problem, below_zero
 from scipy.integrate import quad
 from scipy.optimize import brentq
 from scipy.special import ndtr
@@ -70,18 +69,17 @@ def in_curved_band(depth: float, thickness: float, bend: float) -> float:
     return float(2 * quad(slice_at, 0, 8)[0])
 
 
-def union(name: str, dimension: int, exact: float, *parts: Margin) -> PublicProblem:
+def union(name: str, dimension: int, exact: float, *parts: Margin) -> Problem:
     """Return the union of parts; its score is the smallest margin, and is left out for names in ``flags``."""
 
-    def respond(z: Array) -> tuple[Array, Array | None]:
-        margin = np.minimum.reduce([part(z) for part in parts])
-        return margin <= 0, None if name.endswith("flags") else margin
+    def margin(z: Array) -> Array:
+        return np.minimum.reduce([part(z) for part in parts])
 
-    event = SystemProblem(respond, dimension, fingerprint=name, deterministic=True)
-    return PublicProblem(name, event, exact=exact)
+    graded = not name.endswith("flags")
+    return Problem(name, below_zero(name, dimension, margin, graded=graded), exact=exact)
 
 
-def plane_and_ball(name: str, dimension: int, distance: float, radius: float, ratio: float) -> PublicProblem:
+def plane_and_ball(name: str, dimension: int, distance: float, radius: float, ratio: float) -> Problem:
     """Return a half-space and a ball opposite, which has ``ratio`` times its probability."""
     probability, rest = float(norm.sf(distance)), [0.0] * (dimension - 1)
     centre = distance_of_ball(radius, ratio * probability, dimension)
@@ -89,7 +87,7 @@ def plane_and_ball(name: str, dimension: int, distance: float, radius: float, ra
     return union(name, dimension, (1 + ratio) * probability, *parts)
 
 
-def plane_near_ball(name: str, distance: float, radius: float, *centre: float) -> PublicProblem:
+def plane_near_ball(name: str, distance: float, radius: float, *centre: float) -> Problem:
     """Return a half-space and a ball that is disjoint from it."""
     dimension = len(centre)
     exact = norm.sf(distance) + in_ball(radius, math.hypot(*centre), dimension)
@@ -97,14 +95,14 @@ def plane_near_ball(name: str, distance: float, radius: float, *centre: float) -
     return union(name, dimension, exact, plane, ball(radius, *centre))
 
 
-def orthogonal(name: str, dimension: int, *distances: float) -> PublicProblem:
+def orthogonal(name: str, dimension: int, *distances: float) -> Problem:
     """Return half-spaces that are orthogonal to one another."""
     axes = np.eye(dimension)
     parts = [half_space(b, *axis) for b, axis in zip(distances, axes, strict=False)]
     return union(name, dimension, 1 - float(np.prod(ndtr(distances))), *parts)
 
 
-def drawn(number: int) -> PublicProblem:
+def drawn(number: int) -> Problem:
     """Return a half-space and one or two further parts that are drawn at random: their kind, size and place.
 
     All parts lie along different axes of a random orthonormal system, in 2 to 8 inputs. Their probabilities
@@ -154,12 +152,12 @@ RUNS = {
 }
 
 
-def has_scores(problem: PublicProblem) -> bool:
+def has_scores(problem: Problem) -> bool:
     """Return whether the sampler sees scores."""
     return not problem.name.endswith("flags")
 
 
-def group_of(problem: PublicProblem) -> str:
+def group_of(problem: Problem) -> str:
     """Return the kind of a random problem, whose results are shown together, or the name of another one."""
     parts = problem.name.split("_")
     if parts[0] != "drawn":
@@ -169,7 +167,7 @@ def group_of(problem: PublicProblem) -> str:
     return f"{outcome}, {'4 to 8' if inputs > 3 else '2 or 3'} inputs{run}"
 
 
-def hidden_problems() -> dict[str, PublicProblem]:
+def hidden_problems() -> dict[str, Problem]:
     """Return all problems by name: those that showed the fault, others made by hand, and random ones."""
     squares = ([-4.0, -4.0], [-2.0, -2.0]), ([2.5, 2.5], [3.5, 3.5])
     corners = ([3.0, 3.0], [9.0, 9.0]), ([-9.0, -9.0], [-3.2, -2.8])
@@ -225,7 +223,7 @@ def hidden_problems() -> dict[str, PublicProblem]:
     return {problem.name: problem for problem in everything}
 
 
-def problems_with_near_parts() -> dict[str, PublicProblem]:
+def problems_with_near_parts() -> dict[str, Problem]:
     """Return events with a part next to, behind or in front of the known one, by name."""
     discs, square = ((0.5, 4.2, 0.0), (0.25, 2.6, 2.2)), ([1.5, -3.6], [2.0, -3.1])
     both = sum(in_ball(radius, math.hypot(*centre), 2) for radius, *centre in discs)

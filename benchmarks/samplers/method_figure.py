@@ -16,7 +16,7 @@ from fewruns.running import run_batches, sampler_for
 from hidden_problems import hidden_problems
 from matplotlib.axes import Axes
 from matplotlib.patches import Circle
-from public_problems import PublicProblem
+from problems import Problem
 
 PATH = Path(__file__).resolve().parents[2] / "fewruns" / "method_course.svg"
 PROBLEM, SEED = "plane_disc", 1  # an estimate in which the search missed the disc
@@ -62,7 +62,7 @@ def moment(sampler: Sampler) -> Moment:
     )
 
 
-def draw_event(axes: Axes, problem: PublicProblem, title: str) -> None:
+def draw_event(axes: Axes, problem: Problem, title: str) -> None:
     """Draw the event in grey, for a problem of two inputs."""
     happened = problem.event.evaluate(POINTS)[0].reshape(GRID[0].shape)
     axes.contourf(*GRID, happened, levels=[0.5, 1.5], colors=["#dddddd"])

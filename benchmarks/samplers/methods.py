@@ -11,7 +11,7 @@ from accelerated_evaluation.methods import METHODS, Stopping, normal_reach
 from accelerated_evaluation.methods.problem import Problem as CutInProblem
 from accelerated_evaluation.vehicles import Outcomes, Vehicle
 from fewruns.problems import Response, ScoreProblem
-from problems import Problem
+from problems import Problem, derived
 
 TOOLS = ("nais", "nais_25", "cross_entropy", "subset", "form", "enkf")  # public tools
 DIRECTIONS = ("directional", "line")  # along rays and lines, for smooth limit states
@@ -73,7 +73,12 @@ class Counter:
 
     def event(self, event: ScoreProblem) -> ScoreProblem:
         """Return the event with its calls counted."""
-        return _CountedEvent(event, self)
+
+        def respond(z: Array) -> Response:
+            self.count(len(z))
+            return event.evaluate(z)
+
+        return derived(event, respond)
 
     def cut_in(self, problem: CutInProblem) -> CutInProblem:
         """Return a problem of cut-ins with the calls of its vehicle counted."""
@@ -92,32 +97,6 @@ class Counter:
             return np.where(happened, np.minimum(excess, 0.0), np.maximum(excess, np.finfo(float).tiny))
 
         return level
-
-
-@dataclass(frozen=True)
-class _CountedEvent:
-    event: ScoreProblem
-    counter: Counter
-
-    @property
-    def dimension(self) -> int:
-        return self.event.dimension
-
-    @property
-    def fingerprint(self) -> str:
-        return self.event.fingerprint
-
-    @property
-    def deterministic(self) -> bool | None:
-        return self.event.deterministic
-
-    @property
-    def upper_set(self) -> bool:
-        return getattr(self.event, "upper_set", False)
-
-    def evaluate(self, z: Array) -> Response:
-        self.counter.count(len(z))
-        return self.event.evaluate(z)
 
 
 @dataclass(frozen=True)

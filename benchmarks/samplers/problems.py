@@ -4,10 +4,12 @@ Every problem is an event in the space of normal scores. Those of cut-ins whose 
 given as a `Problem` of the library, which the paper's methods need.
 """
 
+import math
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 from functools import cache
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pandas as pd
@@ -28,7 +30,7 @@ from accelerated_evaluation.methods import problem as library
 from accelerated_evaluation.scenarios.cut_in import CUT_IN
 from accelerated_evaluation.scenarios.protocol import Event
 from accelerated_evaluation.vehicles import AccAeb, Outcomes, Vehicle, load_vehicle
-from fewruns import ScoreProblem, SystemProblem
+from fewruns.problems import Response, ScoreProblem, SystemProblem
 from scipy.special import ndtr
 from scipy.stats import chi2
 from tabulated import tabulated
@@ -58,10 +60,10 @@ class Problem:
 
     Attributes
     ----------
-    name, label
-        In file names and in figures.
+    name
+        In tables and in file names.
     event
-        The event with its score.
+        The event in the space of normal scores, with its score.
     threshold
         Score at which the event begins.
     smooth
@@ -70,50 +72,54 @@ class Problem:
     cut_in
         For the paper's methods; None where they cannot be used.
     exact
-        The probability where it is known.
+        The probability where it has a closed form or is an integral in one dimension.
+    published
+        The probability that a public collection gives; NaN where it gives none.
+    simpler
+        An event of the same probability in fewer dimensions.
     ours_only
         Whether it is too much for all methods but ours.
     """
 
     name: str
-    label: str
     event: ScoreProblem
     threshold: float = 0.0
     smooth: ScoreProblem | None = None
     cut_in: library.Problem | None = None
     exact: float | None = None
+    published: float = math.nan
+    simpler: ScoreProblem | None = None
     ours_only: bool = False
 
 
-@dataclass(frozen=True)
-class Scored:
-    """The event "score <= 0" of the outcomes of cut-ins and of the cut-ins x, shape (n, 3), themselves."""
+def below_zero(
+    name: str, dimension: int, margin: Callable[[Array], Array], *, graded: bool = True
+) -> SystemProblem:
+    """Return the event that a margin of z, shape (n, d), is at most 0; if graded, the margin is its score."""
 
-    problem: library.Problem
-    score: Callable[[Outcomes, Array], Array]
+    def respond(z: Array) -> Response:
+        score = margin(z)
+        return score <= 0, score if graded else None
 
-    dimension = 3
+    return SystemProblem(respond, dimension, fingerprint=name, deterministic=True)
 
-    @property
-    def fingerprint(self) -> str:
-        """That of the problem, whose score is another one here."""
-        return f"{self.problem.fingerprint}; {self.score.__qualname__}"
 
-    @property
-    def deterministic(self) -> bool | None:
-        """That of the problem."""
-        return self.problem.deterministic
+def derived(event: ScoreProblem, respond: Callable[[Array], Response], **changed: Any) -> SystemProblem:
+    """Return an event with the properties of another one, but for its outcomes and what is ``changed``."""
+    kept = {"fingerprint": event.fingerprint, "deterministic": event.deterministic}
+    kept["upper_set"] = getattr(event, "upper_set", False)
+    return SystemProblem(respond, event.dimension, **(kept | changed))
 
-    @property
-    def upper_set(self) -> bool:
-        """That of the problem."""
-        return self.problem.upper_set
 
-    def evaluate(self, z: Array) -> tuple[Array, Array]:
-        """Run the system at normal scores, shape (n, 3)."""
-        x = self.problem.law.from_normal_scores(z)
-        scores = self.score(self.problem.simulate(x), x)
+def scored(problem: library.Problem, score: Callable[[Outcomes, Array], Array]) -> SystemProblem:
+    """Return the event "score <= 0" of the outcomes of cut-ins and of the cut-ins x, shape (n, 3)."""
+
+    def respond(z: Array) -> Response:
+        x = problem.law.from_normal_scores(z)
+        scores = score(problem.simulate(x), x)
         return scores <= 0, scores
+
+    return derived(problem, respond, fingerprint=f"{problem.fingerprint}; {score.__qualname__}")
 
 
 @cache
@@ -153,29 +159,29 @@ def range_left(outcomes: Outcomes, x: Array) -> Array:
     return outcomes.min_range / x[:, 1]
 
 
-def crash(name: str, label: str, problem: library.Problem, *, tiltable: bool = True) -> Problem:
+def crash(name: str, problem: library.Problem, *, tiltable: bool = True) -> Problem:
     """Return a crash in one segment; its smooth score is the smallest range over the first."""
     event = tabulated(problem)
-    smooth = Scored(event, range_left)
-    return Problem(name, label, event, smooth=smooth, cut_in=problem if tiltable else None)
+    smooth = scored(event, range_left)
+    return Problem(name, event, smooth=smooth, cut_in=problem if tiltable else None)
 
 
-def other_event(name: str, label: str, event: Event, nearer: Callable[[Outcomes, Array], Array]) -> Problem:
+def other_event(name: str, event: Event, nearer: Callable[[Outcomes, Array], Array]) -> Problem:
     """Return another event of the main problem, with its smooth score."""
     problem = replace(segment_problem("5-15", AccAeb(), BENCHMARK), event=event)
     quick = tabulated(problem)
     # The score of a crash is less its impact speed where that is the event.
     threshold = -event.threshold if event.quantity == "impact_speed" else event.threshold
-    return Problem(name, label, quick, threshold, Scored(quick, nearer), cut_in=problem)
+    return Problem(name, quick, threshold, scored(quick, nearer), cut_in=problem)
 
 
-def near_miss(name: str, label: str, ttc: float) -> Problem:
+def near_miss(name: str, ttc: float) -> Problem:
     """Return a time to collision of at most ``ttc`` [s]; its smooth score is the inverse of that time."""
 
     def nearer(outcomes: Outcomes, x: Array) -> Array:
         return 1 / ttc - 1 / outcomes.min_ttc
 
-    return other_event(name, label, CUT_IN.event("min_ttc", ttc), nearer)
+    return other_event(name, CUT_IN.event("min_ttc", ttc), nearer)
 
 
 def short_range(metres: float) -> Problem:
@@ -184,9 +190,7 @@ def short_range(metres: float) -> Problem:
     def nearer(outcomes: Outcomes, x: Array) -> Array:
         return (outcomes.min_range - metres) / x[:, 1]
 
-    return other_event(
-        f"range_{metres:g}", f"range ≤ {metres:g} m", CUT_IN.event("min_range", metres), nearer
-    )
+    return other_event(f"range_{metres:g}", CUT_IN.event("min_range", metres), nearer)
 
 
 def hard_impact(speed: float) -> Problem:
@@ -197,29 +201,20 @@ def hard_impact(speed: float) -> Problem:
         before = 1 + range_left(outcomes, x)
         return np.where(outcomes.crash, 1 - impact / speed, before)
 
-    return other_event(
-        f"impact_{speed:g}", f"impact > {speed:g} m/s", CUT_IN.event("impact_speed", speed), nearer
-    )
+    return other_event(f"impact_{speed:g}", CUT_IN.event("impact_speed", speed), nearer)
 
 
 def limit_state(
-    name: str, label: str, g: Callable[..., Array], exact: float | None = None, dimension: int = 2
+    name: str, g: Callable[..., Array], exact: float | None = None, dimension: int = 2
 ) -> Problem:
     """Return the event g(z_1, ..., z_d) <= 0."""
-
-    def respond(z: Array) -> tuple[Array, Array]:
-        score = g(*z.T)
-        return score <= 0, score
-
-    return Problem(
-        name, label, SystemProblem(respond, dimension, None, name, deterministic=True), exact=exact
-    )
+    return Problem(name, below_zero(name, dimension, lambda z: g(*z.T)), exact=exact)
 
 
 def whole() -> Problem:
     """Return a crash in any segment."""
     event = tabulated(library.Problem(CUT_IN, AccAeb(), law=law()))
-    return Problem("all_segments", "all segments", event, ours_only=True)
+    return Problem("all_segments", event, ours_only=True)
 
 
 def two_regions(a: Array, b: Array) -> Array:
@@ -255,25 +250,25 @@ def problems() -> dict[str, Problem]:
     weak = load_vehicle("acc_aeb", **WEAK_AEB)
     both = float(ndtr(-4.2) + ndtr(-4.5))
     everything = [
-        crash("segment_5_15", "5–15 m/s", segment_problem("5-15", AccAeb(), BENCHMARK)),
-        crash("segment_15_25", "15–25 m/s", segment_problem("15-25", AccAeb())),
-        replace(crash("segment_25_35", "25–35 m/s", segment_problem("25-35", AccAeb())), ours_only=True),
-        crash("weak_aeb", "weak AEB", segment_problem("5-15", weak, BENCHMARK)),
-        crash("no_aeb", "no AEB", segment_problem("5-15", load_vehicle("acc_only"), BENCHMARK)),
-        crash("pareto", "Pareto", segment_problem("5-15", AccAeb(), SINGLE), tiltable=False),
-        near_miss("near_miss_1e-3", "TTC ≤ 2.49 s", 2.491),
-        near_miss("near_miss_1e-5", "TTC ≤ 0.63 s", 0.6342),
-        limit_state("two_regions", "two regions", two_regions, both),
-        limit_state("circle", "circle", circle, float(np.exp(-12.5))),
-        limit_state("four_branches", "four branches", four_branches),
+        crash("segment_5_15", segment_problem("5-15", AccAeb(), BENCHMARK)),
+        crash("segment_15_25", segment_problem("15-25", AccAeb())),
+        replace(crash("segment_25_35", segment_problem("25-35", AccAeb())), ours_only=True),
+        crash("weak_aeb", segment_problem("5-15", weak, BENCHMARK)),
+        crash("no_aeb", segment_problem("5-15", load_vehicle("acc_only"), BENCHMARK)),
+        crash("pareto", segment_problem("5-15", AccAeb(), SINGLE), tiltable=False),
+        near_miss("near_miss_1e-3", 2.491),
+        near_miss("near_miss_1e-5", 0.6342),
+        limit_state("two_regions", two_regions, both),
+        limit_state("circle", circle, float(np.exp(-12.5))),
+        limit_state("four_branches", four_branches),
         *(short_range(metres) for metres in (2.0, 1.0, 0.5)),
         *(hard_impact(speed) for speed in (5.0, 10.0)),
         *(
-            crash(f"driver_{name}", name, segment_problem("5-15", load_vehicle(name), BENCHMARK))
+            crash(f"driver_{name}", segment_problem("5-15", load_vehicle(name), BENCHMARK))
             for name in ("cc_human", "reg157", "fsm", "rss")
         ),
-        limit_state("ball_4", "ball, d = 4", circle, float(chi2.sf(25, 4)), 4),
-        *(limit_state(f"plane_{d}", f"half-space, d = {d}", plane, float(ndtr(-4.5)), d) for d in (6, 10)),
+        limit_state("ball_4", circle, float(chi2.sf(25, 4)), 4),
+        *(limit_state(f"plane_{d}", plane, float(ndtr(-4.5)), d) for d in (6, 10)),
         whole(),
     ]
     return {problem.name: problem for problem in everything}

@@ -17,7 +17,7 @@ from accelerated_evaluation.base.randomness import child_generator
 from accelerated_evaluation.publishing.tables.display import reproducible
 from hidden_problems import group_of, hidden_problems, problems_with_near_parts
 from problems import Problem
-from public_problems import PublicProblem, probability_of, public_problems
+from public_problems import probability_of, public_problems
 from run import ROOT, repeated
 from summarise import summary
 from tqdm import tqdm
@@ -29,7 +29,7 @@ COLUMNS = [
 ]
 
 
-def known(problem: PublicProblem, raw: Path) -> tuple[float, float]:
+def known(problem: Problem, raw: Path) -> tuple[float, float]:
     """Return the probability of a problem and its standard error, from the raw results where it is there."""
     path = raw / f"{problem.name}.json"
     if not path.exists():
@@ -40,13 +40,12 @@ def known(problem: PublicProblem, raw: Path) -> tuple[float, float]:
     return content["probability"], content["standard_error"]
 
 
-def row(problem: PublicProblem, method: str, raw: Path, seeds: int) -> dict[str, object]:
+def row(problem: Problem, method: str, raw: Path, seeds: int) -> dict[str, object]:
     """Return a row of the table: one method on one problem; what the raw results lack is run."""
     path = raw / f"{problem.name}_{method}.csv"
     runs = pd.read_csv(path) if path.exists() else pd.DataFrame()
-    plain = Problem(problem.name, problem.name, problem.event)
     for seed in range(len(runs), seeds):
-        runs = pd.concat([runs, repeated(plain, method, [seed])], ignore_index=True)
+        runs = pd.concat([runs, repeated(problem, method, [seed])], ignore_index=True)
         write_csv(path, runs)
     probability, error = known(problem, raw)
     labels = {"problem": problem.name, "group": group_of(problem), "method": method}

@@ -17,13 +17,12 @@ What a reference probability is, and its standard error, is said by `probability
 
 import math
 from collections.abc import Callable
-from dataclasses import dataclass
 from functools import partial
 
 import numpy as np
 from accelerated_evaluation.base.arrays import Array
 from fewruns import ScoreProblem, SystemProblem
-from problems import problems
+from problems import Problem, below_zero, problems
 from reference import reference
 from scipy.integrate import quad
 from scipy.special import log_ndtr, ndtr
@@ -37,31 +36,6 @@ EULER = 0.5772156649015329
 CURVATURE = 0.2  # of `many_small`
 
 Marginal = Callable[[Array], Array]
-
-
-@dataclass(frozen=True)
-class PublicProblem:
-    """An event of a public collection.
-
-    Attributes
-    ----------
-    name
-        In tables.
-    event
-        The event in the space of normal scores; its score is g.
-    published
-        The probability that the collection gives; NaN where it gives none.
-    exact
-        The probability where it has a closed form or is an integral in one dimension.
-    simpler
-        An event of the same probability in fewer dimensions.
-    """
-
-    name: str
-    event: ScoreProblem
-    published: float = math.nan
-    exact: float | None = None
-    simpler: ScoreProblem | None = None
 
 
 def normal(mean: float, deviation: float) -> Marginal:
@@ -92,7 +66,7 @@ def of_inputs(
     g: Callable[..., Array],
     published: float = math.nan,
     exact: float | None = None,
-) -> PublicProblem:
+) -> Problem:
     """Return the event g(x_1, ..., x_d) <= 0."""
 
     def score(z: Array) -> Array:
@@ -107,15 +81,9 @@ def of_all(
     g: Callable[[Array], Array],
     published: float = math.nan,
     exact: float | None = None,
-) -> PublicProblem:
+) -> Problem:
     """Return the event g(z) <= 0 of all normal scores together, shape (n, d)."""
-
-    def respond(z: Array) -> tuple[Array, Array]:
-        score = g(z)
-        return score <= 0, score
-
-    event = SystemProblem(respond, dimension, fingerprint=name, deterministic=True)
-    return PublicProblem(name, event, published, exact)
+    return Problem(name, below_zero(name, dimension, g), exact=exact, published=published)
 
 
 # ---- limit states
@@ -234,7 +202,7 @@ def tail_of_squares(level: float, influence: Array, curvature: Array) -> float:
 # ---- the problems
 
 
-def low_dimensions() -> list[PublicProblem]:
+def low_dimensions() -> list[Problem]:
     """Return the problems of two to ten variables."""
     standard = [normal(0, 1)] * 2
     rp_8 = [lognormal(120, 12)] * 4 + [lognormal(50, 10), lognormal(40, 8)]
@@ -301,19 +269,19 @@ def low_dimensions() -> list[PublicProblem]:
     ]
 
 
-def linear(dimension: int) -> PublicProblem:
+def linear(dimension: int) -> Problem:
     """Return the half-space at the distance 3.5 in which all inputs are alike."""
     root, exact = math.sqrt(dimension), float(ndtr(-3.5))
     return of_all(f"linear_{dimension}", dimension, lambda z: 3.5 - z.sum(1) / root, exact, exact)
 
 
-def fujita_rackwitz(dimension: int) -> PublicProblem:
+def fujita_rackwitz(dimension: int) -> Problem:
     """Return a small sum of exponential variables, of probability 1e-4."""
     name, level = f"fujita_rackwitz_{dimension}", gamma.ppf(1e-4, dimension)
     return of_all(name, dimension, lambda z: exponential_sum(z) - level, 1e-4, 1e-4)
 
 
-def of_many_small(inputs: int) -> PublicProblem:
+def of_many_small(inputs: int) -> Problem:
     """Return the event that a sum of many small influences exceeds 4.5."""
     influence, curvature = many_small(inputs)
 
@@ -333,7 +301,7 @@ def needle(level: float) -> float:
     return quad(lambda x: chi2.pdf(x, 4) * norm.sf(level + x), 0, 60)[0]
 
 
-def high_dimensions() -> list[PublicProblem]:
+def high_dimensions() -> list[Problem]:
     """Return the problems of 20 variables and more."""
     main = problems()["segment_5_15"].event
     cut_ins = {"cut_in_and_17": 0.0, "cut_in_and_17_little": 0.1}
@@ -353,7 +321,7 @@ def high_dimensions() -> list[PublicProblem]:
         *(of_all(f"half_space_{d}", d, half_space, exact=float(ndtr(-4.5))) for d in (20, 40)),
         *(of_many_small(d) for d in (20, 40)),
         *(
-            PublicProblem(
+            Problem(
                 name,
                 SystemProblem(partial(respond, little=little), 20, fingerprint=name, deterministic=True),
                 simpler=main,
@@ -363,12 +331,12 @@ def high_dimensions() -> list[PublicProblem]:
     ]
 
 
-def public_problems() -> dict[str, PublicProblem]:
+def public_problems() -> dict[str, Problem]:
     """Return all problems by name."""
     return {problem.name: problem for problem in [*low_dimensions(), *high_dimensions()]}
 
 
-def probability_of(problem: PublicProblem, generator: np.random.Generator) -> tuple[float, float]:
+def probability_of(problem: Problem, generator: np.random.Generator) -> tuple[float, float]:
     """Return the probability of an event and its standard error.
 
     It is exact where that is known. In two dimensions it is an integral over a grid, whose error is far below

@@ -41,7 +41,7 @@ VARIANTS: Mapping[str, Mapping[str, float]] = {
 
 def event_of(parameters: Mapping[str, float]) -> ScoreProblem:
     """Return the crash of a variant of the car."""
-    return crash("variant", "variant", segment_problem("5-15", AccAeb(**parameters), BENCHMARK)).event
+    return crash("variant", segment_problem("5-15", AccAeb(**parameters), BENCHMARK)).event
 
 
 def driven(

@@ -115,7 +115,7 @@ def estimated(key: str, law: Law, maps: Mapping[str, CrashMap], seeds: int) -> p
         runs = pd.DataFrame({"seed": [None]})
         if exact.probability >= LEAST:
             crash = CutInProblem(CUT_IN, load_vehicle(name, **vehicles()[name]), law=law)
-            runs = repeated(Problem(f"{key} {name}", name, crash, ours_only=True), METHOD, range(seeds))
+            runs = repeated(Problem(f"{key} {name}", crash), METHOD, range(seeds))
         parts.append(runs.assign(**known))
     return pd.concat(parts, ignore_index=True)
 

@@ -25,7 +25,7 @@ from test_methods import LAW, Corner, estimates, exact, fits
 sys.path.append(str(Path(__file__).resolve().parents[2] / "benchmarks" / "samplers"))
 
 import chance
-from chance import Careless, Lapsing, Shaken, Unbraked, least_runs, table
+from chance import Lapsing, Striking, Unbraked, least_runs, shaken, table
 
 DRAWN_BY_LAW = [name for name in METHODS if issubclass(METHODS[name], CrossEntropyMethod)]
 STOPPING = ae.Stopping(minimum_events=1, maximum_simulations=1000)
@@ -125,20 +125,19 @@ def test_a_replicate_without_an_estimate_is_described_next_to_one_with_an_estima
 
 
 def test_the_cars_of_the_benchmark_lapse_as_often_as_they_say():
-    n, rate = 40_000, 0.2
+    n, rate, own = 40_000, 0.2, ae.load_vehicle("acc_aeb")
     cut_ins = np.full(n, 20.0), np.full(n, 30.0), np.full(n, 6.0)
     error = 4 * math.sqrt(rate * (1 - rate) / n)
     for car in (
-        Careless(ae.load_vehicle("acc_aeb"), rate, np.random.default_rng(1)),
-        Lapsing(ae.load_vehicle("acc_aeb"), Unbraked(), rate, np.random.default_rng(2)),
+        Lapsing(own, Striking(own), rate, np.random.default_rng(1)),
+        Lapsing(own, Unbraked(), rate, np.random.default_rng(2)),
     ):
         outcomes = car.simulate(*cut_ins)
         assert abs(outcomes.crash.mean() - rate) < error
         assert (outcomes.min_range[outcomes.crash] <= 0).all()
-    slow = Careless(ae.load_vehicle("acc_aeb"), rate, np.random.default_rng(1))
-    assert not slow.simulate(*cut_ins[:2], np.full(n, 4.0)).crash.any()
+    assert not Striking(own).simulate(*cut_ins[:2], np.full(n, 4.0)).crash.any()
     event = SystemProblem(lambda z: (z[:, 0] > 1.0, None), 2)
-    happened, _ = Shaken(event, 0.5, np.random.default_rng(3)).evaluate(
+    happened, _ = shaken(event, 0.5, np.random.default_rng(3)).evaluate(
         np.random.default_rng(4).standard_normal((n, 2))
     )
     assert happened.mean() == pytest.approx(ndtr(-1.0), abs=4 * math.sqrt(0.16 / n))
