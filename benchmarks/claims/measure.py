@@ -21,7 +21,6 @@ from accelerated_evaluation.methods.surrogate import Surrogate
 from accelerated_evaluation.scenarios.cut_in import CUT_IN
 from accelerated_evaluation.study.configuration import load
 from accelerated_evaluation.vehicles import load_vehicle
-from fewruns import Predecessor
 from tqdm import tqdm
 
 sys.path.insert(0, str(Path(__file__).resolve().parents[1] / "samplers"))
@@ -40,19 +39,11 @@ def vehicle(verdicts: Path) -> pd.DataFrame:
 
 def successor(seeds: Iterable[int]) -> pd.DataFrame:
     """Return the simulations for every variant of the car, with the runs of the original and without."""
-    from successors import TARGET, VARIANTS, driven, event_of
+    from successors import VARIANTS, pair
 
-    rows = []
-    for seed in seeds:
-        original, _ = driven(event_of({}), child_generator(ROOT, "predecessor", seed), None)
-        known = Predecessor(original.progress.z, original.progress.happened)
-        for name, parameters in tqdm(VARIANTS.items(), desc=f"seed {seed}", unit=" variants"):
-            row = {"variant": name, "seed": seed}
-            for column, runs in {"simulations": known, "simulations_alone": None}.items():
-                found, _ = driven(event_of(parameters), child_generator(ROOT, "successor", seed), runs)
-                row[column] = found.estimate(TARGET).simulations
-            rows.append(row)
-    return pd.DataFrame(rows)
+    tasks = [(name, seed) for seed in seeds for name in VARIANTS]
+    rows = pd.DataFrame([pair(*task, ROOT) for task in tqdm(tasks, desc="variants", unit=" variants")])
+    return rows[["variant", "seed", "simulations", "simulations_alone"]]
 
 
 def estimate(seeds: Iterable[int]) -> pd.DataFrame:

@@ -7,7 +7,8 @@ then each variant of the car is estimated twice, with these runs and without.
 """
 
 import argparse
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
+from functools import cache
 from pathlib import Path
 
 import numpy as np
@@ -67,51 +68,42 @@ def early_answer(sampler: Sampler) -> float:
     return foretold if np.isnan(estimate) else estimate
 
 
-def predecessor(seed: int) -> Predecessor:
+@cache
+def predecessor(root: int, seed: int) -> Predecessor:
     """Return the runs of the study's car until its estimate has converged."""
-    progress = driven(event_of({}), child_generator(ROOT, "predecessor", seed), None)[0].progress
+    progress = driven(event_of({}), child_generator(root, "predecessor", seed), None)[0].progress
     return Predecessor(progress.z, progress.happened)
 
 
-def compare(
-    name: str, truth: float, before: float, bases: Sequence[Predecessor], bar: tqdm
-) -> dict[str, object]:
-    """Return a row of the table: one variant over all seeds.
+def pair(name: str, seed: int, root: int = ROOT) -> dict[str, object]:
+    """Return what the sampler gives for a variant, with the runs of its predecessor and ``_alone``."""
+    event, row = event_of(VARIANTS[name]), {"variant": name, "seed": seed}
+    for end, known in {"": predecessor(root, seed), "_alone": None}.items():
+        sampler, early = driven(event, child_generator(root, "successor", seed), known)
+        found = sampler.estimate(TARGET)
+        row |= {f"early{end}": early, f"simulations{end}": found.simulations}
+        row |= {f"{name}{end}": getattr(found, name) for name in ("probability", "low", "high")}
+    return row
 
-    Parameters
-    ----------
-    name
-        Of the variant.
-    truth, before
-        Crash probabilities of the variant and of its predecessor.
-    bases
-        Runs of the predecessor for each seed.
-    bar
-        Shows the progress.
-    """
-    event, rows = event_of(VARIANTS[name]), []
-    for seed, known in enumerate(bases):
-        found, early = driven(event, child_generator(ROOT, "successor", seed), known)
-        alone, _ = driven(event, child_generator(ROOT, "successor", seed), None)
-        end, without = found.estimate(TARGET), alone.estimate(TARGET)
-        rows.append(
-            {
-                "early_error": early / truth - 1,
-                "ranked": (early > before) == (truth > before),
-                "simulations": end.simulations,
-                "error": end.probability / truth - 1,
-                "holds": end.low <= truth <= end.high,
-                "off": not truth / 2 <= end.probability <= 2 * truth,
-                "simulations_alone": without.simulations,
-                "error_alone": without.probability / truth - 1,
-            }
-        )
-        bar.update()
-    seen = pd.DataFrame(rows)
-    errors = {column: np.sqrt(seen[column].pow(2).mean()) for column in seen if "error" in column}
-    means = seen[["ranked", "simulations", "holds", "off", "simulations_alone"]].mean()
-    labels = {"variant": name, "probability": truth, "ratio": truth / before, "seeds": len(bases)}
-    return {**labels, **errors, **means}
+
+def table(runs: pd.DataFrame, truth: Mapping[str, float]) -> pd.DataFrame:
+    """Sum up the runs, a row for each variant, whose crash probabilities are ``truth``."""
+    before, exact = truth["the same car"], runs["variant"].map(truth)
+    runs = runs.assign(
+        ranked=(runs["early"] > before) == (exact > before),
+        holds=(runs["low"] <= exact) & (exact <= runs["high"]),
+        off=~runs["probability"].between(exact / 2, 2 * exact),
+        early_error=np.square(runs["early"] / exact - 1),
+        error=np.square(runs["probability"] / exact - 1),
+        error_alone=np.square(runs["probability_alone"] / exact - 1),
+    )
+    groups = runs.groupby("variant", sort=False)
+    found = pd.DataFrame({"probability": truth, "ratio": truth}).loc[list(groups.groups)]
+    found["ratio"] /= before
+    errors, means = ["early_error", "error", "error_alone"], ["ranked", "simulations", "holds", "off"]
+    summed = groups[[*errors, *means, "simulations_alone"]].mean()
+    found = found.assign(seeds=groups.size()).join(summed.assign(**np.sqrt(summed[errors])))
+    return found.rename_axis("variant").reset_index()
 
 
 def main() -> None:
@@ -126,11 +118,9 @@ def main() -> None:
         name: reference(event_of(parameters), child_generator(ROOT, "reference", name))[0]
         for name, parameters in tqdm(VARIANTS.items(), desc="references")
     }
-    bases = [predecessor(seed) for seed in tqdm(range(arguments.seeds), desc="predecessors")]
-    with tqdm(total=len(VARIANTS) * arguments.seeds, desc="variants") as bar:
-        before = truth["the same car"]
-        rows = [compare(name, truth[name], before, bases, bar) for name in VARIANTS]
-    write_csv(arguments.output, reproducible(pd.DataFrame(rows)))
+    seeds = range(arguments.seeds)
+    runs = [pair(name, seed) for seed in tqdm(seeds, desc="seeds of all variants") for name in VARIANTS]
+    write_csv(arguments.output, reproducible(table(pd.DataFrame(runs), truth)))
 
 
 if __name__ == "__main__":
