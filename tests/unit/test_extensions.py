@@ -265,6 +265,12 @@ def test_an_installed_package_adds_members_by_its_entry_point(tmp_path):
     run = subprocess.run([sys.executable, "main.py"], cwd=tmp_path, env=here, capture_output=True, text=True)
     message = "package their-cars, entry point cars, check 'drift': seen two members of this name"
     assert message in run.stderr
+    for named in ("--help", "inspect"):  # the commands say so in one line, without a traceback
+        command = [sys.executable, "-m", "accelerated_evaluation.cli", named]
+        run = subprocess.run(command, cwd=tmp_path, env=here, capture_output=True, text=True)
+        assert run.returncode == 2
+        assert run.stderr.startswith(f"error: {message}")
+        assert run.stderr.count("\n") == 1
 
 
 def test_a_module_may_contain_a_vehicle_that_is_named_by_its_class(tmp_path):

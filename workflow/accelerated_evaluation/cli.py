@@ -30,13 +30,13 @@ def main(argv: Sequence[str] | None = None) -> int:
     int
         Exit status: 0, 2 after bad input, or 130 if the command was stopped from the keyboard.
     """
-    own = parser()
-    argcomplete.autocomplete(own)  # if the shell asks for completions, this prints them and ends
     given = sys.argv[1:] if argv is None else argv
-    arguments = own.parse_args(given)
     if argv is None and not sys.stderr.isatty():
         os.environ.setdefault("TQDM_DISABLE", "1")  # a log would contain every state of a progress bar
     try:
+        own = parser()  # it imports extensions, which may be faulty
+        argcomplete.autocomplete(own)  # if the shell asks for completions, this prints them and ends
+        arguments = own.parse_args(given)
         _require_values(given)
         arguments.run(arguments)
     except (StudyError, OSError) as error:
