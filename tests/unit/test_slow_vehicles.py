@@ -284,6 +284,20 @@ def test_which_vehicles_are_slow(here):
         pass
 
 
+def test_the_files_of_a_vehicle(here):
+    """They are those that define it and those that its section lists; a built-in vehicle has none."""
+
+    def files(name, listed=(), **parameters):
+        section = {"name": name, "parameters": parameters, "files": list(listed)}
+        return NamedVehicle.of(section, SIMULATIONS).files
+
+    Path("more.csv").write_text("1")
+    assert files("acc_aeb") == []
+    assert files("acc_aeb", ["more.csv"]) == ["more.csv"]
+    assert files("car.py:Car", ["more.csv"], log="log") == ["car.py", "more.csv"]
+    assert files("command", ["more.csv"], command="python car.py") == ["car.py", "more.csv"]
+
+
 @pytest.mark.parametrize(
     ("executor", "options", "message"),
     [

@@ -19,6 +19,14 @@ from accelerated_evaluation.scenarios.protocol import Event, Outcome, Scenario
 
 __all__ = ["VEHICLES", "Outcomes", "RandomVehicle", "Vehicle", "repeats_itself", "simulate_inner"]
 
+# A new vehicle for cut-ins is a module of this package that registers its class.
+VEHICLES: Registry[type["Vehicle"]] = CUT_IN.vehicles
+CRASH = CUT_IN.event("crash")
+INPUTS = CUT_IN.names
+OUTCOMES = CUT_IN.outcome_names
+checked_encounters = CUT_IN.checked
+OUTCOMES_GUIDE = "See accelerated_evaluation.vehicles.protocol for the outcomes that are expected."
+
 
 @runtime_checkable
 class Vehicle(Protocol):
@@ -106,14 +114,6 @@ def repeats_itself(vehicle: Vehicle) -> bool | None:
     return getattr(vehicle, "deterministic", None)
 
 
-# A new vehicle for cut-ins is a module of this package that registers its class.
-VEHICLES: Registry[type[Vehicle]] = CUT_IN.vehicles
-
-
-CRASH = CUT_IN.event("crash")
-OUTCOMES_GUIDE = "See accelerated_evaluation.vehicles.protocol for the outcomes that are expected."
-
-
 def _events(value: Any) -> tuple[Event | str, ...]:  # noqa: ANN401
     events = (value,) if isinstance(value, Event | str) else tuple(value)
     if not all(isinstance(each, Event | str) for each in events):
@@ -190,11 +190,6 @@ def events_from(thresholds: Mapping[str, list[float]]) -> list[Event]:
         CRASH,
         *(CUT_IN.event(name, float(value)) for name, values in thresholds.items() for value in values),
     ]
-
-
-INPUTS = CUT_IN.names
-OUTCOMES = CUT_IN.outcome_names
-checked_encounters = CUT_IN.checked
 
 
 def checked_outcomes(
