@@ -1,7 +1,6 @@
 """Claims about the study: the paper's numbers, the answer, counted crashes and injuries."""
 
 from collections.abc import Iterator
-from pathlib import Path
 
 import numpy as np
 import pandas as pd
@@ -27,43 +26,36 @@ SERIOUS, DISTANCE = "MAIS3+", "million kilometres"
 
 def paper(files: Files) -> Iterator[Claim]:
     """Yield the claims about the paper's methods under the paper's model."""
-    pairs = [
-        (_probability(folder / "exact.csv"), _sizes(folder / "estimates.csv"))
-        for folder in (files.tables, files.study)
-    ]
-    (probability, sizes), (found, found_sizes) = pairs
-    yield Claim("crash probability of one lane change", probability, found)
+    probability = [*map(_probability, files.pair("exact.csv"))]
+    sizes = [*map(_sizes, files.pair("estimates.csv"))]
+    yield Claim("crash probability of one lane change", *probability)
     for method in ("piecewise", "single"):
-        text = f"simulations to converge, {method}, mean"
-        yield Claim(text, sizes[method], found_sizes[method])
-    yield Claim(
-        "single / piecewise, of the replicates",
-        *(size["single"].over(size["piecewise"]) for _, size in pairs),
-    )
-    crude = [_crude(of_model) for of_model, _ in pairs]
+        yield Claim(f"simulations to converge, {method}, mean", *(size[method] for size in sizes))
+    ratios = (size["single"].over(size["piecewise"]) for size in sizes)
+    yield Claim("single / piecewise, of the replicates", *ratios)
+    crude = [*map(_crude, probability)]
     yield Claim("simulations to converge, crude Monte Carlo", *crude)
-    ratios = (number.over(size["piecewise"]) for number, (_, size) in zip(crude, pairs, strict=True))
+    ratios = (number.over(size["piecewise"]) for number, size in zip(crude, sizes, strict=True))
     yield Claim("crude / piecewise, of the replicates", *ratios)
     yield Claim("fitted parameters, piecewise", *_fitted(files))
-    budgets = [
-        pd.read_csv(folder / "uncertainty.csv").set_index("source") for folder in (files.tables, files.study)
-    ]
+    budgets = [budget.set_index("source")["variance_share"] for budget in files.pair("uncertainty.csv")]
+    small = (Exactly("yes" if budget["sampling"] < 0.01 else "no") for budget in budgets)
+    yield Claim("share of sampling in the variance is under 1 %", *small)
     yield Claim(
-        "share of sampling in the variance is under 1 %", *(_under(budget, 0.01) for budget in budgets)
+        "share of finite data in the variance", *(_share(budget["data"], REFITS) for budget in budgets)
     )
-    yield Claim("share of finite data in the variance", *map(_share_of_data, budgets))
 
 
-def _probability(path: Path) -> Mean:
-    row = pd.read_csv(path).set_index("segment").loc["all"]
+def _probability(table: pd.DataFrame) -> Mean:
+    row = table.set_index("segment").loc["all"]
     return Mean(row["probability"], row["standard_error"])
 
 
-def _sizes(path: Path) -> dict[str, Mean]:
+def _sizes(table: pd.DataFrame) -> dict[str, Mean]:
     """Return the simulations to converge; replicates with the proposal of one search count as one value."""
-    table = pd.read_csv(path).query("scope == 'all'")
-    table["size"] = table["simulations" if "simulations" in table else "estimating"]
-    by_search = table.groupby(["method", table["replicate"] % SEARCHES])["size"].mean()
+    table = table.query("scope == 'all'")
+    size = table["simulations" if "simulations" in table else "estimating"]
+    by_search = size.groupby([table["method"], table["replicate"] % SEARCHES]).mean()
     return {method: Mean.of(by_search[method]) for method in ("piecewise", "single")}
 
 
@@ -79,14 +71,9 @@ def _fitted(files: Files) -> tuple[Mean, Mean]:
     return Mean(published["fitted parameters, piecewise"]), Mean(law.n_parameters)
 
 
-def _under(budget: pd.DataFrame, bound: float) -> Exactly:
-    return Exactly("yes" if budget.loc["sampling", "variance_share"] < bound else "no")
-
-
-def _share_of_data(budget: pd.DataFrame) -> Mean:
-    """Return the share, with the standard error of a variance that `REFITS` normal values estimate."""
-    share = budget.loc["data", "variance_share"]
-    return Mean(share, share * (1 - share) * np.sqrt(2 / (REFITS - 1)), REFITS - 1)
+def _share(share: float, values: int) -> Mean:
+    """Return a share of a variance, with the standard error of one that normal ``values`` estimate."""
+    return Mean(share, share * (1 - share) * np.sqrt(2 / (values - 1)), values - 1)
 
 
 def answer(files: Files) -> Iterator[Claim]:
@@ -106,11 +93,13 @@ def answer(files: Files) -> Iterator[Claim]:
 
 def counted(files: Files) -> Iterator[Claim]:
     """Yield the claims about predicted and counted crashes."""
-    pair = [pd.read_csv(path / "counted_crashes.csv") for path in (files.tables, files.study)]
+    pair = files.pair("counted_crashes.csv")
     yield Claim("vehicles whose predictions the counts contradict", *map(_contradicted, pair))
     yield Claim("crashes and near-crashes of the 100-Car study", *map(_of_hundred_cars, pair))
     yield Claim("predicted crashes of cc_human there", *map(_of_human, pair))
-    published, found = (_of_driver(path / "human_predictions.csv") for path in (files.tables, files.study))
+    published, found = (
+        table[table["driver"] == DRIVER].set_index("event") for table in files.pair("human_predictions.csv")
+    )
     for event in PREDICTED:
         # The map of this driver averages over a finite number of drawn drivers, whose error is not published.
         limits = Between(published.loc[event, "low90"], published.loc[event, "high90"])
@@ -134,17 +123,9 @@ def _of_human(table: pd.DataFrame) -> Mean:
     return Mean(row["in_hundred_car"], row["in_hundred_car"] * relative / np.sqrt(DRAWS), DRAWS - 1)
 
 
-def _of_driver(path: Path) -> pd.DataFrame:
-    table = pd.read_csv(path)
-    return table[table["driver"] == DRIVER].set_index("event")
-
-
 def motion(files: Files) -> Iterator[Claim]:
     """Yield the claims about a lead vehicle that changes its speed."""
-    pair = [
-        pd.read_csv(folder / "lead_motion.csv").set_index(["vehicle", "gap"])
-        for folder in (files.tables, files.study)
-    ]
+    pair = [table.set_index(["vehicle", "gap"]) for table in files.pair("lead_motion.csv")]
     for vehicle in (TESTED, HUMAN):
         text = f"crash probability with lead motion / with a constant lead speed, {vehicle}"
         yield Claim(text, *(Mean(*table.loc[(vehicle, CLOSING), RATIO]) for table in pair))
@@ -154,31 +135,24 @@ def motion(files: Files) -> Iterator[Claim]:
 
 def injuries(files: Files) -> Iterator[Claim]:
     """Yield the claims about injured drivers, and about the curves of the risk of injury."""
-    folders = (files.tables, files.study / "laws")
-    pair = [pd.read_csv(folder / "injuries.csv") for folder in folders]
+    pair = files.pair("laws/injuries.csv")
     for level in pair[0]["level"].unique():
         text = f"drivers per million kilometres, injury {level}, median"
         yield Claim(text, *(_injured(table, level) for table in pair))
-    budgets = [pd.read_csv(folder / "injury_budget.csv") for folder in folders]
-    yield Claim(f"share of the choice of curve, injury {SERIOUS}", *map(_share_of_curve, budgets))
-    balances = [pd.read_csv(folder / "risk_balance.csv") for folder in folders]
-    yield Claim(f"ratio to cc_human, injury {SERIOUS}", *map(_ratio_to_human, balances))
+    budgets = [table.set_index(["level", "source"]) for table in files.pair("laws/injury_budget.csv")]
+    of_curve = (budget.loc[(SERIOUS, "choice of curve"), "variance_share"] for budget in budgets)
+    yield Claim(
+        f"share of the choice of curve, injury {SERIOUS}", *(_share(each, DRAWS) for each in of_curve)
+    )
+    ratios = map(_ratio_to_human, files.pair("laws/risk_balance.csv"))
+    yield Claim(f"ratio to cc_human, injury {SERIOUS}", *ratios)
 
 
 def _injured(table: pd.DataFrame, level: str) -> Mean:
-    rows = table[(table["vehicle"] == TESTED) & (table["per"] == DISTANCE)].set_index("level")
-    return _median(rows.loc[level])
-
-
-def _median(row: pd.Series) -> Mean:
     """Return a median of `DRAWS` draws; its error is 1 / (2 f √n), with the density f from the quartiles."""
+    rows = table[(table["vehicle"] == TESTED) & (table["per"] == DISTANCE)].set_index("level")
+    row = rows.loc[level]
     return Mean(row["median"], (row["high50"] - row["low50"]) / np.sqrt(DRAWS), DRAWS - 1)
-
-
-def _share_of_curve(table: pd.DataFrame) -> Mean:
-    """Return the share, with the standard error of a variance that `DRAWS` normal values estimate."""
-    share = table.set_index(["level", "source"]).loc[(SERIOUS, "choice of curve"), "variance_share"]
-    return Mean(share, share * (1 - share) * np.sqrt(2 / (DRAWS - 1)), DRAWS - 1)
 
 
 def _ratio_to_human(table: pd.DataFrame) -> Mean:

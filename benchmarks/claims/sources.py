@@ -26,6 +26,10 @@ class Files:
     study: Path = Path("results/claims")
     raw: Path = Path("results/benchmarks/claims")
 
+    def pair(self, path: str) -> list[pd.DataFrame]:
+        """Return the published table of a study, and the repeated one, which has this path in its results."""
+        return [pd.read_csv(each) for each in (self.tables / Path(path).name, self.study / path)]
+
     def runs(self, name: str) -> pd.DataFrame:
         """Return all runs of a benchmark; they are in several files.
 
