@@ -76,30 +76,10 @@ class Bent(Exponential):
         return self.changed.original(np.asarray(level, dtype=float))
 
 
-@dataclass(frozen=True)
-class LocalHabit:
-    """In a band of lead speeds, drivers close in faster at short ranges; the laws vary smoothly."""
-
-    family: LawFamily
-    law: SpeedLaw
-
-    def draw(self, lead_speed: Array, generator: np.random.Generator) -> DistinctRecords:
-        """Draw by the smooth law, and multiply the closing speeds."""
-        drawn = draw_smooth(self.family, self.law, lead_speed, generator)
-        factor = self.factor(drawn.lead_speed, drawn.range_)
-        return replace(drawn, closing_speed=factor * drawn.closing_speed)
-
-    def masses(self, lines: CrashLines) -> Array:
-        """Return the probability of the intervals, whose ends are divided by the factor."""
-        factor = self.factor(lines.places.lead_speed, lines.places.range_)[lines.row]
-        slower = replace(lines, start=lines.start / factor, end=lines.end / factor)
-        return slower.masses(self.family.ranges, self.law)
-
-    @staticmethod
-    def factor(lead_speed: Array, range_: Array) -> Array:
-        """Return the factor of the closing speed at lead speeds [m/s] and ranges [m]."""
-        inside = (lead_speed >= HABIT_SPEEDS[0]) & (lead_speed < HABIT_SPEEDS[1])
-        return 1 + np.where(inside, HABIT * np.exp(-range_ / HABIT_RANGE), 0.0)
+def local_habit(places: Places, scale: Array) -> Array:
+    """Return the factor of closing speeds, which is above 1 at short ranges in a band of lead speeds."""
+    inside = (places.lead_speed >= HABIT_SPEEDS[0]) & (places.lead_speed < HABIT_SPEEDS[1])
+    return 1 + np.where(inside, HABIT * np.exp(-places.range_ / HABIT_RANGE), 0.0)
 
 
 @dataclass(frozen=True)
@@ -150,7 +130,8 @@ class Gradual(Exponential):
 class Stretched:
     """From some excess on, the excess is stretched by a factor that depends on range and lead speed.
 
-    The function ``factor`` takes places and the scales [m/s] there; ``begin`` is in scales.
+    The function ``factor`` takes places and the scales [m/s] there; ``begin`` is in scales, and -inf for the
+    whole closing speed.
     """
 
     family: LawFamily
@@ -178,7 +159,7 @@ class Stretched:
         """Return the closing speed [m/s] at which the far part begins, and the factor, (n,) each."""
         scale = self.law.tail.scale(places.splines)
         threshold = self.law.threshold(places.lead_speed, places.range_)
-        return threshold + self.begin * scale, self.factor(places, scale)
+        return np.maximum(threshold + self.begin * scale, 0), self.factor(places, scale)
 
 
 def worlds_beyond(family: LawFamily) -> dict[str, World]:
@@ -206,7 +187,7 @@ def worlds_beyond(family: LawFamily) -> dict[str, World]:
         "two regions": TwoKindsOfDrivers(family, base, share=0.3, nearer=0.8, faster=1.35),
         "host speed limit": HostSpeedLimit(family, base),
         "bent tail": shaped(Bent()),
-        "local habit": LocalHabit(family, base),
+        "local habit": Stretched(family, base, -np.inf, local_habit),
         "few drivers": FewDrivers(family, base),
         "season": Season(family, base, share=0.3, nearer=0.75, faster=1.3),
         "some with a limit": HostSpeedLimit(family, base, limit=27.0, least=2.0, share=0.4),
