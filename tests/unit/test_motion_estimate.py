@@ -297,7 +297,7 @@ def test_the_table_has_the_recorded_opening_cut_ins_or_mirrored_ones(records, as
     """Opening cut-ins count with their recorded share; vehicles without lead motion are left out."""
     family = SimpleNamespace(ranges=asked.ranges, law=lambda member: asked.law)
     smooth = SimpleNamespace(records=records, family=family, speeds=lambda name: asked.law)
-    study = SimpleNamespace(smooth=smooth, heaviest=None)
+    study = SimpleNamespace(smooth=smooth, heaviest=None, weights=np.ones((500, 1)))
 
     class Still:
         def simulate(self, *encounters):
@@ -329,11 +329,35 @@ def test_the_table_has_the_recorded_opening_cut_ins_or_mirrored_ones(records, as
     assert shares == {"own": 0.5, "few": pytest.approx(229_889 / 403_581), "none": shares["few"]}
 
 
+@pytest.mark.parametrize("draws", [500, 250, 100])
+def test_simulations_are_in_proportion_to_the_draws_of_the_law(records, asked, opening, draws):
+    """The estimates stay right, which they would not if a number of simulations counted elsewhere, too."""
+    simulated = []
+
+    class Counted(Coasts):
+        def simulate(self, lead_speed, range_, closing_speed):
+            simulated.append(np.size(range_))
+            return super().simulate(lead_speed, range_, closing_speed)
+
+    smooth = SimpleNamespace(
+        records=records, family=SimpleNamespace(ranges=asked.ranges), speeds=lambda name: asked.law
+    )
+    study = SimpleNamespace(smooth=smooth, heaviest=None, weights=np.ones((draws, 1)))
+    of_study = moving_problems({"car": Counted()}, {"car": asked.crash_map}, study)["car"]
+    closing = of_study.closing(Brakes(), np.random.default_rng([3, draws]))
+    assert sum(simulated) == module.PLACES * module.STRATA * draws / 500
+    assert closing.moved == pytest.approx(truth_of(asked.crash_map), abs=4 * closing.error)
+    simulated.clear()
+    opens = of_study.opening(opening, Brakes(), np.random.default_rng([4, draws]))
+    assert sum(simulated) == (module.PILOT + module.OPENING) * draws / 500
+    assert opens.moved == pytest.approx(by_quadrature_opening(opening), abs=4 * opens.error)
+
+
 def test_a_map_that_misses_crashes_of_the_records_gives_no_exact_probability(records, asked, opening):
     """The map of the car is also used for one that crashes in every tenth record in addition."""
     family = SimpleNamespace(ranges=asked.ranges, law=lambda member: asked.law)
     smooth = SimpleNamespace(records=records, family=family, speeds=lambda name: asked.law)
-    study = SimpleNamespace(smooth=smooth, heaviest=None)
+    study = SimpleNamespace(smooth=smooth, heaviest=None, weights=np.ones((500, 1)))
 
     class Stripes(Coasts):
         def simulate(self, lead_speed, range_, closing_speed):

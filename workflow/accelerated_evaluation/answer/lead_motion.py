@@ -9,6 +9,7 @@ import pandas as pd
 
 from accelerated_evaluation.answer.law_study import LawStudy
 from accelerated_evaluation.answer.moving_problem import (
+    DRAWS,
     FEWER,
     PLACES,
     RESAMPLED,
@@ -142,7 +143,8 @@ def motion_tables(
     generator for the names of a step.
     """
     stream = generators("resampled profiles")
-    resampled = [europe.resampled(stream) for _ in range(RESAMPLED)]
+    laws = max(2, round(RESAMPLED * len(study.weights) / DRAWS))  # two for a spread
+    resampled = [europe.resampled(stream) for _ in range(laws)]
     problems = moving_problems(vehicles, maps, study)
     tables = {
         name: motion_table(problems, opening, generators(), *motion)

@@ -52,6 +52,7 @@ PILOT = 20_000  # number of those that decide whether crashes are rare; they are
 RARE = 1_000_000  # number of opening cut-ins that are drawn without preference if the pilot has no crash
 AT_ONCE = 20_000  # number of opening cut-ins that are simulated at once, so that 100 MB of memory are enough
 RESAMPLED = 20  # number of laws of European lead motion that are fitted to resampled profiles
+DRAWS = 500  # number of draws of the law in a study that makes as many simulations as these constants say
 ONE_SIDED = 1.645  # number of standard errors up to a one-sided upper 95 % limit
 NONE = 3.0  # upper 95 % limit of the mean of a Poisson distribution if the count is 0
 
@@ -119,6 +120,7 @@ class MovingProblem:
     records: DistinctRecords  # recorded closing cut-ins
     ranges: SmoothHazard  # of the range given the lead speed
     law: SpeedLaw  # of the closing speed given lead speed and range
+    effort: float = 1.0  # factor of the numbers of simulations
 
     @cached_property
     def exact(self) -> float:
@@ -163,7 +165,7 @@ class MovingProblem:
         number of drawn places is by default `PLACES`. All laws of motion have the same draws, so that only
         the simulations with a changing lead speed have to be made for each of them.
         """
-        size, lines, place = places or PLACES, self._lines, self._place
+        size, lines, place = round(self.effort * (places or PLACES)), self._lines, self._place
         chance = np.mean(self._proposals, axis=0)
         row = generator.choice(chance.size, size, p=chance)
         inputs, weights = draw_wide_inputs(motions[0], size, generator)
@@ -223,6 +225,7 @@ class MovingProblem:
         chance = np.full(recorded.size, 1 / recorded.size)
         if is_preferred:
             chance = (chance + nearness / nearness.sum()) / 2
+        size = round(self.effort * size)
         sizes = [part.size for part in np.array_split(np.arange(size), -(-size // AT_ONCE))]
         for count in sizes:
             row = generator.choice(recorded.size, count, p=chance)
@@ -272,12 +275,13 @@ def moving_problems(
 ) -> dict[str, MovingProblem]:
     """Return the problem of each vehicle under the law of cut-ins with the largest weight.
 
-    Vehicles that cannot be simulated with a changing lead speed are left out.
+    Vehicles that cannot be simulated with a changing lead speed are left out. With fewer draws of the law than
+    `DRAWS`, there are fewer simulations in proportion.
     """
     records, ranges = study.smooth.records, study.smooth.family.ranges
-    law = study.smooth.speeds(study.heaviest)
+    law, effort = study.smooth.speeds(study.heaviest), len(study.weights) / DRAWS
     return {
-        name: MovingProblem(vehicle, maps[name], records, ranges, law)
+        name: MovingProblem(vehicle, maps[name], records, ranges, law, effort)
         for name, vehicle in vehicles.items()
         if takes_motion(vehicle)
     }

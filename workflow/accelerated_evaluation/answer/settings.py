@@ -38,7 +38,8 @@ SECTION = section(
         500,
         20,
         100_000,
-        "Number of posterior draws of law, parameters and crash probability, for the intervals.",
+        "Number of posterior draws of law, parameters and crash probability, for the intervals. "
+        "Simulations with lead motion are in proportion to it.",
     ),
 )
 LIMITS = ("lead_speed_min", "lead_speed_max", "range_max")  # limits of a crash map
