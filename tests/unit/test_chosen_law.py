@@ -225,7 +225,7 @@ def test_an_answer_that_has_not_converged_says_so_first(folder, monkeypatch, cap
     # is that of the other tests, so that the fit of all laws is read from its file.
     monkeypatch.chdir(folder)
     Path("chance.yaml").write_text(
-        f"vehicle: {{name: car.py:Car, deterministic: {json.dumps(deterministic)}}}\n"
+        f"answer: {{draws: 20}}\nvehicle: {{name: car.py:Car, deterministic: {json.dumps(deterministic)}}}\n"
     )
     assert cli.main(["estimate", "--config", "motorway.yaml", "--config", "chance.yaml"]) == 0
     lines = capsys.readouterr().out.splitlines()

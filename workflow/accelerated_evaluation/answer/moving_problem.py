@@ -275,8 +275,8 @@ def moving_problems(
 ) -> dict[str, MovingProblem]:
     """Return the problem of each vehicle under the law of cut-ins with the largest weight.
 
-    Vehicles that cannot be simulated with a changing lead speed are left out. With fewer draws of the law than
-    `DRAWS`, there are fewer simulations in proportion.
+    Vehicles that cannot be simulated with a changing lead speed are left out. The numbers of simulations are
+    in proportion to the draws of the law.
     """
     records, ranges = study.smooth.records, study.smooth.family.ranges
     law, effort = study.smooth.speeds(study.heaviest), len(study.weights) / DRAWS

@@ -174,7 +174,7 @@ class StratifiedLaw(Law):
     --------
     >>> import accelerated_evaluation as ae
     >>> config = ae.load(given={"data": {"sample": 2000, "spmd": {"outlier_rows": []}}})
-    >>> law = ae.fit_paper_law("single", ae.read_records(config), config)
+    >>> law = ae.fit_paper_law("two_pieces", ae.read_records(config), config)
     >>> isinstance(law, ae.StratifiedLaw), len(law.strata)
     (True, 3)
     """
