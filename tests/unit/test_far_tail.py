@@ -87,7 +87,8 @@ def test_one_factor_for_all_places_has_the_posterior_of_quadrature():
 def log_joint(found, deviation, z):
     """Return the log of prior times likelihood at m points z, (m, layers, J), without the common factors.
 
-    They are integrated out by quadrature here, and not by the formula.
+    They are integrated out by quadrature here, and not by the formula: for 4001 values of the risk, with
+    linear interpolation between them, whose error is below 1e-4.
     """
     log_factor = np.linspace(-6, 3, 181)[:, None]
     total = norm.logpdf(z).sum(axis=(1, 2))
@@ -97,7 +98,9 @@ def log_joint(found, deviation, z):
         own = np.where(found.ended[layer], field, 0).sum(axis=1)
         risk = np.exp(field) @ found.inside[layer]
         rate, shape = found.prior.shape, found.prior.shape + found.ended[layer].sum()
-        total += own + logsumexp(shape * log_factor - np.exp(log_factor) * (rate + risk), axis=0)
+        grid = np.geomspace(risk.min(), risk.max(), 4001)
+        integral = logsumexp(shape * log_factor - np.exp(log_factor) * (rate + grid), axis=0)
+        total += own + np.interp(np.log(risk), np.log(grid), integral)
     return total
 
 
