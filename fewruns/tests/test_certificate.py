@@ -119,6 +119,7 @@ def test_more_draws_leave_less_unseen():
     assert Unseen.after(np.empty((0, 3)), 3, 20.0, 0.2).anything > 0.999
 
 
+@pytest.mark.seeds
 def test_runs_are_worth_the_draws_that_are_claimed():
     """A far half-plane that is no part of the event is met as often as the claimed draws would meet it.
 
