@@ -79,20 +79,18 @@ def union(name: str, dimension: int, exact: float, *parts: Margin) -> Problem:
     return Problem(name, below_zero(name, dimension, margin, graded=graded), exact=exact)
 
 
-def plane_and_ball(name: str, dimension: int, distance: float, radius: float, ratio: float) -> Problem:
-    """Return a half-space and a ball opposite, which has ``ratio`` times its probability."""
-    probability, rest = float(norm.sf(distance)), [0.0] * (dimension - 1)
-    centre = distance_of_ball(radius, ratio * probability, dimension)
-    parts = half_space(distance, 1, *rest), ball(radius, -centre, *rest)
-    return union(name, dimension, (1 + ratio) * probability, *parts)
-
-
 def plane_near_ball(name: str, distance: float, radius: float, *centre: float) -> Problem:
     """Return a half-space and a ball that is disjoint from it."""
     dimension = len(centre)
     exact = norm.sf(distance) + in_ball(radius, math.hypot(*centre), dimension)
     plane = half_space(distance, 1, *[0.0] * (dimension - 1))
-    return union(name, dimension, exact, plane, ball(radius, *centre))
+    return union(name, dimension, float(exact), plane, ball(radius, *centre))
+
+
+def plane_and_ball(name: str, dimension: int, distance: float, radius: float, ratio: float) -> Problem:
+    """Return a half-space and a ball opposite, which has ``ratio`` times its probability."""
+    centre = distance_of_ball(radius, ratio * norm.sf(distance), dimension)
+    return plane_near_ball(name, distance, radius, -centre, *[0.0] * (dimension - 1))
 
 
 def orthogonal(name: str, dimension: int, *distances: float) -> Problem:
