@@ -200,12 +200,12 @@ def peak_of(call):
 def test_a_map_of_many_intervals_needs_no_memory_for_all_draws_at_once(records, smooth, monkeypatch):
     """A map from random simulations may have ten million intervals, of which few are kept."""
     lines = lines_of(map_crashes(RateCar(), GRID, [], np.random.default_rng(1)), records)
-    ends, parts = np.minimum(lines.end, 60.0), 400
+    ends, parts = np.minimum(lines.end, 60.0), 100
     edges = (lines.start + (ends - lines.start) * np.arange(parts + 1)[:, None] / parts).T
     row = np.repeat(lines.row, parts)
     many = replace(lines, row=row, start=edges[:, :-1].ravel(), end=edges[:, 1:].ravel())
     draws = smooth.draws(np.zeros(40, int), np.random.default_rng(1))
-    monkeypatch.setattr(crash_lines, "AT_ONCE", 2_000)
+    monkeypatch.setattr(crash_lines, "AT_ONCE", 500)
     share, needed = peak_of(lambda: by_map._mean_share(many, draws))
     masses, at_once = peak_of(lambda: draws.masses(many))
     np.testing.assert_array_equal(share, np.mean([mass / mass.sum() for mass in masses], axis=0))
