@@ -15,7 +15,7 @@ from scipy.stats import chi2, norm
 
 pytestmark = pytest.mark.studies
 ROOT = Path(__file__).resolve().parents[2]
-sys.path.append(str(ROOT / "benchmarks" / "samplers"))
+sys.path.insert(0, str(ROOT / "benchmarks" / "samplers"))  # before folders that have a run.py, too
 
 import house  # noqa: E402
 import methods  # noqa: E402

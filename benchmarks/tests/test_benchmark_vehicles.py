@@ -14,7 +14,7 @@ from accelerated_evaluation.vehicles import AccAeb
 
 pytestmark = pytest.mark.studies
 ROOT = Path(__file__).resolve().parents[2]
-sys.path.append(str(ROOT / "benchmarks" / "samplers"))
+sys.path.insert(0, str(ROOT / "benchmarks" / "samplers"))  # before folders that have a run.py, too
 
 import vehicles  # noqa: E402
 from problems import law  # noqa: E402

@@ -22,7 +22,7 @@ from test_export import exact as exact_by_map
 from test_export import follow
 from test_methods import LAW, Corner, estimates, exact, fits
 
-sys.path.append(str(Path(__file__).resolve().parents[2] / "benchmarks" / "samplers"))
+sys.path.insert(0, str(Path(__file__).resolve().parents[2] / "benchmarks" / "samplers"))
 
 import chance
 from chance import Lapsing, Striking, Unbraked, least_runs, shaken, table
