@@ -97,7 +97,7 @@ def test_the_name_and_the_text_of_a_function_remain():
     [
         ("text", "'text'"),
         (None, "None"),
-        (np.zeros((2, 3)), "a ndarray of shape (2, 3)"),
+        (np.zeros((2, 3)), "an array of shape (2, 3)"),
         (Part, "the class Part"),
         (len, "the function len"),
         (Part(1), "a Part"),

@@ -1,11 +1,12 @@
 """The mistakes of a user of Python get the same messages as mistakes in files."""
 
-from dataclasses import asdict, replace
+from dataclasses import asdict, dataclass, replace
 
 import accelerated_evaluation as ae
 import numpy as np
 import pandas as pd
 import pytest
+from accelerated_evaluation.crash_map.maps import read_crash_map, write_crash_map
 
 GRID = ae.Grid(
     lead_speed_min=5,
@@ -27,6 +28,11 @@ def turns():
 @pytest.fixture(scope="module")
 def law(turns):
     return ae.LAWS["independent_variables"].fit(turns.x, turns.data.box, np.random.default_rng(1))
+
+
+@pytest.fixture(scope="module")
+def cut_ins():
+    return ae.read_records({"data": {"sample": 2000, "spmd": {"outlier_rows": []}}})
 
 
 def flags(sdv_speed_mps, turning_speed_mps, distance_to_conflict_m):
@@ -377,7 +383,7 @@ def test_every_parameter_of_functions_of_laws_says_what_it_cannot_use(turns, law
         ),
         (
             lambda: ae.Problem("left_turn", "acc_aeb").simulate(np.zeros((4, 2))),
-            "argument x: seen a ndarray of shape (4, 2); expected an array of shape (n, 3) with",
+            "argument x: seen an array of shape (4, 2); expected an array of shape (n, 3) with",
         ),
     ],
 )
@@ -396,7 +402,7 @@ EVENTS = [
     ({"happens": lambda outcomes: True}, "seen True with values such as [ True]; expected an array of flags"),
     ({"happens": lambda outcomes: outcomes.crash[:3]}, "of the shape (3000,)"),
     ({"happens": lambda outcomes: outcomes.impact_speed}, "expected an array of flags without NaN"),
-    ({"score": lambda outcomes: outcomes.impact_speed * np.nan}, "function score: seen a ndarray of shape"),
+    ({"score": lambda outcomes: outcomes.impact_speed * np.nan}, "function score: seen an array of shape"),
     ({"score": lambda outcomes: 0.0}, "seen 0.0 with values such as [0.]; expected an array of numbers"),
 ]
 
@@ -417,10 +423,9 @@ def test_an_event_of_another_scenario_is_refused(law):
         ae.evaluate(problem, law, ae.Simulations(200), generator=1)
 
 
-def test_draws_are_added_to_draws_and_laws_of_the_same_variables(turns, law):
+def test_draws_are_added_to_draws_and_laws_of_the_same_variables(turns, law, cut_ins):
     draws = ae.as_draws(law)
     assert (draws + law).size == (draws + draws).size == 2
-    cut_ins = ae.read_records({"data": {"sample": 2000, "spmd": {"outlier_rows": []}}})
     with pytest.raises(ae.InputError, match="the sum of two sets of draws: seen sdv_speed_mps"):
         draws + ae.fit_paper_law("single", cut_ins)
 
@@ -430,11 +435,79 @@ def test_records_and_draws_print_one_line(turns, law):
     assert repr(ae.as_draws(law) + ae.OneLaw(law, "another")) == "2 draws of another, " + law.description
 
 
-def test_a_map_of_another_scenario_is_refused_and_an_exact_answer_prints_itself(turns, law):
-    cut_ins = ae.read_records({"data": {"sample": 2000, "spmd": {"outlier_rows": []}}})
+def test_a_map_of_another_scenario_is_refused_and_an_exact_answer_prints_itself(turns, law, cut_ins):
     paper = ae.fit_paper_law("two_pieces", cut_ins)
     way = ae.Map(ae.map_crashes("acc_aeb", replace(GRID, closing_speed_points=40), [], 1), cut_ins)
     exact = ae.evaluate(ae.Problem("cut_in", "acc_aeb"), paper, way, generator=1)
     assert "intervals with no uncertainty, without data and choice of law" in repr(exact)
     with pytest.raises(ae.InputError, match="Map: seen a problem of the scenario left_turn"):
         ae.evaluate(ae.Problem("left_turn", "acc_aeb"), law, way, generator=1)
+
+
+LAWS = [
+    ({"from_normal_scores": lambda law, z: z * np.nan}, "an array of shape (300, 3) with NaN; expected an"),
+    (
+        {"from_normal_scores": lambda law, z: z[:, :2]},
+        "an array of shape (300, 2); expected an array",
+    ),
+    ({"draw": lambda law, n, generator: np.zeros((n // 2, 3))}, "an array of shape (150, 3); expected an"),
+    ({"draw": lambda law: 3}, "TypeError: <lambda>() takes 1 positional argument but 3 were given; expected"),
+    ({"log_density": lambda law, x: np.full(len(x), np.nan)}, "an array of shape (100,) with NaN; expected"),
+    ({"log_density": lambda law, x: 0.0}, "0.0; expected an array of numbers without NaN, of the shape ("),
+    ({"log_density": lambda law, x: 1 / 0}, "ZeroDivisionError: division by zero; expected a function that"),
+]
+
+
+@pytest.mark.parametrize(("changed", "message"), LAWS)
+def test_a_law_of_a_user_is_checked_when_it_is_used(changed, message, law):
+    right = {
+        "box": law.box,
+        "description": "mine",
+        "from_normal_scores": lambda own, z: law.from_normal_scores(z),
+        "log_density": lambda own, x: law.log_density(x),
+        "content": lambda own: {},
+        "from_content": classmethod(lambda cls, content, box, records: cls()),
+    }
+    problem, way = ae.Problem("left_turn", "acc_aeb"), ae.Simulations(300)
+    found = ae.evaluate(problem, type("Mine", (ae.Law,), right)(), way, generator=1)
+    assert found.posterior.probability == ae.evaluate(problem, law, way, generator=1).posterior.probability
+    with pytest.raises(ae.InputError) as error:
+        ae.evaluate(problem, type("Mine", (ae.Law,), right | changed)(), way, generator=1)
+    assert str(error.value).startswith("law Mine, the function <lambda> in ")
+    assert f"seen {message}" in str(error.value)
+
+
+@dataclass(frozen=True)
+class Wagon:
+    """A frozen vehicle, of which class and parameters are known."""
+
+    headway: float = 2.0
+
+    def simulate(self, lead_speed, range_, closing_speed):
+        return ae.load_vehicle("acc_aeb", headway=self.headway).simulate(lead_speed, range_, closing_speed)
+
+
+@pytest.mark.parametrize(
+    ("of_map", "of_problem", "message"),
+    [
+        ("acc_aeb", "acc_only", "AccAeb(); expected a map of the vehicle of the problem, AccOnly()."),
+        ("acc_aeb", ae.load_vehicle("acc_aeb", headway=3), "AccAeb(); expected a map of the vehicle of the "),
+        (Wagon(3), Wagon(), "Wagon(headway=3.0); expected a map of the vehicle of the problem, Wagon()."),
+        (Wagon(3), "acc_aeb", "Wagon(headway=3.0); expected a map of the vehicle of the problem, AccAeb()."),
+        (Wagon(3), Wagon(3.0), None),
+        (Wagon().simulate, "acc_aeb", None),
+        ("acc_aeb", Wagon().simulate, None),
+    ],
+)
+def test_a_map_of_another_vehicle_is_refused_even_from_a_file(tmp_path, cut_ins, of_map, of_problem, message):
+    made = ae.map_crashes(of_map, GRID, [], 1)
+    write_crash_map(tmp_path / "map.npz", made)
+    law, problem = ae.fit_paper_law("single", cut_ins), ae.Problem("cut_in", of_problem)
+    for crash_map in (made, read_crash_map(tmp_path / "map.npz")):
+        way = ae.Map(crash_map, cut_ins)
+        if message is None:
+            assert ae.evaluate(problem, law, way, generator=1).posterior.probability >= 0
+            continue
+        with pytest.raises(ae.InputError) as error:
+            ae.evaluate(problem, law, way, generator=1)
+        assert str(error.value).startswith(f"Map, argument crash_map: seen a map of the vehicle {message}")

@@ -6,6 +6,8 @@ import subprocess
 import sys
 from pathlib import Path
 
+import numpy as np
+import pandas as pd
 import pytest
 from accelerated_evaluation import InputError
 from accelerated_evaluation.base import extensions
@@ -13,9 +15,10 @@ from accelerated_evaluation.base.extensions import added
 from accelerated_evaluation.laws import LAWS
 from accelerated_evaluation.laws.distributions.described import DISTRIBUTIONS
 from accelerated_evaluation.publishing import figures
-from accelerated_evaluation.publishing.published import ALWAYS, results_of
+from accelerated_evaluation.publishing.published import ALWAYS, FIGURES, figure, results_of, show
 from accelerated_evaluation.publishing.study import Study
-from accelerated_evaluation.records.checks import CHECKS
+from accelerated_evaluation.records.checks import CHECKS, Records, inspect_records
+from accelerated_evaluation.records.sources import read_source
 from accelerated_evaluation.scenarios.cut_in import CUT_IN
 from accelerated_evaluation.study.configuration import load, load_modules
 from accelerated_evaluation.study.dependencies import code_up_to, digest_of
@@ -127,6 +130,98 @@ def test_a_module_that_cannot_be_used_is_refused_and_leaves_nothing(tmp_path, fa
     (tmp_path / "mine.py").write_text(CHECK.format(name="corrected", body="return 1"))
     load([tmp_path / "study.yaml"])
     assert CHECKS["corrected"](None) == 1
+
+
+# The beginning of a module with a check, a source or a figure of the name mine.
+HEADS = {
+    "check": "from accelerated_evaluation.records.checks import CHECKS, Finding\n@CHECKS.add('mine')\n",
+    "source": "import pandas as pd\nfrom accelerated_evaluation.records.sources import source\n"
+    "@source('mine', description='mine', files='file')\n",
+    "figure": "import matplotlib.pyplot as plt\n"
+    "from accelerated_evaluation.publishing.published import figure\n@figure\n",
+}
+# Members that are registered and then fail when they are used, and what the message says of them.
+FAILING = [
+    ("check", "def mine(records): 1 / 0", ": seen ZeroDivisionError: division by zero; expected a function"),
+    (
+        "check",
+        "def mine(records): exit(3)",
+        ": seen SystemExit: 3; expected a function that returns a",
+    ),
+    ("check", "def mine(): ...", ": seen TypeError: mine() takes 0 positional arguments but 1 was given;"),
+    ("check", "def mine(records): ...", ", value that it returned: seen None; expected a Finding. Correct"),
+    (
+        "check",
+        "def mine(records): return Finding('bad', '', '', 1)",
+        ", Finding, argument verdict: seen 'bad'; expected one of fine, warning, stop.",
+    ),
+    (
+        "check",
+        "def mine(records): return Finding('fine', number=1)",
+        ", Finding: seen missing a required argument: 'looked_at'; expected Finding(verdict, looked_at,",
+    ),
+    ("source", "def mine(settings): settings['file']", ": seen KeyError: 'file'; expected a function that"),
+    (
+        "source",
+        "def mine(settings): return [1.0]",
+        ", value that it returned: seen [1.0]; expected a table with the columns lead_speed, range and",
+    ),
+    (
+        "source",
+        "def mine(settings): return pd.DataFrame({'range': [1.0]})",
+        ", value that it returned: seen a DataFrame with the columns range; expected a table with the",
+    ),
+    ("figure", "def mine(source): 1 / 0", ": seen ZeroDivisionError: division by zero; expected a function"),
+    (
+        "figure",
+        "def mine(source): return plt.figure()",
+        ", value that it returned: seen a Figure; expected a Matplotlib figure and the table of its data.",
+    ),
+    (
+        "figure",
+        "def mine(source): return plt.figure(), 3",
+        ", value that it returned: seen a tuple; expected a Matplotlib figure and the table of its data.",
+    ),
+]
+
+
+def use_of(kind, folder):
+    """Use the member of the name mine as a study does."""
+    if kind == "check":
+        table = pd.DataFrame({"speed": np.linspace(1.0, 20.0, 200) ** 1.5})
+        inspect_records(Records({"speed": "m/s"}, {"speed": (0.0, 99.0)}, table, table, table.index[:0]))
+    elif kind == "source":
+        read_source({"source": "mine", "mine": {"path": "a"}, "sample": None}, np.random.default_rng(1))
+    else:
+        (folder / "contents.json").write_text("[]")
+        (folder / "config.json").write_text(json.dumps(load()))
+        show(Study(folder, folder), FIGURES["mine"])
+
+
+@pytest.mark.parametrize(("kind", "function", "message"), FAILING)
+def test_a_member_that_fails_when_it_is_used_is_named(tmp_path, kind, function, message):
+    (tmp_path / "mine.py").write_text(f"{HEADS[kind]}{function}\n")
+    extensions.load_files([tmp_path / "mine.py"])
+    with pytest.raises(InputError) as error:
+        use_of(kind, tmp_path)
+    assert str(error.value).startswith(f"{kind} mine, the function mine in {tmp_path}/mine.py{message}")
+
+
+def test_a_fault_of_the_library_keeps_its_traceback(monkeypatch):
+    """Only code of others is reported in one line; the message of a fault of ours would hide its place."""
+
+    def mine(records):
+        return 1 / 0
+
+    mine.__module__ = "accelerated_evaluation.records.checks.mine"
+    monkeypatch.setitem(CHECKS._members, "mine", mine)
+    with pytest.raises(ZeroDivisionError):
+        use_of("check", None)
+
+
+def test_a_figure_is_a_function():
+    with pytest.raises(InputError, match=r"figure, argument make: seen 3; expected a function\."):
+        figure(3)
 
 
 @pytest.mark.parametrize(

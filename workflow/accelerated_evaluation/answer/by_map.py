@@ -21,6 +21,7 @@ from accelerated_evaluation.laws.draws import Draws
 from accelerated_evaluation.methods.problem import Problem
 from accelerated_evaluation.scenarios.cut_in import CUT_IN
 from accelerated_evaluation.scenarios.protocol import Event, Scenario
+from accelerated_evaluation.vehicles.loading import identity_of
 from accelerated_evaluation.vehicles.protocol import CRASH, RandomVehicle, Vehicle
 
 LINES = 2500  # number of lines of a map that are kept for the integrals
@@ -61,7 +62,9 @@ class Map:
     Parameters
     ----------
     crash_map
-        Crash map of the vehicle, with the events of which the answer shall give the probability.
+        Crash map of the vehicle, with the events of which the answer shall give the probability. A map of
+        another vehicle is refused if class and parameters of both are known. They are unknown for a function,
+        and for an object that is not a frozen dataclass of numbers and texts.
     records
         The records of cut-ins, or an array of them, shape (n, 3). They give the distribution of the lead
         speed, and are replayed: if their crashes contradict the map, its crashes are drawn at random in place
@@ -93,10 +96,18 @@ class Map:
         Raises
         ------
         InputError
-            If the problem is not one of cut-ins.
+            If the problem is not one of cut-ins, or if the map is that of another vehicle.
         """
         _require_cut_ins(problem.scenario, "a problem")
         vehicle, scan = problem.vehicle, "refined"
+        of_map, of_problem = self.crash_map.vehicle, identity_of(vehicle)
+        if None not in (of_map, of_problem) and of_map != of_problem:
+            raise InputError(
+                "Map, argument crash_map",
+                seen=f"a map of the vehicle {of_map}",
+                expected=f"a map of the vehicle of the problem, {of_problem}",
+                change="Make it with map_crashes and this vehicle.",
+            )
         replayed = Replayed.of(problem, self.records)
         lines = self._lines(self.crash_map, problem.event, vehicle, draws, generator)
         if not replayed.supports(draws.masses(lines).sum(axis=1).mean()):

@@ -55,10 +55,13 @@ def described(value: object) -> str:
     listed = value if isinstance(value, list | tuple) else [value]
     if all(each is None or isinstance(each, str | int | float | bool) for each in listed):
         return text if len(text := repr(value)) <= LONGEST else f"{text[: LONGEST - 3]}..."
+    if isinstance(value, np.ndarray):
+        has_nan = value.dtype.kind == "f" and np.isnan(value).any()
+        return f"an array of shape {value.shape}{' with NaN' * bool(has_nan)}"
     name = value.__name__ if inspect.isclass(value) or inspect.isroutine(value) else type(value).__name__
     kind = "the class" if inspect.isclass(value) else "the function" if inspect.isroutine(value) else "a"
-    shape = f" of shape {value.shape}" if isinstance(value, np.ndarray) else ""
-    return f"{kind} {name}{shape}"[:LONGEST]
+    columns = f" with the columns {', '.join(map(str, value))}" if hasattr(value, "columns") else ""
+    return f"{kind} {name}{columns}"[:LONGEST]
 
 
 def one_of(*kinds: type, words: str, change: str = "Correct the argument.") -> Argument:
@@ -83,6 +86,15 @@ def a_number(low: float = -math.inf, high: float = math.inf, *, whole: bool = Fa
 
     ends = [f" of {low:g} or more" if high == math.inf else f" from {low:g} to {high:g}"]
     return Argument(f"a {'whole ' * whole}number{'' if low == -math.inf else ends[0]}", take)
+
+
+def _function(value: object) -> object:
+    if not callable(value) or isinstance(value, type):
+        raise TypeError
+    return value
+
+
+A_FUNCTION = Argument("a function", _function)
 
 
 def a_choice(names: Sequence[str]) -> Argument:

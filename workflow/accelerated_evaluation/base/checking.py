@@ -27,13 +27,12 @@ def checked(**arguments: Argument) -> Callable[[Target], Target]:
         @cache  # and not before the first call, because a hint may name a class that is defined later
         def all_arguments() -> list[tuple[float, str, Any, Argument]]:
             hints, found = get_type_hints(target), []
-            for place, (key, each) in enumerate(signature.parameters.items()):
+            for number, (key, each) in enumerate(signature.parameters.items()):
                 is_single = each.kind not in (each.VAR_POSITIONAL, each.VAR_KEYWORD)
                 argument = arguments.get(key) or (by_hint(hints[key]) if is_single and key in hints else None)
                 if argument is not None:
-                    found.append(
-                        (math.inf if each.kind is each.KEYWORD_ONLY else place, key, each.default, argument)
-                    )
+                    place = math.inf if each.kind is each.KEYWORD_ONLY else number
+                    found.append((place, key, each.default, argument))
             return found
 
         @wraps(function)

@@ -8,7 +8,7 @@ from typing import Any, Union, get_args, get_origin
 
 import numpy as np
 
-from accelerated_evaluation.base.arguments import WRONG, Argument, a_number, one_of
+from accelerated_evaluation.base.arguments import A_FUNCTION, WRONG, Argument, a_number, one_of
 
 KINDS = {"f": ("fiu", "numbers"), "i": ("iu", "whole numbers"), "b": ("b", "true and false")}
 GROUPS = (Sequence, Iterable, list, tuple)
@@ -33,7 +33,7 @@ def by_hint(hint: Any) -> Argument | None:  # noqa: ANN401
     if origin is Mapping:
         return one_of(Mapping, words="a dict")
     if origin is Callable:
-        return Argument("a function", _function)
+        return A_FUNCTION
     if isinstance(origin or hint, type) and not getattr(hint, "_is_protocol", False):
         return one_of(origin or hint, words=f"an object of the class {(origin or hint).__name__}")
     return None
@@ -75,12 +75,6 @@ def _several(element: Argument | None, kind: type) -> Argument:
         return kind(each if element is None else element.take(each) for each in value)
 
     return Argument("a list" if element is None else f"a list, each of it {element.in_words}", take)
-
-
-def _function(value: object) -> object:
-    if not callable(value) or isinstance(value, type):
-        raise TypeError
-    return value
 
 
 SIMPLE: Mapping[type, Argument] = {

@@ -4,12 +4,14 @@ import importlib.util
 import os
 import sys
 import zlib
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
 from types import ModuleType
+from typing import Any
 
-from accelerated_evaluation.base.errors import InputError, StudyError
+from accelerated_evaluation.base.arguments import Argument, described
+from accelerated_evaluation.base.errors import InputError, StudyError, located
 
 FOLDER: dict[str, str] = {}
 """The working folder of users' code, after some of it has changed the folder."""
@@ -59,6 +61,27 @@ def running(where: str, expected: str, change: str) -> Iterator[None]:
         if isinstance(error, ModuleNotFoundError):
             change = "Install the module, or add its folder to the environment variable PYTHONPATH."
         raise InputError(where, seen=error_in_words(error), expected=expected, change=change) from error
+
+
+def is_of_library(member: Callable) -> bool:
+    """Return whether a function or class is defined in this library."""
+    return member.__module__.partition(".")[0] == __name__.partition(".")[0]
+
+
+def call(function: Callable, *given: Any, where: str, returns: Argument, **named: Any) -> Any:  # noqa: ANN401
+    """Call a function of an extension, and return its checked value.
+
+    InputError, with the place ``where`` and the file of the function, is raised if a function that is not of
+    this library fails, exits, or does not return what is expected. Functions of this library are called
+    without checks, so that their faults have a traceback.
+    """
+    if is_of_library(function):
+        return function(*given, **named)
+    file = getattr(getattr(function, "__code__", None), "co_filename", function.__module__)
+    where = f"{where}, {described(function)} in {file}"
+    with running(where, f"a function that returns {returns.in_words}", returns.change), located(where):
+        value = function(*given, **named)
+    return returns.of(value, f"{where}, value that it returned")
 
 
 def error_in_words(error: BaseException) -> str:

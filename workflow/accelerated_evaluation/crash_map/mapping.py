@@ -16,7 +16,7 @@ from accelerated_evaluation.base.randomness import A_GENERATOR
 from accelerated_evaluation.crash_map.maps import LINES_PER_CELL, Cells, CrashMap, Grid, Intervals
 from accelerated_evaluation.scenarios.cut_in import CUT_IN
 from accelerated_evaluation.scenarios.protocol import Event
-from accelerated_evaluation.vehicles.loading import as_vehicle, checked_vehicle
+from accelerated_evaluation.vehicles.loading import as_vehicle, checked_vehicle, identity_of
 from accelerated_evaluation.vehicles.protocol import (
     CRASH,
     EVENTS,
@@ -130,7 +130,7 @@ def _map_cells(
     lines = lead_speed.size
     offset = generator.random(lines)
     inner = vehicle.draw_inner(lines, generator) if isinstance(vehicle, RandomVehicle) else None
-    empty = CrashMap(grid, cells, lead_speed, inverse_range, {}, inner)
+    empty = CrashMap(grid, cells, lead_speed, inverse_range, {}, inner, identity_of(vehicle))
     found: dict[Event, list[Intervals]] = {event: [] for event in events}
     batch = max(1, ENCOUNTERS_AT_ONCE // grid.closing_speed_points)
     with tqdm(total=lines, desc="crash map", unit=" lines") as progress:

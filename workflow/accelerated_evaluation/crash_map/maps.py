@@ -185,6 +185,8 @@ class CrashMap(Lines):
     events: Mapping[Event, Intervals]  # the intervals of each event
     # Inner variables of the lines, (2 cells, variables), for a vehicle whose outcomes are random.
     inner: Array | None = None
+    # Class and parameters of the vehicle (`vehicles.loading.identity_of`); None if they are unknown.
+    vehicle: str | None = None
 
     def place(self, line: NDArray) -> tuple[Array, Array]:
         """Return the lead speeds [m/s] and ranges [m] of the n lines with the given indices."""
@@ -214,6 +216,8 @@ def write_crash_map(path: str | os.PathLike, crash_map: CrashMap) -> None:
     arrays |= {"lead_speed_cells": crash_map.cells.lead_speed, "root_cells": crash_map.cells.root}
     if crash_map.inner is not None:
         arrays["inner"] = crash_map.inner
+    if crash_map.vehicle is not None:
+        arrays["vehicle"] = np.array(crash_map.vehicle)
     for event, intervals in crash_map.events.items():
         for name, values in vars(intervals).items():
             arrays[f"{event.quantity} {event.threshold!r} {name}"] = values
@@ -227,7 +231,7 @@ def read_crash_map(path: str | os.PathLike) -> CrashMap:
         arrays = read_arrays(path)
         grid = Grid(**json.loads(str(arrays.pop("grid"))))
         lead_speed, inverse_range = arrays.pop("lead_speed"), arrays.pop("inverse_range")
-        inner = arrays.pop("inner", None)
+        inner, vehicle = arrays.pop("inner", None), arrays.pop("vehicle", None)
         cells = Cells(arrays.pop("lead_speed_cells"), arrays.pop("root_cells"), grid.range_max)
         columns: dict[Event, dict[str, NDArray]] = {}
         for key, values in arrays.items():
@@ -237,4 +241,6 @@ def read_crash_map(path: str | os.PathLike) -> CrashMap:
     except (LookupError, OSError, TypeError, ValueError) as error:
         seen, expected = f"{type(error).__name__}: {error}", "a crash map"
         raise InputError(str(path), seen=seen, expected=expected, change="Compute the map again.") from error
-    return CrashMap(grid, cells, lead_speed, inverse_range, events, inner)
+    return CrashMap(
+        grid, cells, lead_speed, inverse_range, events, inner, None if vehicle is None else str(vehicle)
+    )

@@ -7,20 +7,23 @@ gives the probability of an interval of one variable for given others.
 """
 
 from abc import ABC, abstractmethod
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
+from functools import wraps
+from inspect import isfunction
 from typing import Any, ClassVar, Protocol, Self, runtime_checkable
 
 import numpy as np
 import pandas as pd
 from numpy.typing import NDArray
 
-from accelerated_evaluation.base.arguments import described
+from accelerated_evaluation.base.arguments import Argument, described
 from accelerated_evaluation.base.arrays import Array
 from accelerated_evaluation.base.checking import checked
 from accelerated_evaluation.base.errors import InputError
 from accelerated_evaluation.base.files import value_digest
 from accelerated_evaluation.base.randomness import DRAWING
+from accelerated_evaluation.base.users_code import call, is_of_library
 
 NODES, NODE_WEIGHTS = np.polynomial.legendre.leggauss(32)
 
@@ -128,6 +131,33 @@ def _or_null(limit: float) -> float | None:
     return float(limit) if np.isfinite(limit) else None
 
 
+# Shapes of the arrays that methods of a law return, given the law and their arguments.
+RETURNED: Mapping[str, Callable[..., tuple[int, ...]]] = {
+    "from_normal_scores": lambda law, z: np.shape(z),
+    "log_density": lambda law, x: (len(x),),
+    "draw": lambda law, n, generator: (n, law.dimension),
+}
+
+
+def _checked_method(method: Callable[..., Array], shape_of: Callable[..., tuple[int, ...]]) -> Callable:
+    """Return the method of a user's law with a check of the array that it returns."""
+
+    @wraps(method)
+    def with_checks(self: Law, *given: Any, **named: Any) -> Array:  # noqa: ANN401
+        shape = shape_of(self, *given, **named)
+
+        def take(value: Any) -> Array:  # noqa: ANN401
+            array = np.asarray(value, dtype=float)
+            if array.shape != shape or np.isnan(array).any():
+                raise ValueError
+            return array
+
+        returns = Argument(f"an array of numbers without NaN, of the shape {shape}", take, "Correct the law.")
+        return call(method, self, *given, where=f"law {type(self).__name__}", returns=returns, **named)
+
+    return with_checks
+
+
 class Law(ABC):
     """A probability distribution of the d variables of a scenario.
 
@@ -159,6 +189,13 @@ class Law(ABC):
     has_draws: ClassVar[bool] = False  # whether the law is the proposal of draws, which come with it
     box: Box
     description: str
+
+    def __init_subclass__(cls, **more: Any) -> None:  # noqa: ANN401
+        """Check what the methods of a user's law return."""
+        super().__init_subclass__(**more)
+        for name in () if is_of_library(cls) else RETURNED:
+            if isfunction(vars(cls).get(name)):
+                setattr(cls, name, _checked_method(vars(cls)[name], RETURNED[name]))
 
     @property
     def dimension(self) -> int:

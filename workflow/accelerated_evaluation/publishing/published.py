@@ -22,8 +22,11 @@ from typing import Any, TypeVar
 import pandas as pd
 from matplotlib.figure import Figure
 
+from accelerated_evaluation.base.arguments import A_FUNCTION, Argument
+from accelerated_evaluation.base.checking import checked
 from accelerated_evaluation.base.errors import InputError
 from accelerated_evaluation.base.registry import Registry
+from accelerated_evaluation.base.users_code import call
 from accelerated_evaluation.publishing import figures
 from accelerated_evaluation.publishing.figures.style import COLUMN_WIDTH, save_figure
 from accelerated_evaluation.publishing.provenance import figure_metadata
@@ -38,6 +41,21 @@ ALWAYS = ("config.json", "contents.json", "encounters.parquet", "records_report.
 FIGURES: Registry[Callable[..., Any]] = Registry("figure", figures.__name__, figures.__path__)
 
 
+def _drawn(value: Any) -> tuple[Figure, pd.DataFrame]:  # noqa: ANN401
+    drawn, data = value
+    if not isinstance(drawn, Figure) or not isinstance(data, pd.DataFrame):
+        raise TypeError
+    return drawn, data
+
+
+A_FIGURE = Argument(
+    "a Matplotlib figure and the table of its data",
+    _drawn,
+    "Correct the figure; docs/extensions.md has an example.",
+)
+
+
+@checked(make=A_FUNCTION)
 def figure(make: Make) -> Make:
     """Register a function that returns a Matplotlib figure and the table of its data.
 
@@ -176,4 +194,7 @@ def show(study: Study, make: Callable[..., Any], **given: Any) -> Shown | None: 
     Nothing is made, and None is returned, if the study lacks a result that the function needs.
     """
     arguments = arguments_of(study, make, given)
-    return None if arguments is None else make.publish(study, make(**arguments))
+    if arguments is None:
+        return None
+    made = call(make, where=f"figure {make.__name__}", returns=A_FIGURE, **arguments)
+    return make.publish(study, made)

@@ -3,7 +3,7 @@
 import difflib
 import inspect
 from collections.abc import Callable, Iterable, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, fields, is_dataclass
 from pathlib import Path
 from typing import Any
 
@@ -12,7 +12,7 @@ from accelerated_evaluation.base.arguments import described
 from accelerated_evaluation.base.checking import checked
 from accelerated_evaluation.base.errors import InputError
 from accelerated_evaluation.base.sections import TEXT, default_of, flag, listed, mapping, section, text
-from accelerated_evaluation.base.users_code import import_file, running
+from accelerated_evaluation.base.users_code import import_file, is_of_library, running
 from accelerated_evaluation.scenarios import A_SCENARIO, SCENARIOS
 from accelerated_evaluation.scenarios.cut_in import CUT_IN
 from accelerated_evaluation.scenarios.parameters import parameter_names, required_names
@@ -23,7 +23,6 @@ from accelerated_evaluation.vehicles.external.checked import (
 )
 from accelerated_evaluation.vehicles.protocol import VEHICLES, RandomVehicle, Vehicle
 
-PACKAGE = __name__.partition(".")[0]
 PLAIN = ["number", "boolean", "string"]
 SECTION = section(
     name=text(
@@ -188,9 +187,32 @@ def checked_vehicle(vehicle: Vehicle, scenario: Scenario) -> Vehicle:
     Vehicles that have a crash map although their outcomes are random are left as they are.
     """
     own = vehicle.simulate if isinstance(vehicle, FunctionVehicle) else type(vehicle)
-    if own.__module__.partition(".")[0] == PACKAGE or isinstance(vehicle, RandomVehicle):
+    if is_of_library(own) or isinstance(vehicle, RandomVehicle):
         return vehicle
     return CheckedVehicle(vehicle, own.__qualname__, scenario)
+
+
+def identity_of(vehicle: Vehicle) -> str | None:
+    """Return the class of a vehicle with those parameters that differ from their defaults; None if unknown.
+
+    It is known for frozen dataclasses whose parameters are numbers, texts, True, False or None, as those of
+    built-in vehicles. Only their outcomes certainly depend on nothing else.
+    """
+    own = vehicle.vehicle if isinstance(vehicle, CheckedVehicle) else vehicle
+    if not is_dataclass(own) or not own.__dataclass_params__.frozen:
+        return None
+    values = {each.name: getattr(own, each.name) for each in fields(own)}
+    if not all(value is None or isinstance(value, str | int | float) for value in values.values()):
+        return None
+    changed = [each.name for each in fields(own) if values[each.name] != each.default]
+    parameters = (f"{name}={_plain(values[name])}" for name in changed)
+    return f"{type(own).__qualname__}({', '.join(parameters)})"
+
+
+def _plain(value: str | float | None) -> str:
+    """Return a value as text, in which 2 and 2.0 are equal."""
+    is_number = isinstance(value, int | float) and not isinstance(value, bool)
+    return repr(float(value)) if is_number else repr(value)
 
 
 def section_of(name: str, given: Mapping[str, Any] | None = None) -> dict[str, Any]:

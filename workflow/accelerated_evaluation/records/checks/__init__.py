@@ -25,9 +25,12 @@ import pandas as pd
 import scipy  # loads scipy.stats where it is used; see `answer.calibration`
 from numpy.typing import NDArray
 
+from accelerated_evaluation.base.arguments import a_choice, one_of
+from accelerated_evaluation.base.checking import checked
 from accelerated_evaluation.base.errors import InputError
 from accelerated_evaluation.base.registry import Registry
 from accelerated_evaluation.base.tables import CLUSTER
+from accelerated_evaluation.base.users_code import call
 from accelerated_evaluation.records.ingest import Account, apply_filters, drop_invalid, no_number
 from accelerated_evaluation.records.limits import FARTHEST, FASTEST
 from accelerated_evaluation.records.segments import MINIMUM_ROWS, segment_names
@@ -53,6 +56,7 @@ class SimulatedOutcomes(Protocol):
 Simulate = Callable[..., SimulatedOutcomes]
 
 
+@checked(verdict=a_choice(VERDICTS))
 @dataclass(frozen=True)
 class Finding:
     """The result of a check."""
@@ -178,6 +182,7 @@ class Records:
         return (self.closing if closes else self.distinct)[name]
 
 
+A_FINDING = one_of(Finding, words="a Finding", change="Correct the check; docs/extensions.md has an example.")
 Check = Callable[[Records], Finding]
 CHECKS: Registry[Check] = Registry("check", __name__, __path__, contract=[Callable])
 
@@ -220,7 +225,10 @@ def inspect_records(records: Records) -> pd.DataFrame:
         )
     columns = {*records.valid.columns, *([] if records.sorted_by else [ORDER])}
     made = {name: check for name, check in CHECKS.items() if getattr(check, "needs", frozenset()) <= columns}
-    table = pd.DataFrame([_line(name.replace("_", " "), check(records)) for name, check in made.items()])
+    found = {
+        name: call(check, records, where=f"check {name}", returns=A_FINDING) for name, check in made.items()
+    }
+    table = pd.DataFrame([_line(name.replace("_", " "), finding) for name, finding in found.items()])
     table["explained"] = records.are_shipped & (table["verdict"] == WARNING)
     order = table["verdict"].map(VERDICTS[::-1].index).sort_values(kind="stable").index  # stops first
     return table.loc[order].reset_index(drop=True)

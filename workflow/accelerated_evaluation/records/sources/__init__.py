@@ -19,9 +19,11 @@ from typing import Any
 import numpy as np
 import pandas as pd
 
+from accelerated_evaluation.base.arguments import Argument
 from accelerated_evaluation.base.errors import InputError
 from accelerated_evaluation.base.registry import Registry
 from accelerated_evaluation.base.sections import Check, Schema, listed, number, section, text
+from accelerated_evaluation.base.users_code import call
 
 RECORDINGS = (".csv", ".mcap", ".osi")  # endings of the names of files that sources read from a folder
 UNKNOWN: Mapping[str, float | None] = {"kilometres": None, "hours": None}
@@ -40,6 +42,24 @@ class Source:
 
 
 SOURCES: Registry[Source] = Registry("source", __name__, __path__, contract=[Source])
+NEEDED = (  # columns of the records, of which one in each line is needed
+    {"lead_speed"},
+    {"range", "inverse_range"},
+    {"closing_speed", "range_rate", "ttc", "inverse_ttc"},
+)
+
+
+def _table(value: Any) -> pd.DataFrame:  # noqa: ANN401
+    if not isinstance(value, pd.DataFrame) or not all(names & set(value) for names in NEEDED):
+        raise TypeError
+    return value
+
+
+A_TABLE = Argument(
+    "a table with the columns lead_speed, range and closing_speed, or their inverse_range and ttc",
+    _table,
+    "Correct the source; docs/extensions.md has an example.",
+)
 
 
 def exposure(kilometres: float | None = None, hours: float | None = None) -> Schema:
@@ -99,7 +119,8 @@ def read_source(data: Mapping[str, Any], generator: np.random.Generator) -> pd.D
     records than the size of the sample.
     """
     settings = data[data["source"]]
-    raw = SOURCES[data["source"]].read(settings)
+    where = f"source {data['source']}"
+    raw = call(SOURCES[data["source"]].read, settings, where=where, returns=A_TABLE)
     raw.attrs.setdefault("exposure", settings.get("exposure", UNKNOWN))
     size = data["sample"]
     if size is None:
