@@ -28,7 +28,7 @@ from accelerated_evaluation.laws.distributions import (
 from accelerated_evaluation.laws.paper.models import IndependentLaw
 from accelerated_evaluation.methods import problem as library
 from accelerated_evaluation.scenarios.cut_in import CUT_IN
-from accelerated_evaluation.scenarios.protocol import Event
+from accelerated_evaluation.scenarios.events import Event
 from accelerated_evaluation.vehicles import AccAeb, Outcomes, Vehicle, load_vehicle
 from fewruns.problems import Response, ScoreProblem, SystemProblem
 from scipy.special import ndtr

@@ -12,7 +12,7 @@ from accelerated_evaluation.answer.joint_family import NEAR, Candidate, Clustere
 from accelerated_evaluation.answer.posterior import answer_row
 from accelerated_evaluation.answer.replays import LEVEL, replay
 from accelerated_evaluation.base.arrays import Array
-from accelerated_evaluation.scenarios.protocol import FLAG, outcome
+from accelerated_evaluation.scenarios.outcomes import FLAG, outcome
 from normal_law import normal_law
 from scipy.stats import truncnorm
 

@@ -16,7 +16,7 @@ from accelerated_evaluation.laws.joint.kernel import KernelLaw
 from accelerated_evaluation.laws.joint.truncated import log_interval_mass
 from accelerated_evaluation.laws.joint.truncated_normals import TruncatedNormalMixture
 from accelerated_evaluation.laws.protocol import SlicedLaw
-from accelerated_evaluation.scenarios.protocol import FLAG, outcome
+from accelerated_evaluation.scenarios.outcomes import FLAG, outcome
 from normal_law import normal_law
 from scipy.stats import norm
 

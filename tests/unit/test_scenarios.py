@@ -11,7 +11,7 @@ import pandas as pd
 import pytest
 from accelerated_evaluation import CUT_IN, SCENARIOS, Event, InputError, load_vehicle
 from accelerated_evaluation.base.arrays import Array
-from accelerated_evaluation.scenarios.protocol import FLAG, outcome
+from accelerated_evaluation.scenarios.outcomes import FLAG, outcome
 from accelerated_evaluation.vehicles.external.store import Store
 from accelerated_evaluation.vehicles.protocol import checked_outcomes, event_named, events_of
 

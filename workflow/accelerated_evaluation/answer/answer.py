@@ -19,7 +19,7 @@ from accelerated_evaluation.base.randomness import A_GENERATOR
 from accelerated_evaluation.laws import Law
 from accelerated_evaluation.laws.draws import Draws, as_draws
 from accelerated_evaluation.methods.problem import Problem
-from accelerated_evaluation.scenarios.protocol import Event
+from accelerated_evaluation.scenarios.events import Event
 from accelerated_evaluation.vehicles.loading import checked_vehicle
 from accelerated_evaluation.vehicles.protocol import EVENTS, event_named
 

@@ -22,7 +22,8 @@ from accelerated_evaluation.laws.draws import Draws
 from accelerated_evaluation.methods.problem import Problem
 from accelerated_evaluation.methods.study import with_encounters
 from accelerated_evaluation.methods.surrogate import configured_sampler
-from accelerated_evaluation.scenarios.protocol import ENDED, Event
+from accelerated_evaluation.scenarios.events import Event
+from accelerated_evaluation.scenarios.outcomes import ENDED
 from accelerated_evaluation.vehicles.protocol import CRASH
 
 SHARE = 0.05  # allowed relative increase of the width of the interval by the sampling

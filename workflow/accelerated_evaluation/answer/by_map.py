@@ -20,7 +20,8 @@ from accelerated_evaluation.crash_map.sampled import sample_crashes
 from accelerated_evaluation.laws.draws import Draws
 from accelerated_evaluation.methods.problem import Problem
 from accelerated_evaluation.scenarios.cut_in import CUT_IN
-from accelerated_evaluation.scenarios.protocol import Event, Scenario
+from accelerated_evaluation.scenarios.events import Event
+from accelerated_evaluation.scenarios.protocol import Scenario
 from accelerated_evaluation.vehicles.loading import identity_of
 from accelerated_evaluation.vehicles.protocol import CRASH, RandomVehicle, Vehicle
 

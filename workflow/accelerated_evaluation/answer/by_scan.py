@@ -25,7 +25,8 @@ from accelerated_evaluation.base.errors import InputError
 from accelerated_evaluation.laws.draws import Draws, OneLaw
 from accelerated_evaluation.laws.protocol import Box, SlicedLaw
 from accelerated_evaluation.methods.problem import Problem
-from accelerated_evaluation.scenarios.protocol import Event, Scenario
+from accelerated_evaluation.scenarios.events import Event
+from accelerated_evaluation.scenarios.protocol import Scenario
 from accelerated_evaluation.vehicles.protocol import repeats_itself
 
 HALVINGS = 12  # number of bisections of a step of the scan

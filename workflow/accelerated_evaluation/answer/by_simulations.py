@@ -12,7 +12,7 @@ from accelerated_evaluation.base.checking import checked
 from accelerated_evaluation.base.errors import InputError
 from accelerated_evaluation.laws.draws import Draws
 from accelerated_evaluation.methods.problem import Problem
-from accelerated_evaluation.scenarios.protocol import Event
+from accelerated_evaluation.scenarios.events import Event
 
 ENOUGH_EVENTS = 100  # simulations are repeated with other encounters until there are so many events,
 ROUNDS = 25  # or so many repetitions

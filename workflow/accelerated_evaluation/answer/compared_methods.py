@@ -11,7 +11,8 @@ from accelerated_evaluation.laws import Law
 from accelerated_evaluation.methods import METHODS
 from accelerated_evaluation.methods.problem import Problem
 from accelerated_evaluation.methods.study import study_method
-from accelerated_evaluation.scenarios.protocol import Event, Scenario
+from accelerated_evaluation.scenarios.events import Event
+from accelerated_evaluation.scenarios.protocol import Scenario
 from accelerated_evaluation.vehicles.protocol import Vehicle
 
 METHODS_OF_SCORES = ("crude", "normal_mixture", "surrogate")  # methods that only need normal scores

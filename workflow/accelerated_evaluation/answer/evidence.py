@@ -16,7 +16,7 @@ from accelerated_evaluation.answer.replays import LEVEL, Replays, replay
 from accelerated_evaluation.base.arrays import Array
 from accelerated_evaluation.laws.draws import Draws
 from accelerated_evaluation.methods.problem import Problem, normal_scores
-from accelerated_evaluation.scenarios.protocol import Event
+from accelerated_evaluation.scenarios.events import Event
 from accelerated_evaluation.vehicles.external.slow import SlowVehicle
 from accelerated_evaluation.vehicles.external.watched import WatchedVehicle
 from accelerated_evaluation.vehicles.external.workers import difference_elsewhere

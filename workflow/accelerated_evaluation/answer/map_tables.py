@@ -28,7 +28,8 @@ from accelerated_evaluation.crash_map.lines import CrashLines
 from accelerated_evaluation.crash_map.maps import CrashMap
 from accelerated_evaluation.laws.draws import Draws
 from accelerated_evaluation.laws.smooth.family import DistinctRecords, Member
-from accelerated_evaluation.scenarios.protocol import Event, Scenario
+from accelerated_evaluation.scenarios.events import Event
+from accelerated_evaluation.scenarios.protocol import Scenario
 from accelerated_evaluation.vehicles.protocol import CRASH, Outcomes, Vehicle
 
 SHOWN = (Member(), *(Member(KNOT, shape) for shape in ("exponential", "generalised", "two kinds")))

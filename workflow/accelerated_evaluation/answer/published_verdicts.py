@@ -5,7 +5,8 @@ from collections.abc import Sequence
 import numpy as np
 import pandas as pd
 
-from accelerated_evaluation.scenarios.protocol import ENDED, Scenario
+from accelerated_evaluation.scenarios.outcomes import ENDED
+from accelerated_evaluation.scenarios.protocol import Scenario
 from accelerated_evaluation.vehicles.protocol import Vehicle
 
 

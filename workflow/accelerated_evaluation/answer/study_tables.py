@@ -43,7 +43,7 @@ from accelerated_evaluation.base.errors import InputError
 from accelerated_evaluation.crash_map.maps import read_crash_map
 from accelerated_evaluation.laws.draws import Draws
 from accelerated_evaluation.methods.problem import Problem
-from accelerated_evaluation.scenarios.protocol import Event
+from accelerated_evaluation.scenarios.events import Event
 
 UNDER_TEST = "under test"
 WHOLE = "all encounters"  # name of the answer without a restriction

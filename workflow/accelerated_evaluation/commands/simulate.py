@@ -24,7 +24,8 @@ from accelerated_evaluation.commands import COMMANDS, add_scenario, number_optio
 from accelerated_evaluation.laws.motion import course_columns
 from accelerated_evaluation.scenarios import SCENARIOS
 from accelerated_evaluation.scenarios.cut_in import CUT_IN
-from accelerated_evaluation.scenarios.protocol import ENDED, Scenario
+from accelerated_evaluation.scenarios.outcomes import ENDED
+from accelerated_evaluation.scenarios.protocol import Scenario
 from accelerated_evaluation.vehicles.external.checked import CheckedVehicle, ForeignVehicle
 from accelerated_evaluation.vehicles.external.slow import SlowVehicle
 from accelerated_evaluation.vehicles.external.watched import run_apart

@@ -14,7 +14,7 @@ from accelerated_evaluation.base.arrays import Array
 from accelerated_evaluation.base.errors import InputError
 from accelerated_evaluation.crash_map.maps import LINES_PER_CELL, CrashMap
 from accelerated_evaluation.laws import StratifiedLaw, Stratum
-from accelerated_evaluation.scenarios.protocol import Event
+from accelerated_evaluation.scenarios.events import Event
 from accelerated_evaluation.vehicles.protocol import CRASH
 
 ALL = "all"

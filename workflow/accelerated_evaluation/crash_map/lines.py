@@ -21,7 +21,7 @@ from accelerated_evaluation.laws.smooth.family import LawFamily, Member
 from accelerated_evaluation.laws.smooth.segments import parts
 from accelerated_evaluation.laws.smooth.smooth_hazard import SmoothHazard
 from accelerated_evaluation.laws.smooth.support import SUPPORT, Support
-from accelerated_evaluation.scenarios.protocol import Event
+from accelerated_evaluation.scenarios.events import Event
 from accelerated_evaluation.vehicles.protocol import CRASH
 
 STEPS = 200  # number of closing speeds in an interval at which a density is evaluated to draw one of them

@@ -15,7 +15,7 @@ from accelerated_evaluation.base.errors import InputError
 from accelerated_evaluation.base.randomness import A_GENERATOR
 from accelerated_evaluation.crash_map.maps import LINES_PER_CELL, Cells, CrashMap, Grid, Intervals
 from accelerated_evaluation.scenarios.cut_in import CUT_IN
-from accelerated_evaluation.scenarios.protocol import Event
+from accelerated_evaluation.scenarios.events import Event
 from accelerated_evaluation.vehicles.loading import as_vehicle, checked_vehicle, identity_of
 from accelerated_evaluation.vehicles.protocol import (
     CRASH,

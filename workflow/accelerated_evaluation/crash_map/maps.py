@@ -26,7 +26,7 @@ from accelerated_evaluation.base.checking import checked
 from accelerated_evaluation.base.errors import InputError
 from accelerated_evaluation.base.files import atomic_path, read_arrays
 from accelerated_evaluation.scenarios.cut_in import CUT_IN
-from accelerated_evaluation.scenarios.protocol import Event
+from accelerated_evaluation.scenarios.events import Event
 from accelerated_evaluation.vehicles.protocol import CRASH, Outcomes, Vehicle, simulate_inner
 
 LINES_PER_CELL = 2  # the standard error of the mean of a cell is estimated from the difference of its lines

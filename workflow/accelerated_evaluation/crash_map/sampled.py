@@ -6,7 +6,7 @@ from dataclasses import replace
 import numpy as np
 
 from accelerated_evaluation.crash_map.maps import CrashMap, Intervals
-from accelerated_evaluation.scenarios.protocol import Event
+from accelerated_evaluation.scenarios.events import Event
 from accelerated_evaluation.vehicles.protocol import CRASH, Vehicle
 
 ENCOUNTERS_AT_ONCE = 500_000  # number of encounters that are simulated at once, which need about 100 MB

@@ -22,7 +22,8 @@ from accelerated_evaluation.laws.files import read_law
 from accelerated_evaluation.laws.protocol import require_points
 from accelerated_evaluation.records.segments import read_encounters
 from accelerated_evaluation.scenarios import A_SCENARIO
-from accelerated_evaluation.scenarios.protocol import Event, Scenario
+from accelerated_evaluation.scenarios.events import Event
+from accelerated_evaluation.scenarios.protocol import Scenario
 from accelerated_evaluation.vehicles.loading import as_vehicle
 from accelerated_evaluation.vehicles.named import NamedVehicle
 from accelerated_evaluation.vehicles.protocol import Vehicle, event_named, repeats_itself

@@ -21,7 +21,8 @@ from accelerated_evaluation.base.sections import Schema, Sections, choice, integ
 from accelerated_evaluation.base.tables import column_of_numbers, read_csv, require_file
 from accelerated_evaluation.methods import METHODS, Method, configured_stopping
 from accelerated_evaluation.methods.problem import Problem
-from accelerated_evaluation.scenarios.protocol import Event, Scenario
+from accelerated_evaluation.scenarios.events import Event
+from accelerated_evaluation.scenarios.protocol import Scenario
 
 ROUNDING = 1e-6  # relative tolerance; laws that were fitted on two kinds of processor differ by less
 FLAGS = {"True": True, "False": False}

@@ -2,7 +2,10 @@
 
 from accelerated_evaluation.base.arguments import by_name
 from accelerated_evaluation.base.registry import Registry
-from accelerated_evaluation.scenarios.protocol import Event, Outcome, Scenario, Variable, outcome
+from accelerated_evaluation.scenarios.events import Event
+from accelerated_evaluation.scenarios.outcomes import Outcome, outcome
+from accelerated_evaluation.scenarios.protocol import Scenario
+from accelerated_evaluation.scenarios.variables import Variable
 
 SCENARIOS: Registry[Scenario] = Registry("scenario", __name__, __path__, contract=[Scenario])
 DEFAULT = "cut_in"  # name of the scenario that is used if none is named

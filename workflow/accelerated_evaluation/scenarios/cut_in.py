@@ -17,18 +17,11 @@ from accelerated_evaluation.base.registry import Registry
 from accelerated_evaluation.records.named import CutInRecords
 from accelerated_evaluation.records.segments import read_encounters
 from accelerated_evaluation.scenarios import SCENARIOS
+from accelerated_evaluation.scenarios.events import Event
+from accelerated_evaluation.scenarios.outcomes import FLAG, outcome
 from accelerated_evaluation.scenarios.prescribed import PrescribedTest
-from accelerated_evaluation.scenarios.protocol import (
-    FLAG,
-    Event,
-    Fault,
-    Panel,
-    ReportedRule,
-    Scenario,
-    Simulating,
-    Variable,
-    outcome,
-)
+from accelerated_evaluation.scenarios.protocol import Fault, Panel, ReportedRule, Scenario, Simulating
+from accelerated_evaluation.scenarios.variables import Variable
 
 # The speed of light. A larger number is an overflow or another quantity. The limit is not lower, because laws
 # of cut-ins without a cap on the closing speed draw extremely large speeds at very long ranges, which do no

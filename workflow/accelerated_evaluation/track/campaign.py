@@ -23,7 +23,8 @@ from accelerated_evaluation.laws import Law
 from accelerated_evaluation.methods import Estimate, Stopping
 from accelerated_evaluation.methods.surrogate import rules_for, study_errors
 from accelerated_evaluation.scenarios.cut_in import CUT_IN
-from accelerated_evaluation.scenarios.protocol import Event, Scenario
+from accelerated_evaluation.scenarios.events import Event
+from accelerated_evaluation.scenarios.protocol import Scenario
 from accelerated_evaluation.track.driven import BEYOND, DrivenOutcome, outcome_in_words, outcomes_of
 from accelerated_evaluation.track.law_files import InputFile, law_in
 from accelerated_evaluation.track.limits import UNLIMITED, Limits, require_limits

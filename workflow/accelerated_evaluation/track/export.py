@@ -14,7 +14,8 @@ from accelerated_evaluation.base.errors import InputError
 from accelerated_evaluation.base.files import write_csv, write_text
 from accelerated_evaluation.laws.motion import SPEED_COLUMNS, LeadMotion, draw_lead_speeds
 from accelerated_evaluation.scenarios.cut_in import CUT_IN
-from accelerated_evaluation.scenarios.protocol import Outcome, Scenario
+from accelerated_evaluation.scenarios.outcomes import Outcome
+from accelerated_evaluation.scenarios.protocol import Scenario
 from accelerated_evaluation.track.recipe import (
     ALL_LAWS,
     CUT_IN_FILES,

@@ -15,7 +15,9 @@ from accelerated_evaluation.base.numerals import number_in
 from accelerated_evaluation.base.registry import Registry
 from accelerated_evaluation.scenarios import A_SCENARIO
 from accelerated_evaluation.scenarios.cut_in import CUT_IN, Outcomes
-from accelerated_evaluation.scenarios.protocol import Event, Outcome, Scenario
+from accelerated_evaluation.scenarios.events import Event
+from accelerated_evaluation.scenarios.outcomes import Outcome
+from accelerated_evaluation.scenarios.protocol import Scenario
 
 __all__ = ["VEHICLES", "Outcomes", "RandomVehicle", "Vehicle", "repeats_itself", "simulate_inner"]
 

@@ -14,7 +14,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from accelerated_evaluation.base.arrays import Array
-from accelerated_evaluation.scenarios.protocol import FLAG, Fault, Panel, ReportedRule, outcome
+from accelerated_evaluation.scenarios.outcomes import FLAG, outcome
+from accelerated_evaluation.scenarios.protocol import Fault, Panel, ReportedRule
 
 PANELS = (
     Panel("speed [m/s]", {"host_speed_m_per_s": "host"}),

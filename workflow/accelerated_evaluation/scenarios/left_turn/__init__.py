@@ -10,7 +10,9 @@ from pathlib import Path
 from accelerated_evaluation.base.registry import Registry
 from accelerated_evaluation.scenarios import SCENARIOS
 from accelerated_evaluation.scenarios.crossing import PANELS, CrossingOutcomes, outcome_rules, reported_rules
-from accelerated_evaluation.scenarios.protocol import Event, Scenario, Simulating, Variable
+from accelerated_evaluation.scenarios.events import Event
+from accelerated_evaluation.scenarios.protocol import Scenario, Simulating
+from accelerated_evaluation.scenarios.variables import Variable
 
 FASTEST = 30.0  # [m/s]; faster recorded turns are certainly wrong (data/left_turn/README.md)
 SLOWEST = 0.2  # [m/s]; for a slower turning car the host waits, and rounding decides the outcome

@@ -12,7 +12,9 @@ import numpy as np
 from accelerated_evaluation.base.registry import Registry
 from accelerated_evaluation.scenarios import SCENARIOS
 from accelerated_evaluation.scenarios.crossing import PANELS, CrossingOutcomes, outcome_rules, reported_rules
-from accelerated_evaluation.scenarios.protocol import Event, Scenario, Simulating, Variable
+from accelerated_evaluation.scenarios.events import Event
+from accelerated_evaluation.scenarios.protocol import Scenario, Simulating
+from accelerated_evaluation.scenarios.variables import Variable
 
 SLOWEST = 0.3  # [m/s]; almost all crashes with slower pedestrians are artefacts of the simulation
 # The car creeps behind slow pedestrians, and its unstable control decides whether it touches them. Crashes

@@ -23,8 +23,9 @@ from accelerated_evaluation.base.arrays import Array
 from accelerated_evaluation.base.errors import InputError
 from accelerated_evaluation.base.numerals import number_in
 from accelerated_evaluation.laws.motion import SPEED_COLUMNS, STATES
+from accelerated_evaluation.scenarios.outcomes import FLAG
 from accelerated_evaluation.scenarios.parameters import parameter_error
-from accelerated_evaluation.scenarios.protocol import FLAG, Scenario
+from accelerated_evaluation.scenarios.protocol import Scenario
 from accelerated_evaluation.vehicles.external.checked import ForeignVehicle
 from accelerated_evaluation.vehicles.moving import checked_lead_speeds
 from accelerated_evaluation.vehicles.protocol import VEHICLES

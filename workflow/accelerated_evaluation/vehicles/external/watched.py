@@ -12,7 +12,8 @@ import numpy as np
 
 from accelerated_evaluation.base.arrays import Array
 from accelerated_evaluation.base.errors import InputError
-from accelerated_evaluation.scenarios.protocol import ENDED, Scenario
+from accelerated_evaluation.scenarios.outcomes import ENDED
+from accelerated_evaluation.scenarios.protocol import Scenario
 from accelerated_evaluation.vehicles.protocol import Vehicle
 
 REMEMBERED = 20_000  # largest number of runs that are kept; an estimate from few runs has fewer

@@ -24,7 +24,8 @@ from accelerated_evaluation.base.arrays import Array
 from accelerated_evaluation.base.errors import InputError, StudyError
 from accelerated_evaluation.base.users_code import error_in_words
 from accelerated_evaluation.scenarios import DEFAULT, SCENARIOS
-from accelerated_evaluation.scenarios.protocol import Event, Scenario
+from accelerated_evaluation.scenarios.events import Event
+from accelerated_evaluation.scenarios.protocol import Scenario
 from accelerated_evaluation.vehicles.external.checked import (
     CheckedVehicle,
     ForeignVehicle,
