@@ -200,9 +200,7 @@ def answered(name: str) -> dict:
 # FOLDERS has the folder of each vehicle's map, which all studies of the vehicle share; UNCAPPED has the vehicle of each
 # folder. In a study of a slow vehicle, vehicles whose outcomes are stored are too slow for a map.
 MAPPED_VEHICLES = [
-    name
-    for name in VEHICLES
-    if "maps" in STAGES and not (SLOW and name in INPUTS.slow)
+    name for name in VEHICLES if "maps" in STAGES and not (SLOW and name in INPUTS.slow)
 ]
 FOLDERS = {name: map_folder(answered(name)) for name in MAPPED_VEHICLES}
 UNCAPPED = {Path(folder).name: name for name, folder in FOLDERS.items()}
