@@ -5,7 +5,10 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 from accelerated_evaluation import Box, DrawnLaws
-from accelerated_evaluation.answer.cut_in_family import conditional_scores
+from accelerated_evaluation.answer.cut_in_family import conditional_scores, scores_by_region
+from accelerated_evaluation.answer.joint_family import ClusteredRecords, JointFamily
+from accelerated_evaluation.answer.law_study import LawStudy
+from accelerated_evaluation.answer.scores import BLOCKS, contiguous_blocks
 from accelerated_evaluation.laws.distributions import Empirical
 from accelerated_evaluation.laws.joint.truncated import Normals
 from accelerated_evaluation.laws.joint.truncated_normals import TruncatedNormalMixture
@@ -16,13 +19,17 @@ TOP, CORRELATION = 20.0, 0.6
 MEAN, DEVIATION = np.array([40.0, 5.0]), np.array([15.0, 4.0])
 
 
-@pytest.fixture(scope="module")
-def law():
+def law_with(mean):
     """Return one bivariate normal distribution of range and closing speed, truncated to its limits."""
     product = CORRELATION * DEVIATION.prod()
     covariance = np.array([[DEVIATION[0] ** 2, product], [product, DEVIATION[1] ** 2]])
     box = Box(("range", "closing_speed"), (0.0, 0.0), (75.0, TOP))
-    return TruncatedNormalMixture(np.ones(1), Normals(MEAN[None], covariance[None], box))
+    return TruncatedNormalMixture(np.ones(1), Normals(mean[None], covariance[None], box))
+
+
+@pytest.fixture(scope="module")
+def law():
+    return law_with(MEAN)
 
 
 def test_cut_ins_are_scored_by_the_closing_speed_given_the_range(law):
@@ -35,6 +42,38 @@ def test_cut_ins_are_scored_by_the_closing_speed_given_the_range(law):
     assert 50 < (x[:, 1] > boundary).sum() < 250  # both kinds of score are compared
     np.testing.assert_allclose(conditional_scores(law, x, boundary), exact, rtol=1e-6, atol=1e-6)
     assert not np.allclose(law.log_density(x), exact, atol=0.1)  # the joint density is another score
+
+
+def test_each_record_is_scored_by_the_law_without_its_block_in_every_region(law):
+    x = law.draw(60, np.random.default_rng(5))
+    mine = SimpleNamespace(
+        name="mine", fit=lambda records, generator, start: law_with(records.x.mean(axis=0))
+    )
+    records = ClusteredRecords(x, np.arange(len(x)), law.box)
+    everything = law_with(x.mean(axis=0))
+    family = JointFamily(records, [mine], [everything], np.zeros((1, 60)), np.zeros((1, 60)))
+    regions = {"critical": 0.2 * x[:, 0], "all": 0.05 * x[:, 0]}
+    scores = scores_by_region(family, regions, np.random.default_rng(6))
+    block = contiguous_blocks(len(x), BLOCKS)
+    for name, boundary in regions.items():
+        exact = np.empty(len(x))
+        for number in range(BLOCKS):
+            out = block == number
+            held = law_with(x[~out].mean(axis=0))
+            exact[out] = conditional_scores(held, x[out], boundary[out])
+        np.testing.assert_allclose(scores["mine"][name], exact, rtol=1e-12)
+        known = conditional_scores(everything, x, boundary)  # under a law that knows the record
+        assert known.sum() > exact.sum() + 0.01
+
+
+def test_without_added_laws_the_other_weights_are_relative_to_each_other():
+    own, others = (SimpleNamespace(names=names) for names in (("a", "b"), ("mine",)))
+    study = LawStudy(own, np.array([[0.2, 0.6, 0.2], [0.0, 0.0, 1.0]]), others)
+    alone = study.without_added
+    assert alone.names == ("a", "b")
+    np.testing.assert_allclose(alone.weights, [[0.25, 0.75], [0.5, 0.5]])  # equal if all were 0
+    assert alone.mean({"a": 1.0, "b": 3.0}) == pytest.approx(0.375 * 1 + 0.625 * 3)
+    assert alone.without_added is alone
 
 
 def test_draws_of_users_laws_get_recorded_lead_speeds(law):

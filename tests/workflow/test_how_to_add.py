@@ -6,6 +6,7 @@ import sys
 
 import numpy as np
 import pandas as pd
+import pytest
 
 
 def test_a_new_method_is_estimated_with_and_compared(finished):
@@ -23,6 +24,18 @@ def test_a_new_distribution_is_fitted_stored_and_shown(finished):
     assert tail["kind"] == "toy exponential"
     chapter = (finished.folder / "results/smoke/book/06_piecewise_models.html").read_text()
     assert "toy exponential" in chapter
+
+
+def test_a_new_joint_law_is_scored_and_weighted_for_cut_ins(finished):
+    laws = pd.read_csv(finished.folder / "results/smoke/laws/laws.csv").set_index("law")
+    added, weights = laws.loc["toy copula"], laws["weight"].drop("all laws, weighted")
+    assert added.filter(like="gain_").drop("crps_gain").notna().all()
+    assert added["impossible"] == 0
+    assert 0 < weights["toy copula"] < 1
+    assert weights.sum() == pytest.approx(1)
+    # A Gaussian copula and the smooth laws agree on the crashes to some orders of magnitude.
+    smooth = laws["probability"].drop(["toy copula", "all laws, weighted"]).dropna()
+    assert smooth.min() / 100 < added["probability"] < smooth.max() * 100
 
 
 def test_a_new_vehicle_is_mapped_and_simulated(finished):

@@ -27,6 +27,7 @@ rule compare_laws:
         **UNDER_TEST,
         seed=config["seed"],
         draws=config["answer"]["draws"],
+        closing_speed_max=config["answer"]["grid"]["closing_speed_max"],
         support=SUPPORT,
         library=code_up_to("answer", *SIMULATING),
     message:

@@ -18,11 +18,11 @@ if __name__ == "__main__":
         files, params = snakemake.input, snakemake.params
         records = stored_records(CUT_IN, files.encounters, params.support)
         stream = partial(child_generator, params.seed, "laws")
-        study = LawStudy.of(records, params.draws, stream, files.family)
+        study = LawStudy.of(records, params.draws, stream, files.family, params.closing_speed_max)
         lines = CrashLines.of(
             read_crash_map(files.map), records.data.lead_speed, support=records.data.support
         )
         with NamedVehicle.of(
             params.vehicle, params.simulations, workers=snakemake.threads
         ).loaded() as vehicle:
-            write_csv(snakemake.output.laws, compare_laws(study, vehicle, lines))
+            write_csv(snakemake.output.laws, compare_laws(study, vehicle, lines, stream("score")))

@@ -4,7 +4,7 @@ They are laws of range and closing speed; lead speeds are those of the records. 
 scored by the closing speed given the range, on contiguous blocks of held-out records.
 """
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 
 import numpy as np
 
@@ -55,6 +55,22 @@ def added_family(
         log_scores[k, out] = held.log_density(x[out])
         near_scores[k, out] = conditional_scores(held, x[out], boundary[out])
     return JointFamily(cut_ins, added, laws, log_scores, near_scores, Empirical(lead_speeds))
+
+
+def scores_by_region(
+    family: JointFamily, regions: Mapping[str, Array], generator: np.random.Generator
+) -> dict[str, dict[str, Array]]:
+    """Score candidates on held-out records by regions of closing speeds, (records,) by candidate and region.
+
+    The regions are boundaries of closing speeds [m/s], as for `scores.HeldOut.scores`.
+    """
+    x = family.records.x
+    scores = {name: {where: np.empty(len(x)) for where in regions} for name in family.names}
+    block = contiguous_blocks(len(x), BLOCKS)
+    for k, out, held in without_each_block(family.records, block, family.candidates, family.laws, generator):
+        for where, boundary in regions.items():
+            scores[family.names[k]][where][out] = conditional_scores(held, x[out], boundary[out])
+    return scores
 
 
 def conditional_scores(law: JointLaw, x: Array, boundary: Array) -> Array:

@@ -139,8 +139,8 @@ class LawStudy:
         cls, family: Family, size: int, generator: np.random.Generator, added: Family | None = None
     ) -> Self:
         """Draw the weights of the candidates of a family, and of those that were added, ``size`` times."""
-        scores = family.scores if added is None else np.vstack([family.scores, added.scores])
-        return cls(family, bootstrapped_weights(scores, family.resampled, size, generator), added)
+        weights = bootstrapped_weights(_all_scores(family, added), family.resampled, size, generator)
+        return cls(family, weights, added)
 
     def __repr__(self) -> str:
         """Return the candidates and their mean weights."""
@@ -157,6 +157,19 @@ class LawStudy:
         return self.family
 
     @property
+    def without_added(self) -> Self:
+        """The study without the laws that users have added; the other weights are relative to each other."""
+        if self.added is None:
+            return self
+        own = self.only(self.family.names)
+        return replace(own, weights=own.weights[:, : len(self.family.names)], added=None)
+
+    @property
+    def scores(self) -> Array:
+        """Log score of each candidate on held-out records, or on clusters of them, shape (M, n)."""
+        return _all_scores(self.family, self.added)
+
+    @property
     def mean_weights(self) -> Array:
         """Mean weight of each candidate, shape (M,)."""
         return self.weights.mean(axis=0)
@@ -168,7 +181,7 @@ class LawStudy:
 
     def law(self) -> Law:
         """Return the law with the largest weight, for cut-ins without the laws that users have added."""
-        return self.family.law(self.only(self.family.names).heaviest)
+        return self.family.law(self.without_added.heaviest)
 
     @checked(generator=A_GENERATOR)
     def draws(self, generator: np.random.Generator | int) -> Draws:
@@ -225,6 +238,11 @@ class LawStudy:
     def table(self) -> pd.DataFrame:
         """Return the candidates with their mean weights, one row each: ``law`` and ``weight``."""
         return pd.DataFrame({"law": self.names, "weight": self.mean_weights})
+
+
+def _all_scores(family: Family, added: Family | None) -> Array:
+    """Return the held-out log scores of a family, followed by those of the candidates that were added."""
+    return family.scores if added is None else np.vstack([family.scores, added.scores])
 
 
 def _smooth_family(

@@ -8,6 +8,7 @@ import pandas as pd
 from numpy.linalg import LinAlgError
 from tqdm import tqdm
 
+from accelerated_evaluation.answer.cut_in_family import scores_by_region
 from accelerated_evaluation.answer.law_study import LawStudy
 from accelerated_evaluation.answer.law_weights import mixture_scores, stacking_weights
 from accelerated_evaluation.answer.scores import (
@@ -19,6 +20,7 @@ from accelerated_evaluation.answer.scores import (
 from accelerated_evaluation.base.arrays import Array
 from accelerated_evaluation.base.errors import ConvergenceError
 from accelerated_evaluation.crash_map.lines import CrashLines
+from accelerated_evaluation.laws.lead_speeds import WithLeadSpeeds
 from accelerated_evaluation.laws.smooth.family import DistinctRecords
 from accelerated_evaluation.laws.smooth.independent import IndependentTail
 from accelerated_evaluation.laws.smooth.shapes import Exponential
@@ -90,14 +92,21 @@ def score_laws(
     return scores, crps
 
 
-def compare_laws(study: LawStudy, vehicle: Vehicle, lines: CrashLines) -> pd.DataFrame:
-    """Score the laws of the family and the paper's law, and tabulate them with their crash probabilities.
+def compare_laws(
+    study: LawStudy, vehicle: Vehicle, lines: CrashLines, generator: np.random.Generator
+) -> pd.DataFrame:
+    """Score all candidates and the paper's law, and tabulate them with their crash probabilities.
 
-    The columns are those of `law_table`.
+    The generator is used for fits of laws that users have added. The columns are those of `law_table`.
     """
     found = lines.probabilities(study.smooth.family, study.smooth.members)
     crash = {member.name: probability for member, probability in found.items()}
-    return law_table(study, *score_laws(study, vehicle, {PAPER: papers_law}), crash)
+    scores, crps = score_laws(study, vehicle, {PAPER: papers_law})
+    if (added := study.added) is not None:
+        scores |= scores_by_region(added, regions(study.smooth.records, vehicle), generator)
+        for name, law in zip(added.names, added.laws, strict=True):
+            crash[name] = lines.masses_by_density(WithLeadSpeeds(law, added.lead_speeds)).sum()
+    return law_table(study, scores, crps, crash)
 
 
 def law_table(
@@ -113,11 +122,11 @@ def law_table(
     column is the gain in the held-out log score over the paper's law [nats], and ``error_...`` the standard
     error of the difference to the best law of the region. ``behind`` is the largest of these differences in
     standard errors, ``impossible`` the number of held-out records with zero density, and ``crps_gain`` the
-    relative reduction of the CRPS. ``weight`` is the mean weight, ``stacking`` the weight by stacking, and
-    ``refused`` says whether the law is rejected.
+    relative reduction of the CRPS, which is not computed for laws of users. ``weight`` is the mean weight,
+    ``stacking`` the weight by stacking, and ``refused`` says whether the law is rejected.
     """
     mean_weights, names = study.mean_weights, list(study.names)
-    stacked = stacking_weights(study.family.scores, study.family.resampled)
+    stacked = stacking_weights(study.scores, study.family.resampled)
     own = pd.DataFrame({"weight": mean_weights, "stacking": stacked}, index=names)
     together = {
         region: mixture_scores(np.array([scores[name][region] for name in names]), mean_weights)

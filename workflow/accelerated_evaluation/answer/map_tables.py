@@ -53,7 +53,7 @@ def shown_members(study: LawStudy) -> tuple[Member, ...]:
 
 
 def calibration_table(study: LawStudy, near: NearMisses | None = None) -> pd.DataFrame:
-    """Compare recorded and expected numbers for the weighted mean of all laws and for some single laws.
+    """Compare recorded and expected numbers for the weighted mean of the smooth laws and for some of them.
 
     The numbers are those of cut-ins in cells, of range and closing speed or of lead speed and host speed. The
     expected numbers are those under laws that were fitted without the block of the records; only those of
@@ -71,7 +71,7 @@ def calibration_table(study: LawStudy, near: NearMisses | None = None) -> pd.Dat
     by_event = {} if near is None else near.probabilities
     by_member = dict(zip(smooth.names, smooth.expected[TENTHS].sum(axis=1), strict=True))
     mean = near_misses({} if near is None else near.together)
-    tables = {TOGETHER: [recorded.assign(expected=study.mean(by_member)), *mean]}
+    tables = {TOGETHER: [recorded.assign(expected=study.without_added.mean(by_member)), *mean]}
     for member in shown_members(study):
         of_member = {name: values[member.name] for name, values in by_event.items()}
         of_cells = recorded.assign(expected=by_member[member.name])
@@ -97,7 +97,7 @@ def fold_calibration(study: LawStudy) -> pd.DataFrame:
         folds = divide(records.size)
         recorded = recorded_by_fold(records, folds)
         by_member = dict(zip(smooth.names, smooth.expected[division], strict=True))
-        expected = {TOGETHER: study.mean(by_member)}
+        expected = {TOGETHER: study.without_added.mean(by_member)}
         expected |= {member.name: by_member[member.name] for member in shown_members(study)}
         expected[PAPER] = counts_by_fold(HeldOut.of_law(papers_law, records, folds))[0]
         rows += [
