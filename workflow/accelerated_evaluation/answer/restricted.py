@@ -47,10 +47,17 @@ class Restricted:
         return kept[:n]
 
 
+@dataclass(frozen=True, repr=False)
+class RestrictedDraw(OneLaw):
+    """A restricted law as one draw, which is only drawn from and weighted by its density."""
+
+    proposal: Restricted
+
+
 def restricted(draws: DrawnLaws, holds: Holds, generator: np.random.Generator) -> DrawnLaws:
     """Return draws of joint laws given that a condition holds."""
     parts = [
-        OneLaw(Restricted.of(law, holds, generator), name)
+        RestrictedDraw(Restricted.of(law, holds, generator), name)
         for law, name in zip(draws.laws, draws.names, strict=True)
     ]
     return replace(draws, parts=parts)
