@@ -15,7 +15,7 @@ from accelerated_evaluation.laws.files import read_law
 from accelerated_evaluation.methods.problem import Problem
 from accelerated_evaluation.scenarios import SCENARIOS
 from accelerated_evaluation.study.jobs import job
-from accelerated_evaluation.vehicles.named import NamedVehicle, all_loaded
+from accelerated_evaluation.vehicles.named import all_loaded
 from accelerated_evaluation.vehicles.protocol import Vehicle
 
 if __name__ == "__main__":
@@ -35,11 +35,7 @@ if __name__ == "__main__":
 
         own = {name: pd.read_csv(path) for name, path in files.items() if name in params.own}
         criteria = criteria_of(params.criteria, scenario)
-        named = {
-            label: NamedVehicle.of(section, params.simulations, scenario, workers=snakemake.threads)
-            for label, section in params.vehicles.items()
-        }
-        with all_loaded(named) as vehicles:
+        with all_loaded(params.vehicles, params.simulations, scenario, workers=snakemake.threads) as vehicles:
             shared = records, scenario.references, params.half_width, criteria
             tables = comparison_tables(own, answers(vehicles), *shared)
         for name, path in snakemake.output.items():

@@ -15,7 +15,7 @@ from accelerated_evaluation.records.segments import read_encounters
 from accelerated_evaluation.scenarios.cut_in import CUT_IN
 from accelerated_evaluation.scenarios.prescribed import prescribed_table
 from accelerated_evaluation.study.jobs import job
-from accelerated_evaluation.vehicles.named import NamedVehicle, all_loaded
+from accelerated_evaluation.vehicles.named import all_loaded
 
 if __name__ == "__main__":
     with job(snakemake.log[0]):
@@ -25,11 +25,7 @@ if __name__ == "__main__":
         records = DistinctRecords.of(encounters, law.support)
         lines = CrashLines.of(read_crash_map(files.map), records.lead_speed, support=law.support)
         generator = child_generator(params.seed, "happened")
-        named = {
-            label: NamedVehicle.of(section, params.simulations, workers=snakemake.threads)
-            for label, section in params.vehicles.items()
-        }
-        with all_loaded(named) as vehicles:
+        with all_loaded(params.vehicles, params.simulations, workers=snakemake.threads) as vehicles:
             vehicle = vehicles[params.tested]
             shown = [ways_to_crash(lines, law, vehicle, generator), nearest_records(records, vehicle)]
             happened = pd.concat([table for table in shown if len(table)], ignore_index=True)

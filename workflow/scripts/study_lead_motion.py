@@ -16,7 +16,7 @@ from accelerated_evaluation.records.ingest import opening_cut_ins
 from accelerated_evaluation.records.sources import read_source
 from accelerated_evaluation.scenarios.cut_in import CUT_IN
 from accelerated_evaluation.study.jobs import job
-from accelerated_evaluation.vehicles.named import NamedVehicle, all_loaded
+from accelerated_evaluation.vehicles.named import all_loaded
 
 if __name__ == "__main__":
     with job(snakemake.log[0]):
@@ -29,11 +29,7 @@ if __name__ == "__main__":
         generator = partial(child_generator, params.seed, "lead motion")
         study = LawStudy.of_smooth(records, params.draws, stream, files.family)
         maps = dict(zip(params.vehicles, map(read_crash_map, files.maps), strict=True))
-        named = {
-            label: NamedVehicle.of(section, params.simulations, workers=1)
-            for label, section in params.vehicles.items()
-        }
-        with all_loaded(named) as vehicles:
+        with all_loaded(params.vehicles, params.simulations, workers=1) as vehicles:
             motions = motion_tables(vehicles, maps, study, opening, Recorded.read(files.profiles), generator)
         for path, table in zip(
             (snakemake.output.moving, snakemake.output.europe), motions.values(), strict=True

@@ -22,7 +22,7 @@ from typing import Any, TypeVar
 import pandas as pd
 from matplotlib.figure import Figure
 
-from accelerated_evaluation.base.arguments import A_FUNCTION, Argument
+from accelerated_evaluation.base.arguments import A_FUNCTION, Argument, one_of
 from accelerated_evaluation.base.checking import checked
 from accelerated_evaluation.base.errors import InputError
 from accelerated_evaluation.base.registry import Registry
@@ -53,6 +53,7 @@ A_FIGURE = Argument(
     _drawn,
     "Correct the figure; docs/extensions.md has an example.",
 )
+A_TABLE = one_of(pd.DataFrame, words="a pandas.DataFrame", change="Return the table.")
 
 
 @checked(make=A_FUNCTION)
@@ -70,7 +71,7 @@ def figure(make: Make) -> Make:
         study.used.figures.append(make.__name__)
         return ShownFigure(data, study.figures / f"{make.__name__}.png")
 
-    make.publish = publish
+    make.publish, make.returns = publish, A_FIGURE
     return FIGURES.add(make.__name__)(make)
 
 
@@ -113,7 +114,7 @@ def table(
             study.used.tables.append(name)
             return ShownTable(made, shown if digits is None else shown.map(readable, digits=digits))
 
-        make.publish = publish
+        make.publish, make.returns = publish, A_TABLE
         return make
 
     return register
@@ -196,5 +197,6 @@ def show(study: Study, make: Callable[..., Any], **given: Any) -> Shown | None: 
     arguments = arguments_of(study, make, given)
     if arguments is None:
         return None
-    made = call(make, where=f"figure {make.__name__}", returns=A_FIGURE, **arguments)
+    kind = "figure" if make.returns is A_FIGURE else "table"
+    made = call(make, where=f"{kind} {make.__name__}", returns=make.returns, **arguments)
     return make.publish(study, made)

@@ -125,7 +125,13 @@ class NamedVehicle:
 
 
 @contextmanager
-def all_loaded(vehicles: Mapping[str, NamedVehicle]) -> Iterator[dict[str, Vehicle]]:
-    """Yield several vehicles by label, each loaded by `NamedVehicle.loaded`."""
+def all_loaded(
+    sections: Mapping[str, Mapping[str, Any]],
+    simulations: Mapping[str, Any],
+    scenario: Scenario = CUT_IN,
+    **changes: Any,  # noqa: ANN401
+) -> Iterator[dict[str, Vehicle]]:
+    """Yield the vehicles of several sections by label, loaded as by `NamedVehicle.of` and `loaded`."""
     with ExitStack() as stack:
-        yield {label: stack.enter_context(each.loaded()) for label, each in vehicles.items()}
+        named = {k: NamedVehicle.of(each, simulations, scenario, **changes) for k, each in sections.items()}
+        yield {label: stack.enter_context(each.loaded()) for label, each in named.items()}
