@@ -80,7 +80,7 @@ def test_last_digits_of_the_estimates_change_last_digits_of_the_table():
         for each in motions
     ]
     for one, other in zip(motions, others, strict=True):
-        np.testing.assert_allclose(found(one, {})["mean"], found(other, {})["mean"], rtol=1e-9)
+        np.testing.assert_allclose(found(one)["mean"], found(other)["mean"], rtol=1e-9)
 
 
 def test_the_interval_contains_what_is_not_known_about_motion():

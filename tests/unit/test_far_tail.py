@@ -88,7 +88,7 @@ def log_joint(found, deviation, z):
     """Return the log of prior times likelihood at m points z, (m, layers, J), without the common factors.
 
     They are integrated out by quadrature here, and not by the formula: for 4001 values of the risk, with
-    linear interpolation between them, whose error is below 1e-4.
+    linear interpolation between them, whose error is about 1e-4 or less.
     """
     log_factor = np.linspace(-6, 3, 181)[:, None]
     total = norm.logpdf(z).sum(axis=(1, 2))
