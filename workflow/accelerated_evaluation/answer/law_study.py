@@ -23,7 +23,7 @@ from accelerated_evaluation.base.arguments import Argument, a_number, one_of
 from accelerated_evaluation.base.arrays import Array
 from accelerated_evaluation.base.checking import checked
 from accelerated_evaluation.base.errors import InputError
-from accelerated_evaluation.base.randomness import A_GENERATOR, child_generator
+from accelerated_evaluation.base.randomness import A_GENERATOR, A_SEED, child_generator
 from accelerated_evaluation.laws import Law
 from accelerated_evaluation.laws.draws import Draws
 from accelerated_evaluation.scenarios.protocol import Scenario
@@ -32,7 +32,7 @@ from accelerated_evaluation.scenarios.protocol import Scenario
 def _streams(value: Any) -> Callable[[str], np.random.Generator]:  # noqa: ANN401
     if callable(value) and not isinstance(value, type):
         return value
-    return partial(child_generator, a_number(0, whole=True).take(value), "laws")
+    return partial(child_generator, A_SEED.take(value), "laws")
 
 
 STREAMS = Argument(

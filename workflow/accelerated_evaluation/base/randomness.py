@@ -1,6 +1,5 @@
 """Random generators: one root seed, and an independent child generator for every piece of random work."""
 
-import operator
 import zlib
 from typing import Any
 
@@ -9,8 +8,10 @@ import numpy as np
 from accelerated_evaluation.base.arguments import Argument, a_number
 from accelerated_evaluation.base.checking import checked
 
+A_SEED = a_number(0, whole=True)
 
-@checked(root_seed=a_number(0, whole=True))
+
+@checked(root_seed=A_SEED)
 def child_generator(root_seed: int, *path: str | int) -> np.random.Generator:
     """Return the random generator for one piece of work.
 
@@ -42,11 +43,7 @@ def child_generator(root_seed: int, *path: str | int) -> np.random.Generator:
 
 
 def _generator(value: Any) -> np.random.Generator:  # noqa: ANN401
-    if isinstance(value, np.random.Generator):
-        return value
-    if isinstance(value, bool) or operator.index(value) < 0:
-        raise ValueError
-    return child_generator(operator.index(value))
+    return value if isinstance(value, np.random.Generator) else child_generator(A_SEED.take(value))
 
 
 A_GENERATOR = Argument(
