@@ -76,11 +76,11 @@ def loaded(section, **changes):
     return NamedVehicle.of(section, SIMULATIONS, **changes).loaded()
 
 
-def slow(workers, batch_size=3, time_limit=60.0, **parameters):
+def slow(workers, batch_size=3, time_limit=60.0, retries=2, **parameters):
     """Return the car with its store, on given workers."""
     section = vehicle_section(**parameters)
     store = store_of("car.py:Car", section["parameters"], ["car.py"])
-    limits = {"batch_size": batch_size, "time_limit": time_limit}
+    limits = {"batch_size": batch_size, "time_limit": time_limit, "retries": retries}
     return SlowVehicle("car.py:Car", section["parameters"], "car.py:Car", store, workers, **limits)
 
 
@@ -121,15 +121,16 @@ def test_nothing_is_simulated_twice(here, threads, capfd):
 def test_a_fault_keeps_what_other_batches_gave(here, threads):
     broken = slow(threads, trouble="fails", at=15.0)
     message = (
-        r"vehicle car.py:Car, simulate, a batch of 3 encounters \(lead_speed 20, range 13, .*\): "
-        r"seen RuntimeError: no licence; .* [3-9] outcomes are kept in results/vehicles/.*outcomes.sqlite"
+        "vehicle car.py:Car, simulate, the encounter lead_speed 20, range 15, closing_speed 2: "
+        r"seen RuntimeError: no licence; .* ([5-9]|1[01]) outcomes are kept in .*outcomes.sqlite"
     )
     with pytest.raises(InputError, match=message):
         run(broken)
+    assert broken.lost == broken.retries == logged().count(15.0) - 1
     kept = len(broken.store)
     with pytest.raises(InputError, match="no licence"):
-        run(slow(threads, batch_size=1, trouble="fails", at=15.0))
-    assert kept < len(broken.store) < 12
+        run(slow(threads, batch_size=1, retries=0, trouble="fails", at=15.0))
+    assert 5 <= kept <= len(broken.store) < 12
 
 
 def test_a_car_that_is_not_deterministic_is_noticed_once_and_remembered(here, threads):
@@ -181,7 +182,7 @@ def test_the_repetition_is_of_all_kept_outcomes_once(here, threads):
 @pytest.mark.parametrize(("trouble", "limit"), [("exits", 60.0), ("hangs", 2.0)])
 def test_a_car_that_hangs_or_ends_its_process(here, trouble, limit):
     seen = {
-        "exits": "seen the end of the process that simulated it; expected outcomes",
+        "exits": "seen the end of all 3 processes that simulated it; expected outcomes",
         "hangs": "seen no end after 2 s; expected outcomes within this time limit of a batch",
     }[trouble]
     with Processes(2) as processes:

@@ -15,7 +15,8 @@ from accelerated_evaluation.vehicles.protocol import OUTCOMES
 
 ROOT = Path(__file__).resolve().parents[2]
 GUIDE = "\n".join(
-    (ROOT / "docs" / f"{name}.md").read_text() for name in ("your_vehicle", "vehicle_reference")
+    (ROOT / "docs" / f"{name}.md").read_text()
+    for name in ("your_vehicle", "vehicle_reference", "staying_program")
 )
 BLOCKS = re.findall(r"^```(\w*)\n(.*?)^```$", GUIDE, re.DOTALL | re.MULTILINE)
 COMMANDS = [content for language, content in BLOCKS if not language]
@@ -42,6 +43,11 @@ def require(kind):
         make = next(block for block in COMMANDS if block.startswith("mkdir -p binaries"))
         python = f"PATH={Path(sys.executable).parent}:$PATH\n"
         subprocess.run(["sh", "-e", "-c", python + make], check=True)
+    if kind == "staying":
+        if shutil.which("c++") is None:
+            pytest.skip("no C++ compiler is here to make the program")
+        make = next(block for block in COMMANDS if block.startswith("c++ ")).splitlines()[0]
+        subprocess.run(make.split(), check=True)
     if kind == "command" and shutil.which("awk") is None:
         pytest.skip("no awk is here")
 
@@ -51,15 +57,19 @@ def loaded(kind):
     return load_vehicle(section["name"], **section["parameters"])
 
 
-@pytest.mark.parametrize("kind", ["command", "fmu"])
+@pytest.mark.parametrize("kind", ["command", "staying", "staying in Python", "fmu"])
 def test_the_examples_are_the_same_car(clone, kind):
-    require(kind)
+    if kind == "staying in Python":
+        kind, example = "staying", Path("my_staying.yaml")
+        example.write_text(example.read_text().replace("./my_staying", f"[{sys.executable}, my_staying.py]"))
+    else:
+        require(kind)
     generator = np.random.default_rng(3)
     numbers = generator.uniform(12, 20, 60), generator.uniform(1, 30, 60), generator.uniform(-2, 11, 60)
     own, wanted = loaded(kind).simulate(*numbers), loaded("class").simulate(*numbers)
     assert 0.1 < wanted.crash.mean() < 0.9
     assert own.crash.tolist() == wanted.crash.tolist()
-    if kind == "command":
+    if kind != "fmu":
         for name in OUTCOMES:
             np.testing.assert_allclose(getattr(own, name), getattr(wanted, name), rtol=1e-12, atol=1e-12)
     else:  # whose outcomes are those at steps of 0.01 s
@@ -75,15 +85,15 @@ def family(tmp_path_factory):
     return tmp_path_factory.mktemp("laws") / "family.npz"
 
 
-@pytest.mark.parametrize("kind", ["class", "command", "fmu"])
+@pytest.mark.parametrize("kind", ["class", "command", "staying", "fmu"])
 def test_an_example_gives_a_crash_probability(clone, capsys, family, kind):
     require(kind)
     kept = Path("results", f"my_{kind}", "laws", "family.npz")
     kept.parent.mkdir(parents=True)
     if family.exists():
         shutil.copy(family, kept)
-    block = next(block for block in COMMANDS if f"estimate --config my_{kind}.yaml" in block)
-    words = [*block.split()[1:], "--config", "fewer.yaml", "--verbose"]
+    line = next(line for block in COMMANDS for line in block.splitlines() if f" my_{kind}.yaml" in line)
+    words = [*line.split()[1:], "--config", "fewer.yaml", "--verbose"]
     tables, reported = [], []
     for _ in range(1 if kind == "class" else 2):  # the second time the store is full
         assert cli.main(words) == 0
@@ -121,7 +131,7 @@ def test_the_command_can_be_tried_by_hand(clone):
 
 def test_the_configuration_of_the_guide_is_valid(clone):
     blocks = [content for language, content in BLOCKS if language == "yaml"]
-    assert len(blocks) == 7
+    assert len(blocks) == 8
     for block in blocks:
         Path("block.yaml").write_text(block)
         load(["block.yaml"])
@@ -147,5 +157,6 @@ def test_estimates_that_cannot_be_made(clone, capsys):
 def test_all_files_of_the_guide_are_tried():
     example = {"my_vehicle.py", "my_class.yaml", "my_vehicle.awk", "my_command.yaml"}
     example |= {"my_comparison.yaml"}  # tests/workflow/test_own_vehicles.py
+    example |= {"my_staying.yaml", "my_staying.cpp", "my_staying.py"}
     example |= {"my_slow_study.yaml"}  # the settings of tests/workflow/test_slow_study.py
     assert set(FILES) == example | {"my_fmu.yaml", "my_vehicle.c", "unused.c", "modelDescription.xml"}

@@ -44,6 +44,7 @@ from accelerated_evaluation.answer.words import (
 )
 from accelerated_evaluation.base.checking import checked
 from accelerated_evaluation.base.files import write_csv
+from accelerated_evaluation.base.numerals import counted
 from accelerated_evaluation.crash_map.mapping import map_crashes
 from accelerated_evaluation.crash_map.maps import Grid
 from accelerated_evaluation.laws.draws import Draws
@@ -154,7 +155,7 @@ class Estimated:
             *(map(ratio_in_words, ratios) if verbose else ()),
             *(criteria_in_words(self.tables) if self.criteria else ()),
             self.evidence.in_words,
-            *(self._simulated() if verbose else []),
+            *(self._simulated() if verbose or (self.vehicle and self.vehicle.lost) else []),
             *self.verdict.warning_lines(),
         ]
 
@@ -262,8 +263,10 @@ class Estimated:
     def _simulated(self) -> list[str]:
         if (vehicle := self.vehicle) is None:
             return []
+        lost = counted(vehicle.lost, "batch", "batches")
+        again = f"lost and simulated again: {lost}; " if vehicle.lost else ""
         return [
-            f"simulated: {vehicle.simulated:,}; taken from the store: {vehicle.found:,}; "
+            f"simulated: {vehicle.simulated:,}; {again}taken from the store: {vehicle.found:,}; "
             f"kept: {len(vehicle.store):,} in {vehicle.store.path}"
         ]
 

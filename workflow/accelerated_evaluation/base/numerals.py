@@ -12,6 +12,6 @@ def number_in(text: str, kind: type[int] | type[float] = float) -> float:
     return kind(text)
 
 
-def counted(number: int, noun: str) -> str:
+def counted(number: int, noun: str, plural: str = "") -> str:
     """Return a number of things as text, such as ``1 row`` or ``1,234 rows``."""
-    return f"{number:,} {noun}{'' if number == 1 else 's'}"
+    return f"{number:,} {noun if number == 1 else plural or f'{noun}s'}"

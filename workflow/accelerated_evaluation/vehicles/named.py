@@ -2,7 +2,7 @@
 
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import ExitStack, contextmanager
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any, Self
 
 from accelerated_evaluation.base.tables import require_file
@@ -103,6 +103,10 @@ class NamedVehicle:
         """Yield the vehicle with its store and with workers."""
         store, settings = store_of(self.name, self.parameters, files, self.scenario), self.simulations
         with workers_of(settings.executor, settings.workers, settings.options) as workers:
+            if getattr(
+                car.vehicle, "stays", False
+            ):  # its start is expensive, and perhaps no licence is left for another one
+                workers = replace(workers, others=workers.executor)
             try:
                 yield SlowVehicle(
                     self.name,
@@ -112,6 +116,7 @@ class NamedVehicle:
                     workers,
                     batch_size=settings.batch_size,
                     time_limit=settings.time_limit,
+                    retries=settings.retries,
                     scenario=self.scenario,
                     deterministic=car.deterministic,
                     takes_motion=takes_motion(car),

@@ -34,6 +34,7 @@ class ForeignVehicle(ABC):
 
     time_limit: float = BATCH_TIME_LIMIT  # longest time for a batch [s]
     scenario: Scenario = CUT_IN
+    stays: bool = False  # whether a program goes on running between the batches
 
     @property
     @abstractmethod
@@ -48,6 +49,10 @@ class ForeignVehicle(ABC):
     @abstractmethod
     def simulate(self, *columns: ArrayLike) -> Any:  # noqa: ANN401
         """Return the outcomes of n encounters, given the scenario's variables, each of shape (n,)."""
+
+    def longest(self, encounters: int) -> float:
+        """Return the longest time for a batch of so many encounters [s]."""
+        return self.time_limit
 
 
 @dataclass

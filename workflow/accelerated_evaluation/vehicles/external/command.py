@@ -1,20 +1,17 @@
-"""A vehicle that is a command in any language, which reads a CSV file of encounters and writes outcomes."""
+"""A vehicle that is a program in any language, which reads encounters and writes their outcomes."""
 
-import contextlib
+import atexit
 import csv
+import json
 import math
-import os
 import shlex
 import signal
 import subprocess
-import time
-import uuid
-from collections.abc import Callable, Iterator, Sequence
-from dataclasses import dataclass
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, field
 from pathlib import Path
 from tempfile import TemporaryDirectory
-from threading import Thread
-from typing import Any, BinaryIO
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -27,16 +24,12 @@ from accelerated_evaluation.scenarios.outcomes import FLAG
 from accelerated_evaluation.scenarios.parameters import parameter_error
 from accelerated_evaluation.scenarios.protocol import Scenario
 from accelerated_evaluation.vehicles.external.checked import ForeignVehicle
+from accelerated_evaluation.vehicles.external.processes import Printed, ended, started
+from accelerated_evaluation.vehicles.external.staying import Conversation
 from accelerated_evaluation.vehicles.moving import checked_lead_speeds
 from accelerated_evaluation.vehicles.protocol import VEHICLES
 
-REMEMBERED = 2000  # number of bytes kept of the printed output, so that a message can contain the last line
 FLAGS = {"1": 1.0, "0": 0.0, "true": 1.0, "false": 0.0, "1.0": 1.0, "0.0": 0.0}
-
-MARK = "ACCELERATED_EVALUATION_COMMAND"  # environment variable that all processes of a command inherit
-
-RUNNING: set[tuple[int, str]] = set()
-"""Arguments of `end_group` for the commands that are running, which have to end with this process."""
 
 
 @VEHICLES.add("command")
@@ -51,7 +44,10 @@ class Command(ForeignVehicle):
 
     If the lead vehicle changes its speed, IN.csv also has the columns speed_0.1, speed_0.2, ..., speed_8.0,
     with the lead speed [m/s] 0.1, 0.2, ..., 8 s after the start. After 8 s the lead vehicle keeps its speed.
-    InputError is raised if a parameter has the wrong type, or the command has no words.
+
+    A program that ``stays`` is started once in each worker, without additional arguments, and answers one
+    encounter after the other in lines of JSON (`Conversation`, docs/staying_program.md). InputError is raised
+    if a parameter has the wrong type, or the command has no words.
     """
 
     # Its words, or one text that is split into words as in a shell. No shell is used.
@@ -59,10 +55,13 @@ class Command(ForeignVehicle):
     # Whether the command reads the columns of lead speeds. If not, it cannot simulate cut-ins in which the
     # lead vehicle changes its speed.
     lead_motion: bool = False
+    stays: bool = False  # whether the program is started once, and answers in lines of JSON
+    _program: Conversation | None = field(default=None, init=False, repr=False, compare=False)
 
     def __post_init__(self) -> None:
-        if not isinstance(self.lead_motion, bool):
-            raise parameter_error("lead_motion", self.lead_motion, "true or false")
+        for name in ("lead_motion", "stays"):
+            if not isinstance(getattr(self, name), bool):
+                raise parameter_error(name, getattr(self, name), "true or false")
         is_list = isinstance(self.command, list | tuple)
         if not (is_list and all(isinstance(word, str) for word in self.command)) and not isinstance(
             self.command, str
@@ -116,6 +115,8 @@ class Command(ForeignVehicle):
         """
         if not encounters.shape[1]:
             return self.scenario.outcomes_of(np.empty((len(self.scenario.outcomes), 0)))
+        if self.stays:
+            return self.scenario.outcomes_of(self._answers(encounters, later_speeds))
         with TemporaryDirectory(prefix="accelerated_evaluation_") as folder:
             source, target = Path(folder, "encounters.csv"), Path(folder, "outcomes.csv")
             _write_encounters(source, encounters, self.scenario, later_speeds)
@@ -123,23 +124,39 @@ class Command(ForeignVehicle):
             outcomes = _read_outcomes(target, encounters, self.scenario, self._error)
         return self.scenario.outcomes_of(outcomes)
 
+    def longest(self, encounters: int) -> float:
+        """Return the longest time for a batch [s]: for a program that stays, for its start and each run."""
+        return self.time_limit * (1 + encounters if self.stays else 1)
+
+    def _answers(self, encounters: Array, later_speeds: Array | None) -> Array:
+        """Return the outcomes of a program that stays, shape (m, n); it is started if it is not running."""
+        outcomes = np.empty((len(self.scenario.outcomes), encounters.shape[1]))
+        for k, encounter in enumerate(encounters.T.tolist()):
+            request: dict[str, Any] = dict(zip(self.scenario.names, encounter, strict=True))
+            if later_speeds is not None:
+                request["lead_speeds"] = [encounter[0], *later_speeds[k].tolist()]
+            place = self.scenario.described(encounters[:, k])
+            answer = self._talk(request, place)
+            given = [_as_text(answer.get(name)) for name in self.scenario.outcome_names]
+            columns = [j if text else None for j, text in enumerate(given)]
+            where = f"outcome {{}} of {place}"
+            outcomes[:, k] = list(_numbers(given, columns, self.scenario, where, self._error))
+        return outcomes
+
+    def _talk(self, request: Mapping[str, Any], place: str) -> Mapping[str, Any]:
+        """Return the answer of the program to one encounter; a program that failed is started again."""
+        program, self._program = self._program, None
+        if program is None:
+            program = Conversation(self.words, self.time_limit, self._error)
+            atexit.register(program.end)
+        answer = program.ask(request, place)
+        self._program = program
+        return answer
+
     def _run(self, words: Sequence[str], encounters: Array) -> None:
         """Run the command in its own process group, and end the whole group afterwards."""
-        mark = f"{MARK}={uuid.uuid4()}"
-        try:
-            process = subprocess.Popen(
-                words,
-                env=os.environ | dict([mark.split("=")]),
-                stdin=subprocess.DEVNULL,
-                stdout=subprocess.PIPE,
-                stderr=subprocess.STDOUT,
-                start_new_session=True,
-            )
-        except OSError as error:
-            seen = f"{words[0]!r}: {(error.strerror or str(error)).lower()}"
-            change = "Correct the path, and make the file executable or name its interpreter first."
-            raise self._error("start", seen, "a program that can be run", change) from error
-        RUNNING.add((process.pid, mark))
+        streams = {"stdin": subprocess.DEVNULL, "stdout": subprocess.PIPE, "stderr": subprocess.STDOUT}
+        process, mark = started(words, self._error, **streams)
         printed = Printed(process.stdout)
         try:
             status = process.wait(self.time_limit)
@@ -151,71 +168,16 @@ class Command(ForeignVehicle):
                 "Make the command faster, raise simulations.time_limit, or lower simulations.batch_size.",
             ) from error
         finally:
-            end_group(process.pid, mark)
-            process.wait()
-            RUNNING.discard((process.pid, mark))
-            printed.stop()
+            ended(process, mark, printed)
         if status:
             how = f"exit status {status}" if status > 0 else f"killed by {signal.Signals(-status).name}"
             batch = self.scenario.described_batch(encounters)
             raise self._error(batch, f"{how}{printed.last_line()}", "exit status 0")
 
     def _error(self, what: str, seen: str, expected: str, change: str = "Correct the command.") -> InputError:
-        advice = f"{change} docs/your_vehicle.md describes the files that a command reads and writes."
+        page = "staying_program" if self.stays else "your_vehicle"
+        advice = f"{change} docs/{page}.md describes what a program reads and writes."
         return InputError(f"vehicle {self.name}, {what}", seen=seen, expected=expected, change=advice)
-
-
-class Printed:
-    """Reads the printed output of a command, so that the command never blocks, and keeps the last part."""
-
-    def __init__(self, pipe: BinaryIO) -> None:
-        self._pipe, self._end = pipe, b""
-        self._thread = Thread(target=self._read, daemon=True)
-        self._thread.start()
-
-    def _read(self) -> None:
-        with contextlib.suppress(ValueError, OSError):  # the pipe was closed
-            while part := self._pipe.read1(65536):
-                self._end = (self._end + part)[-REMEMBERED:]
-
-    def stop(self) -> None:
-        """Read the rest of the output for at most one second.
-
-        A process that has left the process group of the command may keep the pipe open forever.
-        """
-        self._thread.join(1)
-        if not self._thread.is_alive():
-            self._pipe.close()
-
-    def last_line(self) -> str:
-        """Return the last printed line, for a message; empty if there is none."""
-        lines = self._end.decode(errors="replace").strip().splitlines()
-        return f", and printed last {' '.join(lines[-1].split())[-300:]!r}" if lines else ""
-
-
-def end_group(process: int, mark: str) -> None:
-    """Kill all processes of a command: its process group, and processes that have left the group.
-
-    ``mark`` is an entry of the environment that only the processes of this command have. It identifies
-    processes that have left the group, on systems that list processes under /proc.
-    """
-    with contextlib.suppress(ProcessLookupError, PermissionError):
-        os.killpg(process, signal.SIGKILL)
-    while left := _marked(mark):  # a process may have started another one meanwhile
-        for one in left:
-            with contextlib.suppress(ProcessLookupError, PermissionError):
-                os.kill(one, signal.SIGKILL)
-        time.sleep(0.01)
-
-
-def _marked(mark: str) -> list[int]:
-    """Return the numbers of running processes that have the entry ``mark`` in their environment."""
-    found = []
-    for folder in Path("/proc").glob("[0-9]*"):
-        with contextlib.suppress(OSError):  # the process has ended, or belongs to another user
-            if mark.encode() in (folder / "environ").read_bytes().split(b"\0"):
-                found.append(int(folder.name))
-    return found
 
 
 def _write_encounters(path: Path, encounters: Array, scenario: Scenario, later_speeds: Array | None) -> None:
@@ -268,15 +230,20 @@ def _numbers(
 ) -> Iterator[float]:
     """Yield the outcomes of a row as numbers; `checked_outcomes` checks for NaN and contradictions later.
 
-    ``columns`` is None for an optional outcome without a column.
+    ``columns`` is None for an outcome that is not given, which only an optional one may be.
     """
     for outcome, column in zip(scenario.outcomes, columns, strict=True):
-        if column is None:
+        if column is None and outcome.optional:
             yield math.nan
             continue
-        text = row[column].strip() if column < len(row) else ""
+        text = row[column].strip() if column is not None and column < len(row) else ""
         try:
             yield FLAGS[text.lower()] if outcome.is_flag else number_in(text)
         except (KeyError, ValueError) as error:
             expected = FLAG if outcome.is_flag else "a number"
             raise refuse(where.format(outcome.name), repr(text), expected) from error
+
+
+def _as_text(value: Any) -> str:  # noqa: ANN401
+    """Return a value of JSON as a text that `_numbers` understands; empty for null and a missing value."""
+    return "" if value is None else value if isinstance(value, str) else json.dumps(value)

@@ -45,6 +45,13 @@ SECTION = section(
         "address of a Dask scheduler, tcp://HOST:PORT.",
     ),
     workers=integer(2, 1, 10_000, "Number of batches that run at the same time."),
+    retries=integer(
+        2,
+        0,
+        1_000,
+        "How often an encounter is simulated again, in another worker if there is one, after its run was "
+        "lost, because the program or the worker ended, took too long, or failed.",
+    ),
     options=mapping(
         {}, "Arguments of distributed.LocalCluster, dask_jobqueue.SLURMCluster or distributed.Client."
     ),
@@ -62,6 +69,7 @@ class SimulationSettings:
     time_limit: float
     executor: str
     workers: int
+    retries: int
     options: Mapping[str, Any]
 
     @classmethod
@@ -86,6 +94,7 @@ class SlowVehicle:
     # batches smaller.
     batch_size: int = field(default=100, repr=False)
     time_limit: float = field(default=600.0, repr=False)  # longest time for a batch [s]
+    retries: int = field(default=2, repr=False)  # how often an encounter whose run was lost is sent again
     scenario: Scenario = field(default=CUT_IN, repr=False)
     # None if this is unknown and has to be tested.
     deterministic: bool | None = field(default=None, repr=False)
@@ -95,6 +104,7 @@ class SlowVehicle:
     # deterministic.
     simulated: int = field(default=0, repr=False)
     found: int = field(default=0, repr=False)  # encounters that were found in the store
+    lost: int = field(default=0, repr=False)  # batches that were lost and sent again
     # Whether some encounters are simulated again, to find out whether the vehicle is deterministic.
     is_tested: bool = field(default=True, repr=False)
     _handed_out: Counter = field(default_factory=Counter, init=False, repr=False, compare=False)
@@ -193,33 +203,42 @@ class SlowVehicle:
         """Simulate encounters in batches by an executor, and yield the outcomes of each batch.
 
         Each item is the index of the first encounter of the batch, and the outcomes, shape (m, size of the
-        batch). Batches are yielded in the order in which they end. After a fault no new batch is started, but
-        the outcomes of running batches are still yielded, so that they are stored.
+        batch). Batches are yielded in the order in which they end.
+
+        A node that is lost or a program that fails is not necessarily a fault of the vehicle. The encounters
+        of a batch without outcomes are therefore sent again one by one, each up to ``retries`` times. If an
+        encounter fails once more, no new batch is started, but the outcomes of running batches are still
+        yielded, so that they are stored.
         """
         size = min(self.batch_size, math.ceil(len(encounters) / self.workers.count)) or 1
-        waiting = list(range(0, len(encounters), size))[::-1]
-        running: dict[Future, tuple[int, float]] = {}
+        waiting = [slice(k, k + size) for k in range(0, len(encounters), size)][::-1]
+        running: dict[Future, tuple[slice, float]] = {}
+        failures: Counter[int] = Counter()  # of each encounter
         fault: InputError | None = None
         progress = tqdm(desc=self.title, total=len(encounters), delay=5, disable=None, leave=False)
         with progress:
             while running or (waiting and fault is None):
                 while waiting and fault is None and len(running) < self.workers.count:
-                    first = waiting.pop()
-                    running[self._submit(encounters[first : first + size], executor)] = (
-                        first,
-                        time.monotonic(),
-                    )
+                    rows = waiting.pop()
+                    running[self._submit(encounters[rows], executor)] = rows, time.monotonic()
                 for future in wait(running, return_when=FIRST_COMPLETED).done:
-                    first, begun = running.pop(future)
+                    rows, begun = running.pop(future)
                     try:
                         outcomes = future.result()
                     except Exception as error:  # executors raise various errors for a worker that died
-                        batch = encounters[first : first + size]
-                        fault = fault or self._batch_error(error, batch, time.monotonic() - begun)
+                        again = range(len(encounters))[rows]
+                        failures.update(again)
+                        if max(failures[k] for k in again) > self.retries:
+                            fault = fault or self._batch_error(
+                                error, encounters[rows], time.monotonic() - begun
+                            )
+                        else:
+                            self.lost += 1
+                            waiting += [slice(k, k + 1) for k in reversed(again)]
                         continue
                     self.simulated += outcomes.shape[1]
                     progress.update(outcomes.shape[1])
-                    yield first, outcomes
+                    yield rows.start, outcomes
         if fault is not None:
             raise self._with_kept(fault)
 
@@ -249,10 +268,11 @@ class SlowVehicle:
                 "(--time-limit and --batch-size of the command simulate).",
             )
         died = isinstance(error, BrokenExecutor) or type(error).__name__ == "KilledWorker"
+        ends = f"the end of all {self.retries + 1} processes" if self.retries else "the end of the process"
         return outcome_error(
             self.title,
             shown,
-            "the end of the process that simulated it" if died else error_in_words(error),
+            f"{ends} that simulated it" if died else error_in_words(error),
             "outcomes",
             "The vehicle crashes or ends its process, or was killed." if died else "Correct the vehicle.",
         )

@@ -10,10 +10,10 @@ import signal
 import subprocess
 import threading
 from collections.abc import Callable, Iterator, Mapping
-from concurrent.futures import Executor, Future, ProcessPoolExecutor
+from concurrent.futures import BrokenExecutor, Executor, Future, ProcessPoolExecutor
 from contextlib import ExitStack, contextmanager, redirect_stderr, redirect_stdout
 from dataclasses import dataclass, field
-from functools import cache
+from functools import cache, partial
 from multiprocessing import active_children, get_context, parent_process
 from queue import SimpleQueue
 from typing import Any, TextIO
@@ -31,7 +31,7 @@ from accelerated_evaluation.vehicles.external.checked import (
     ForeignVehicle,
     difference_in,
 )
-from accelerated_evaluation.vehicles.external.command import RUNNING, end_group
+from accelerated_evaluation.vehicles.external.processes import RUNNING, end_group
 from accelerated_evaluation.vehicles.loading import load_vehicle
 from accelerated_evaluation.vehicles.protocol import outcome_error
 
@@ -74,6 +74,8 @@ def simulate_batch(
             vehicle = _loaded(json.dumps([name, scenario, parameters]))
             if isinstance(vehicle.vehicle, ForeignVehicle):
                 vehicle.vehicle.time_limit = time_limit
+                longest = vehicle.vehicle.longest(encounters.shape[1])
+                faulthandler.dump_traceback_later(longest + GRACE, exit=True, file=nowhere)
             variables, speeds = np.split(encounters, [vehicle.scenario.dimension])
             motion = (speeds.T,) if len(speeds) else ()
             outcomes = (vehicle.simulate_moving if motion else vehicle.simulate)(*variables, *motion)
@@ -117,7 +119,8 @@ class Processes(Executor):
 
     def __init__(self, count: int) -> None:
         context = get_context("spawn")  # a fork would copy the state of the threads of this process
-        self._pools = [ProcessPoolExecutor(1, context, initializer=_follow_parent) for _ in range(count)]
+        self._new = partial(ProcessPoolExecutor, 1, context, initializer=_follow_parent)
+        self._pools = [self._new() for _ in range(count)]
         self._idle: SimpleQueue[ProcessPoolExecutor] = SimpleQueue()
         for pool in self._pools:
             self._idle.put(pool)
@@ -125,12 +128,16 @@ class Processes(Executor):
     def submit(self, fn: Callable, /, *args: Any, **kwargs: Any) -> Future:  # noqa: ANN401
         """Run ``fn(*args, **kwargs)`` in a free process, and return the future of its result.
 
-        The call blocks until a process is free.
+        The call blocks until a process is free. A process that has died is replaced.
         """
         pool = self._idle.get()
         # A new process inherits the mask, so that an interrupt waits until the process can end silently.
         mask = signal.pthread_sigmask(signal.SIG_BLOCK, INTERRUPT)
         try:
+            future = pool.submit(fn, *args, **kwargs)
+        except BrokenExecutor:
+            pool = self._new()
+            self._pools.append(pool)
             future = pool.submit(fn, *args, **kwargs)
         finally:
             signal.pthread_sigmask(signal.SIG_SETMASK, mask)
@@ -203,7 +210,7 @@ def _dask_client(kind: str, count: int, options: Mapping[str, Any], stack: ExitS
     except ImportError as error:
         change = "Install the extra: pip install 'accelerated-evaluation[cluster]'."
         raise _error(repr(kind), f"no package {error.name}", "Dask", change) from error
-    # If a worker dies, the cause is the vehicle, so that Dask must not try the batch on other workers.
+    # `SlowVehicle` sends the encounters of a batch again itself, one by one, and counts them.
     stack.enter_context(dask.config.set({"distributed.scheduler.allowed-failures": 0}))
     if kind not in CLUSTERS:
         client = Client(kind, timeout=JOIN, **options)
@@ -216,7 +223,7 @@ def _dask_client(kind: str, count: int, options: Mapping[str, Any], stack: ExitS
         client = Client(cluster)
         if kind == "slurm":
             _try_submission(cluster.job_script())
-            cluster.scale(count)
+            cluster.adapt(minimum=count, maximum=count)  # jobs that end are submitted again
     client.wait_for_workers(1, timeout=JOIN if kind != "slurm" else None)
     return client
 
