@@ -2,6 +2,7 @@
 
 import inspect
 
+import numpy as np
 import pandas as pd
 import pytest
 from accelerated_evaluation.publishing.tables import credibility as module
@@ -36,6 +37,18 @@ RESULTS = {
     "counted_crashes": pd.DataFrame(
         {"who": ["under test"], "kind": "predicted", "in_hundred_car": 0.96, "verdict": "compatible"}
     ),
+    "criteria": pd.DataFrame(
+        {
+            "criterion": ["1e-6 per km", "1e-7 per hour"],
+            "verdict": ["met under the models", "not known"],
+            "encounters": ["all cut-ins", np.nan],
+            "probability": 0.97,
+            "upper95": 7e-7,
+            "beyond": 0.96,
+            "replayed_upper95": np.nan,
+            "reason": ["", "it is not stated in how many hours the records were made"],
+        }
+    ),
 }
 REPORT = pd.DataFrame({"check": ["unit"], "verdict": ["fine"], "seen": ""}).assign(advice="", explained=False)
 EXPECTED = {
@@ -51,6 +64,7 @@ EXPECTED = {
     "all_cut_ins": "missing: records of opening cut-ins",
     "counted_crashes": "0.96 crashes in two million miles: compatible",
     "provenance.json": "root seed 77",
+    "criteria": "1e-6 per km: met under the models, for all cut-ins (met with probability 0.97",
 }
 
 

@@ -7,9 +7,10 @@ import pandas as pd
 import pytest
 from accelerated_evaluation import InputError, Posterior, SampledPosterior
 from accelerated_evaluation.answer.criterion import (
-    MET,
-    NOT_MET,
+    BY_MODELS,
+    SHOWN,
     UNDECIDED,
+    Basis,
     criteria_table,
     criterion_in_words,
     criterion_of,
@@ -18,6 +19,7 @@ from accelerated_evaluation.answer.criterion import (
 )
 from accelerated_evaluation.answer.deciding import (
     assurance,
+    criteria_tables,
     deciding_table,
     encounters_needed,
     factor_needed,
@@ -73,7 +75,8 @@ def test_other_texts_are_refused(text):
 
 
 @pytest.mark.parametrize(
-    ("limit", "verdict"), [(3e-6, MET), (1.2e-6, UNDECIDED), (1e-6, UNDECIDED), (3e-7, NOT_MET)]
+    ("limit", "verdict"),
+    [(3e-6, BY_MODELS[True]), (1.2e-6, UNDECIDED), (1e-6, UNDECIDED), (3e-7, BY_MODELS[False])],
 )
 def test_a_lognormal_posterior(limit, verdict):
     judged = judge(of(f"{limit} per cut-in"), lognormal(1e-6, 0.5), 100, UNKNOWN)
@@ -89,14 +92,15 @@ def test_the_uncertainty_of_the_rate_of_encounters_counts():
     exact = gamma(4.5, scale=1e-4)
     assert judged.probability_met == pytest.approx(exact.cdf(6e-4), abs=0.04)
     assert judged.probability_met < 0.9  # a rate that is taken as known, 4.5 in 10 hours, would give 1
-    assert judge(of("6e-4 per km"), posterior, 4, {"kilometres": None, "hours": 10.0}) is None
+    reason = judge(of("6e-4 per km"), posterior, 4, {"kilometres": None, "hours": 10.0})
+    assert reason == "it is not stated in how many kilometres the records were made"
 
 
 def test_the_sampling_error_counts():
     exact = lognormal(1e-6, 1e-3, 50)
     sampled = SampledPosterior(exact.probabilities, exact.member, np.full(50, 0.3), 20)
     of_limit = of("1.3e-6 per cut-in")
-    assert judge(of_limit, exact, 100, UNKNOWN).verdict == MET
+    assert judge(of_limit, exact, 100, UNKNOWN).verdict == BY_MODELS[True]
     assert judge(of_limit, sampled, 100, UNKNOWN).verdict == UNDECIDED
 
 
@@ -104,11 +108,13 @@ def test_ratios_share_their_draws():
     """Both probabilities vary by a factor of 10, but their ratio is 0.5 in each draw."""
     own, other = lognormal(1e-6, 1.0), lognormal(2e-6, 1.0)
     judged = judge(of("0.6 x cc_human"), own, 100, UNKNOWN, others={"cc_human": other})
-    assert judged.verdict == MET
+    assert judged.verdict == BY_MODELS[True]
     assert judged.upper == pytest.approx(0.5)
     apart = Posterior(np.random.default_rng(1).permutation(other.probabilities), other.member)
     assert judge(of("0.6 x cc_human"), own, 100, UNKNOWN, others={"cc_human": apart}).verdict == UNDECIDED
-    assert judge(of("0.6 x nobody"), own, 100, UNKNOWN, others={"cc_human": other}) is None
+    assert "was not compared" in judge(of("0.6 x nobody"), own, 100, UNKNOWN, others={"cc_human": other})
+    never = Posterior(np.zeros(K), own.member)
+    assert "no event" in judge(of("0.6 x cc_human"), own, 100, UNKNOWN, others={"cc_human": never})
 
 
 def test_injuries_per_event():
@@ -175,23 +181,57 @@ def test_the_table_of_what_would_decide():
     assert deciding_table(decided, variances, 1_000, None, exposure).empty
 
 
+PARTS = pd.DataFrame({"part": ["all", "recorded"], "upper95": [4e-6, 1e-6], "recorded": 0, "records": 299})
+
+
 def test_the_table_of_criteria():
-    criteria = [of("3e-6 per cut-in"), of("1e-7 per hour")]
-    judged = [judge(each, lognormal(1e-6, 0.5), 100, UNKNOWN) for each in criteria]
-    extrapolation = pd.DataFrame(
-        {"part": ["all", "recorded"], "upper95": [4e-6, 1e-6], "recorded": [0, 0], "records": [299, 299]}
-    )
-    table = criteria_table(criteria, judged, extrapolation)
-    assert table["verdict"].tolist() == [MET, "not known"]
+    criteria, basis = [of("3e-6 per cut-in"), of("1e-7 per hour")], Basis.of(PARTS, "closing cut-ins")
+    judged = [judge(each, lognormal(1e-6, 0.5), 100, UNKNOWN, basis=basis) for each in criteria]
+    table = criteria_table(criteria, judged)
+    assert table["verdict"].tolist() == [BY_MODELS[True], "not known"]
     assert table["beyond"][0] == 0.75
     assert table["replayed_upper95"][0] == pytest.approx(1 - 0.05 ** (1 / 299))
     lines = [criterion_in_words(row) for row in table.to_dict("records")]
-    assert "shown to be met" in lines[0]
+    assert "met under the models, for closing cut-ins" in lines[0]
     assert "75 %" in lines[0]
-    assert lines[1].endswith("because it is not stated in how many kilometres or hours the records were made")
+    assert lines[1].endswith("because it is not stated in how many hours the records were made")
     undecided = SimpleNamespace(verdict=UNDECIDED, probability=0.5)
     row = table.iloc[0].to_dict() | vars(undecided)
     assert "not refuted" in criterion_in_words(row)
+
+
+@pytest.mark.parametrize(
+    ("beyond", "replayed", "shown"),
+    [
+        (0.05, (0.0, 2e-6), True),
+        (0.95, (0.0, 2e-6), False),  # nearly all of the bound is extrapolated
+        (0.05, (0.0, 1e-2), False),  # the replays could have missed far more than the limit
+        (0.05, (np.nan, np.nan), False),
+    ],
+)
+def test_a_criterion_is_shown_to_be_met_only_by_records(beyond, replayed, shown):
+    basis = Basis("", beyond, replayed)
+    found = judge(of("3e-6 per cut-in"), lognormal(1e-6, 0.5), 100, UNKNOWN, basis=basis)
+    assert found.verdict == (SHOWN if shown else BY_MODELS)[True]
+    refuting = Basis("", beyond, (replayed[1], replayed[1]))
+    found = judge(of("3e-7 per cut-in"), lognormal(1e-6, 0.5), 100, UNKNOWN, basis=refuting)
+    assert found.verdict == (SHOWN if beyond < 0.5 and not np.isnan(replayed[0]) else BY_MODELS)[False]
+
+
+def test_a_rate_of_all_encounters_is_judged_if_it_is_known():
+    """Events that were not recorded make the rate ten times as large, and no replay speaks about them."""
+    own, basis = lognormal(1e-6, 0.5), Basis("closing cut-ins", 0.0, (0.0, 2e-6))
+    every = lognormal(1e-5, 1.0), basis.of_every("cut-in")
+    given = [of("3e-6 per cut-in")], own, None, basis, 100, UNKNOWN, {}, {}
+    closing, whole = (criteria_tables(*given, each)["criteria"].iloc[0] for each in (None, every))
+    assert (closing["verdict"], closing["encounters"]) == (SHOWN[True], "closing cut-ins")
+    assert (whole["verdict"], whole["encounters"]) == (UNDECIDED, "all cut-ins")
+    assert np.isnan(whole["replayed_upper95"])
+
+
+def test_no_verdict_without_an_estimate():
+    found = criteria_tables([of("3e-6 per cut-in")], None, None, Basis(), 100, UNKNOWN, {}, {})
+    assert "replayed records contradict" in criterion_in_words(found["criteria"].iloc[0])
 
 
 def test_bounds_without_a_model():

@@ -119,9 +119,12 @@ def test_a_table_of_records_is_looked_up_for_every_scenario(monkeypatch):
 def test_vehicles_of_another_scenario_are_compared(tmp_path, monkeypatch):
     monkeypatch.chdir(ROOT)
     mine = {"name": "acc_aeb", "parameters": {"headway": 1.5}}
-    given = {"scenario": {"name": "left_turn"}, "study": "mine", "compared_vehicles": {"later": mine}}
+    given = {"scenario": {"name": "left_turn"}, "study": "mine"}
+    given["compared_vehicles"] = {"later": {"name": "acc_aeb", "parameters": {"headway": 1.6}}}
     inputs = StudyInputs.checked(given, [], ROOT, cores=1, is_main_process=True)
-    assert list(inputs.vehicles) == ["under_test", "acc_aeb", "later"]
+    assert list(inputs.vehicles) == ["under_test", "later"]  # acc_aeb is the vehicle under test
+    changed = StudyInputs.checked({**given, "vehicle": mine}, [], ROOT, cores=1, is_main_process=True)
+    assert list(changed.vehicles) == ["under_test", "acc_aeb", "later"]
     given["compared_vehicles"] = {"rss": {}}  # a vehicle of cut-ins
     with pytest.raises(InputError, match=r"compared_vehicles.rss, vehicle: seen 'rss'"):
         StudyInputs.checked(given, [], ROOT, cores=1, is_main_process=True)

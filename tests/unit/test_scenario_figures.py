@@ -6,8 +6,10 @@ from accelerated_evaluation.publishing.figures.answer import fig25_vehicles
 from accelerated_evaluation.publishing.figures.extrapolation import fig37_extrapolation
 from accelerated_evaluation.publishing.figures.surrogate import fig35_scenario_methods
 from accelerated_evaluation.publishing.tables.laws import vehicles_digest
+from accelerated_evaluation.publishing.tables.methods import contradicted, methods_table
 from accelerated_evaluation.scenarios.left_turn import LEFT_TURN
 from accelerated_evaluation.scenarios.pedestrian import PEDESTRIAN
+from scipy.special import ndtri
 
 SOURCE = "made up"
 EXTRAPOLATION = pd.DataFrame({"part": ["all", "recorded", "near", "far"], "share": [1.0, 0.26, 0.68, 0.06]})
@@ -19,8 +21,8 @@ def drawn_crashes(scenario, extrapolation=EXTRAPOLATION):
     return fig37_extrapolation(extrapolation, points.assign(part="near"), points, scenario, SOURCE)
 
 
-def drawn_methods(converged=(True, True, False), probability=(0.02, 0.021, 0.0001)):
-    table = pd.DataFrame(
+def methods(converged=(True, True, False), probability=(0.02, 0.021, 0.0001)):
+    return pd.DataFrame(
         {
             "law": "heaviest",
             "event": "crash",
@@ -32,9 +34,15 @@ def drawn_methods(converged=(True, True, False), probability=(0.02, 0.021, 0.000
             "learning": [0, 1000, 100],
             "estimating": [5000, 1500, 50],
             "converged": converged,
+            "events": 50,
+            "exact": np.nan,
+            "exact_error": np.nan,
         }
     )
-    return fig35_scenario_methods(table, 0.2, SOURCE)
+
+
+def drawn_methods(*given, **named):
+    return fig35_scenario_methods(methods(*given, **named), 0.2, SOURCE)
 
 
 def test_a_speed_without_a_sign_is_drawn_as_the_laws_treat_it():
@@ -93,3 +101,30 @@ def test_estimates_that_have_not_converged_or_have_no_event_are_marked():
         line for line in drawn.axes[0].get_lines() if line.get_marker() == "<" and len(line.get_xdata())
     )
     assert arrow.get_xdata().tolist() == [0.022]
+
+
+def test_a_converged_estimate_far_from_the_others_is_contradicted():
+    """The third one is far from the two others, which agree; before it converges it claims nothing."""
+    assert not contradicted(methods(), 0.2).any()
+    wrong = methods(converged=True)
+    assert contradicted(wrong, 0.2).tolist() == [False, False, True]
+    assert contradicted(wrong.assign(exact=1e-4, exact_error=0.01), 0.2).tolist() == [True, True, False]
+    apart = wrong.assign(law=["a", "b", "c"])  # estimates under other laws say nothing
+    assert not contradicted(apart, 0.2).any()
+    assert methods_table(wrong, 0.2)["contradicted"].tolist() == [0, 0, 1]
+    drawn, table = fig35_scenario_methods(wrong, 0.2, SOURCE)
+    assert "contradicted" in [text.get_text() for text in drawn.legends[0].get_texts()]
+    assert table["contradicted"].sum() == 1
+
+
+def test_few_estimates_within_their_errors_are_seldom_contradicted():
+    """Of estimates with the errors that their intervals state, four errors are exceeded by almost none."""
+    generator, error, size = np.random.default_rng(7), 0.15, 400
+    logs = error * generator.standard_normal(size)
+    rows = pd.DataFrame({"law": "a", "event": "crash", "probability": 1e-5 * np.exp(logs), "converged": True})
+    reach = np.exp(ndtri(0.9) * error)
+    rows = rows.assign(ci_low=rows["probability"] / reach, ci_high=rows["probability"] * reach)
+    rows = rows.assign(exact=np.nan, exact_error=np.nan)
+    assert contradicted(rows, 0.2).sum() <= 1  # expected 0.03
+    too_short = rows.assign(ci_low=rows["probability"] / 1.05, ci_high=rows["probability"] * 1.05)
+    assert contradicted(too_short, 0.2).mean() > 0.2

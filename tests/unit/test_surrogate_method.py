@@ -91,19 +91,21 @@ def test_sentences_name_what_the_runs_cannot_exclude():
     assert "these are 2 and 9e+02 times the estimate" in words
     assert "times" not in unseen_in_words(math.nan, bounds)
     known = {"repeats": 0, "differed": 0, "law_draws": 0, "law_events": 0, "counted": 0, "drift": 0}
-    assert "stated to be deterministic" in chance_in_words(known)
+    stated = [chance_in_words(known, each) for each in (True, False, None)]
+    parts = ["stated to be deterministic", "stated to be random", "not stated"]
+    assert [[part in words for part in parts] for words in stated] == np.eye(3, dtype=bool).tolist()
     assert assumption_in_words(known) == []
     known |= {"repeats": 200, "law_draws": 300, "law_events": 4}
-    assert "more than 1.5% of the repeated runs" in chance_in_words(known)
-    assert "counted by plain simulation" in chance_in_words(known | {"counted": 1})
-    assert "drift: " in chance_in_words(known | {"drift": 1})
+    assert "more than 1.5% of the repeated runs" in chance_in_words(known, None)
+    assert "counted by plain simulation" in chance_in_words(known | {"counted": 1}, None)
+    assert "drift: " in chance_in_words(known | {"drift": 1}, None)
     known |= {"differed": 3, "unseen_lapses": 0.03}
-    words = chance_in_words(known)
+    words = chance_in_words(known, None)
     assert "draws of the law itself: 300, of which 4 ended in the event" in words
     assert "rare lapses can add up to 0.03 (95% confidence, without any assumption" in words
     for absent in ("exclude", "counted", "drift"):
         assert absent not in words
-    assert "at least 12,345 draws" in chance_in_words(known | {"settling_runs": 12_345.0})
+    assert "at least 12,345 draws" in chance_in_words(known | {"settling_runs": 12_345.0}, None)
 
 
 def test_the_answer_says_how_many_runs_were_checks_and_what_saves_them():

@@ -1,13 +1,17 @@
 """The sum of the rates of several scenarios, against closed forms, and the command ``total``."""
 
 import json
+from pathlib import Path
 
 import numpy as np
 import pandas as pd
 import pytest
 from accelerated_evaluation import Posterior, cli
+from accelerated_evaluation.answer.all_cut_ins import COLUMNS, QUANTILES
+from accelerated_evaluation.answer.criterion import BY_MODELS, Basis
 from accelerated_evaluation.answer.rates import Rate
-from accelerated_evaluation.answer.total import SIZE, rate_values, total_table
+from accelerated_evaluation.answer.total import SIZE, judged_total, rate_values, total_table
+from scipy.special import ndtri
 
 
 def posterior(*probabilities):
@@ -20,7 +24,8 @@ def test_the_sum_of_two_rates():
     p, q = posterior(1e-6, 3e-6), posterior(2e-5)
     rate = Rate(10, 5.0)
     rates = {"a": rate_values(p, rate, generator), "b": rate_values(q, 0.1, generator)}
-    table = total_table(rates, "hour").set_index("scenario")
+    bases = {"a": Basis("closing cut-ins", 0.9, (0.0, 1.0)), "b": Basis("", 0.1, (0.0, 2.0))}
+    table = total_table(rates, "hour", bases).set_index("scenario")
     mean, variance = rate.law.mean(), rate.law.var()
     expected = mean * 2e-6 + 0.1 * 2e-5
     of_product = (variance + mean**2) * 5e-12 - (mean * 2e-6) ** 2
@@ -31,6 +36,10 @@ def test_the_sum_of_two_rates():
     spread = np.sum(list(rates.values()), axis=0).std()
     assert spread == pytest.approx(np.sqrt(of_product), rel=0.03)
     assert spread > 1.1 * mean * 1e-6  # the uncertainty of the rate of encounters is in it
+    share = table.loc["a", "share"]
+    assert table.loc["together", "beyond"] == pytest.approx(0.9 * share + 0.1 * (1 - share))
+    judged = judged_total(rates, "hour", bases, 1.0)
+    assert (judged.verdict, judged.basis.replayed) == (BY_MODELS[True], (0.0, 3.0))
 
 
 @pytest.fixture
@@ -44,17 +53,33 @@ def studies(tmp_path, monkeypatch):
         (folder / "exposure.json").write_text(json.dumps({"kilometres": kilometres, "hours": None}))
         draws = {"draw": [1, 2], "law": ["a", "a"], "probability": [probability, 2 * probability]}
         pd.DataFrame(draws).to_csv(folder / "laws/answer_draws.csv", index=False)
-        parts = pd.DataFrame({"part": ["all"], "records": [1000]})
+        parts = pd.DataFrame({"part": ["all", "recorded"], "records": 1000, "recorded": 0, "upper95": 1e-5})
         parts.to_csv(folder / "laws/extrapolation.csv", index=False)
+        (folder / "contents.json").write_text(json.dumps(["laws/extrapolation.csv"]))
 
 
 @pytest.mark.usefixtures("studies")
 def test_the_command_sums_studies(capsys):
     assert cli.main(["total", "one", "two=0.02", "--criterion", "1"]) == 0
-    assert "shown to be met" in capsys.readouterr().out
+    assert "shown to be met, for closing cut-ins whose lead" in capsys.readouterr().out
     table = pd.read_csv("results/total.csv").set_index("scenario")
     assert table.loc["one", "mean"] == pytest.approx(0.1 * 1.5e-6, rel=0.01)
     assert table.loc["two", "mean"] == pytest.approx(0.02 * 1.5e-5, rel=0.01)
+
+
+@pytest.mark.usefixtures("studies")
+def test_the_rate_of_all_cut_ins_enters_the_sum_if_a_study_has_it(capsys):
+    """It is lognormal, as in the table of quantiles, and ten times that of closing cut-ins."""
+    row = {"vehicle": "under test", "part": "all", "per": "closing cut-in"}
+    row |= {name: 1e-5 * np.exp(0.5 * ndtri(level)) for name, level in QUANTILES.items()}
+    pd.DataFrame([row], columns=COLUMNS).to_csv("results/one/all_cut_ins.csv", index=False)
+    files = ["laws/extrapolation.csv", "all_cut_ins.csv"]
+    Path("results/one/contents.json").write_text(json.dumps(files))
+    assert cli.main(["total", "one", "--criterion", "1"]) == 0
+    assert "met under the models, for all cut-ins" in capsys.readouterr().out
+    found = pd.read_csv("results/total.csv").iloc[0]
+    assert found["median"] == pytest.approx(0.1 * 1e-5, rel=0.03)
+    assert found["high95"] == pytest.approx(0.1 * 1e-5 * np.exp(0.5 * ndtri(0.975)), rel=0.05)
 
 
 @pytest.mark.usefixtures("studies")

@@ -22,12 +22,8 @@ OTHERS = [
     for name in VEHICLES
     if name != "under_test" and (name in FOLDERS or "maps" not in STAGES)
 ]
-OWN_TABLES = [
-    "answer_draws",
-    "vehicle",
-    "extrapolation",
-    *(["risks"] if WITH_INJURIES else []),
-]
+OWN_TABLES = ["answer_draws", "vehicle", *(["risks"] if WITH_INJURIES else [])]
+JUDGED_BY = ["answer_draws", "extrapolation", *(["risks"] if WITH_INJURIES else [])]
 OF_WAY = (
     OF_FEW_RUNS if SLOW else OF_MAPS if OWN_MAP else ["crash_shares", "impact_speeds"]
 )
@@ -76,7 +72,7 @@ rule study_answer:
 
 
 rule compare_vehicles:
-    """Compare the vehicle under test with others under the same draws of the law, and judge the criteria."""
+    """Compare the vehicle under test with others under the same draws of the law."""
     input:
         **tables_of_laws(*OWN_TABLES),
         encounters=rules.ingest_encounters.output.encounters,
@@ -91,8 +87,6 @@ rule compare_vehicles:
             "vehicles",
             "vehicle_draws",
             "compared",
-            "criteria",
-            "deciding",
             *(INJURIES if WITH_INJURIES else []),
         ),
     log:
@@ -109,13 +103,41 @@ rule compare_vehicles:
         vehicle_content=INPUTS.content_of(*OTHERS),
         simulations=INPUTS.simulating(*OTHERS)[1],
         half_width=config["importance_sampling"]["beta"],
-        criteria=config["criteria"],
         support=SUPPORT,
         library=code_up_to("answer", *SIMULATING),
     message:
         "Comparing the vehicle under test with others under the same draws"
     script:
         "../scripts/compare_vehicles.py"
+
+
+rule judge_criteria:
+    """Judge the criteria of the configuration, for encounters of all kinds if their rate is known."""
+    input:
+        **tables_of_laws("vehicle_draws", *JUDGED_BY),
+        all_cut_ins=rules.study_lead_motion.output.together if "maps" in STAGES else [],
+        encounters=rules.ingest_encounters.output.encounters,
+        exposure=rules.ingest_encounters.output.exposure,
+    output:
+        **tables_of_laws("criteria", "deciding"),
+    log:
+        log_of("judge_criteria.log"),
+    benchmark:
+        benchmark_of("judge_criteria.tsv")
+    params:
+        scenario=SCENARIO,
+        criteria=config["criteria"],
+        made=[
+            "vehicle_draws",
+            *JUDGED_BY,
+            *(["all_cut_ins"] if "maps" in STAGES else []),
+        ],
+        support=SUPPORT,
+        library=code_up_to("answer", *SIMULATING),
+    message:
+        "Judging the criteria"
+    script:
+        "../scripts/judge_criteria.py"
 
 
 if OWN_MAP:

@@ -1,11 +1,10 @@
-"""Compare the vehicle under test with others under the same draws of the law, and judge the criteria."""
+"""Compare the vehicle under test with others under the same draws of the law."""
 
 from collections.abc import Iterator, Mapping
 from functools import partial
 
 import pandas as pd
 from accelerated_evaluation.answer.answer import Answer, evaluate
-from accelerated_evaluation.answer.criterion import criteria_of
 from accelerated_evaluation.answer.fitted_records import stored_records
 from accelerated_evaluation.answer.study_tables import comparison_tables, fast_way
 from accelerated_evaluation.base.files import read_json, write_csv
@@ -34,9 +33,8 @@ if __name__ == "__main__":
                 yield name, evaluate(problem, draws, way, generator=stream("references", name))
 
         own = {name: pd.read_csv(path) for name, path in files.items() if name in params.own}
-        criteria = criteria_of(params.criteria, scenario)
         with all_loaded(params.vehicles, params.simulations, scenario, workers=snakemake.threads) as vehicles:
-            shared = records, scenario.references, params.half_width, criteria
+            shared = records, scenario.references, params.half_width
             tables = comparison_tables(own, answers(vehicles), *shared)
         for name, path in snakemake.output.items():
             write_csv(path, tables[name])

@@ -11,6 +11,8 @@ from collections.abc import Mapping
 
 import numpy as np
 import pandas as pd
+from scipy.interpolate import interp1d
+from scipy.special import ndtri
 from scipy.stats import gamma
 
 from accelerated_evaluation.answer.comparison import posterior_of
@@ -29,6 +31,11 @@ NO_RECORDS = "records of opening cut-ins (used: closing ones with the other sign
 NO_EXPOSURE = "distance and time of the records"
 NO_MOTION = "lead motion: the vehicle cannot be simulated with it, or never crashes without it"
 COLUMNS = ["vehicle", "part", "per", "mean", *SUMMARY[1:], "upper95", "share", "in_hundred_car", "missing"]
+
+# Columns of the table that are quantiles of a rate, and their levels.
+QUANTILES = {"low95": 0.025, "low80": 0.1, "low50": 0.25, "median": 0.5, "high50": 0.75, "high80": 0.9}
+QUANTILES |= {"upper95": 0.95, "high95": 0.975}
+VALUES = 1000  # number of equally likely values that represent a rate of the table
 
 
 def opening_law(moved: float, error: float, limit: float) -> gamma:
@@ -155,3 +162,19 @@ def rates_table(
         own = {name: motion[motion["vehicle"] == vehicle] for name, motion in motions.items()}
         tables.append(all_cut_ins(str(vehicle), posterior, own, rates, opening, generator))
     return pd.concat(tables, ignore_index=True) if tables else pd.DataFrame(columns=COLUMNS)
+
+
+def every_encounter(table: pd.DataFrame, vehicle: str) -> Posterior | None:
+    """Return the crash probability of a vehicle in cut-ins of all kinds, per closing cut-in; None if unknown.
+
+    ``table`` is that of `rates_table`. The equally likely values are interpolated between the quantiles of
+    the table, linearly in the normal score of the level and in the logarithm of the probability.
+    """
+    is_own = (table["vehicle"] == vehicle) & (table["part"] == ALL) & (table["per"] == CLOSING_CUT_IN)
+    knots = table.loc[is_own, list(QUANTILES)].to_numpy(float)
+    if not (knots > 0).all() or not len(knots):
+        return None
+    logs = np.maximum.accumulate(np.log(knots[0]))
+    curve = interp1d(ndtri(list(QUANTILES.values())), logs, fill_value="extrapolate")
+    values = np.exp(curve(ndtri((np.arange(VALUES) + 0.5) / VALUES)))
+    return Posterior(np.minimum(values, 1.0), np.zeros(VALUES, dtype=int))

@@ -133,7 +133,7 @@ def posterior_of(table: pd.DataFrame) -> Posterior | None:
         return None
     probabilities = table["probability"].to_numpy(float)
     member = np.unique(table["law"], return_inverse=True)[1]
-    if "error" not in table:
+    if "error" not in table or table["error"].isna().all():
         return Posterior(probabilities, member)
     errors, own = (table[name].to_numpy(float) for name in ("error", "own_error"))
     shared, batches, unseen = (table[name].iloc[0] for name in ("shared_error", "batches", "unseen_lapses"))

@@ -2,12 +2,15 @@
 
 A criterion is a text such as ``1e-7 per hour``, ``1e-8 MAIS3+ per kilometre`` or ``0.5 x cc_human``. It is
 judged by draws of the rate that contain every source of uncertainty that is known: parameters, choice of law,
-sampling, and the rate of encounters.
+sampling, and the rate of encounters. A verdict counts as shown only if the records support it without the
+models: little of the bound is extrapolated, and the replayed records alone give the same verdict. Otherwise
+it is a verdict under the models. The commands and the studies all use the verdicts of this module.
 """
 
 import re
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from typing import Any, Self
 
 import numpy as np
 import pandas as pd
@@ -32,9 +35,16 @@ CRITERIA = listed(
     uniqueItems=True,
 )
 CONFIDENCE = 0.95  # probability from which on a criterion counts as met, or as not met
-MET, NOT_MET, UNDECIDED = "met", "not met", "not decided"
+SURE = 0.99  # probability above which the words do not state it exactly, since it depends on far tails
+LITTLE = 0.1  # largest share of the upper bound beyond the records with which a verdict counts as shown
+UNDECIDED, UNKNOWN = "not decided", "not known"
+SHOWN = {True: "shown to be met", False: "shown not to be met"}
+BY_MODELS = {True: "met under the models", False: "not met under the models"}
+NO_ESTIMATE = "there is no estimate, or the replayed records contradict it"
 ENCOUNTER = "encounter"
 RATES = 25  # number of equally likely values that represent the posterior of the rate of encounters
+COLUMNS = ["criterion", "verdict", "encounters", "probability", "median", "lower95", "upper95", "beyond"]
+COLUMNS += ["runs_without_event", "replayed_low95", "replayed_upper95", "reason"]
 FORM = re.compile(
     r"(?P<limit>[-+.\deE]+)\s+(?:(?P<harm>(?!per\b|x\b)\S+)\s+)?(?:per\s+(?P<per>.+)|x\s+(?P<reference>\S+))",
     re.ASCII,
@@ -87,12 +97,48 @@ def criteria_of(texts: Sequence[str], scenario: Scenario, where: str = "criteria
 
 
 @dataclass(frozen=True)
+class Basis:
+    """What a rate of events rests on."""
+
+    encounters: str = ""  # the encounters whose rate it is, in words; empty if it is that of all encounters
+    beyond: float = np.nan  # share of the upper bound that belongs to predicted events unlike any record
+    # One-sided 95 % bounds of the rate that follow from replayed records alone, without a model of them.
+    replayed: tuple[float, float] = (np.nan, np.nan)
+
+    @classmethod
+    def of(cls, extrapolation: pd.DataFrame, encounters: str = "") -> Self:
+        """Return the basis of the probability of the event in an encounter, from the table `extrapolation`.
+
+        If only a sample of the records was replayed, its rows have no number of ``recorded`` events, but the
+        upper limit of the sample (`Evidence.added_to`).
+        """
+        if not len(extrapolation):
+            return cls(encounters)
+        parts = extrapolation.set_index("part")
+        whole, bounds = parts.loc[ALL], parts["upper95"]
+        replayed = 0.0, whole.get("replay_high95", np.nan)
+        if not np.isnan(whole["recorded"]):
+            count, size = int(whole["recorded"]), int(whole["records"])
+            replayed = exact_interval(count, size, 2 * CONFIDENCE - 1)
+        return cls(encounters, float(1 - bounds.get(RECORDED, np.nan) / bounds[ALL]), replayed)
+
+    def of_every(self, noun: str) -> "Basis":
+        """Return the basis for encounters of all kinds, of which replays of recorded ones say nothing."""
+        return replace(self.times(np.nan), encounters=f"all {noun}s")
+
+    def times(self, low: float, high: float | None = None) -> "Basis":
+        """Return the basis of the rate in a unit with a number of encounters between two values."""
+        return replace(self, replayed=(self.replayed[0] * low, self.replayed[1] * (high or low)))
+
+
+@dataclass(frozen=True)
 class Judged:
     """Draws of the rate, or of the ratio, that a criterion limits."""
 
     criterion: Criterion
     draws: Array  # equally likely values for each of K draws of the law, shape (K, m)
     events: Array  # probability of the event in an encounter that belongs to each value, shape (K, m)
+    basis: Basis = Basis()
 
     @property
     def probability_met(self) -> float:
@@ -111,8 +157,21 @@ class Judged:
 
     @property
     def verdict(self) -> str:
-        """The verdict: `MET`, `NOT_MET` or `UNDECIDED`; the first two have a probability of at least 95 %."""
-        return verdict_of(self.probability_met)
+        """The verdict: one of `SHOWN` or `BY_MODELS`, with a probability of at least 95 %, or `UNDECIDED`."""
+        if 1 - CONFIDENCE < self.probability_met < CONFIDENCE:
+            return UNDECIDED
+        is_met, (low, high) = self.probability_met >= CONFIDENCE, self.basis.replayed
+        agrees = high <= self.criterion.limit if is_met else low > self.criterion.limit
+        return (SHOWN if agrees and self.basis.beyond <= LITTLE else BY_MODELS)[is_met]
+
+    def row(self) -> dict[str, Any]:
+        """Return the row of `criteria_table`."""
+        row = {"criterion": self.criterion.text, "verdict": self.verdict, "encounters": self.basis.encounters}
+        row |= {"probability": self.probability_met, "median": float(np.median(self.draws))}
+        row |= {"lower95": self.lower, "upper95": self.upper, "beyond": self.basis.beyond, "reason": ""}
+        if self.criterion.per == ENCOUNTER and not self.criterion.harm and 0 < self.upper < 1:
+            row["runs_without_event"] = crude_runs(self.upper)
+        return row | dict(zip(("replayed_low95", "replayed_upper95"), self.basis.replayed, strict=True))
 
     def met_after(self, encounters: float) -> float:
         """Return the probability that the criterion is met if that many encounters end without the event."""
@@ -125,13 +184,6 @@ class Judged:
         return float(np.exp(-self.events * encounters).mean())
 
 
-def verdict_of(probability: float) -> str:
-    """Return the verdict on a criterion that is met with a given probability."""
-    if probability >= CONFIDENCE:
-        return MET
-    return NOT_MET if probability <= 1 - CONFIDENCE else UNDECIDED
-
-
 def judge(
     criterion: Criterion,
     posterior: Posterior,
@@ -139,8 +191,9 @@ def judge(
     exposure: Mapping[str, float | None],
     others: Mapping[str, Posterior | None] | None = None,
     injured: Mapping[str, Array] | None = None,
-) -> Judged | None:
-    """Return the draws of the rate that a criterion limits; None if the rate cannot be computed.
+    basis: Basis = Basis(),
+) -> Judged | str:
+    """Return the draws of the rate that a criterion limits, or the reason why it cannot be computed.
 
     Parameters
     ----------
@@ -156,72 +209,61 @@ def judge(
         Posteriors of reference vehicles under the same draws of the law.
     injured
         Expected number of injured persons in an encounter by level, arrays of shape (K, curves).
+    basis
+        What the probability of the event rests on. Replays say nothing about ratios and injuries.
     """
     if criterion.reference:
         other = (others or {}).get(criterion.reference)
-        if other is None or not np.all(other.probabilities > 0):
-            return None
+        if other is None:
+            return f"the vehicle {criterion.reference} was not compared"
+        if not np.all(other.probabilities > 0):
+            return f"the vehicle {criterion.reference} has no event under a draw of the law"
         values = ratios(posterior, other)[-1]
         events = posterior.probabilities[:, None] / posterior.noise
-        return Judged(criterion, _flat(values), _flat(np.broadcast_to(events[:, :, None], values.shape)))
+        events = np.broadcast_to(events[:, :, None], values.shape)
+        return Judged(criterion, _flat(values), _flat(events), basis.times(np.nan))
     values = own = posterior.with_sampling + posterior.unseen_lapses
     if criterion.harm:
         if criterion.harm not in (injured or {}):
-            return None
+            return f"injuries of the level {criterion.harm} are not predicted"
+        basis = basis.times(np.nan)
         numbers = injured[criterion.harm] / posterior.probabilities[:, None]  # injured persons per event
         values = _flat(own[:, :, None] * np.nan_to_num(numbers)[:, None, :])
         own = _flat(np.broadcast_to(own[:, :, None], (*own.shape, numbers.shape[1])))
     if criterion.per == ENCOUNTER:
-        return Judged(criterion, values, own)
-    length = {unit: exposure.get(name) for name, unit in UNITS.items()}[criterion.per]
-    if length is None:
-        return None
-    rates = Rate(size, length).law.ppf((np.arange(RATES) + 0.5) / RATES)
+        return Judged(criterion, values, own, basis)
+    name = next(name for name, unit in UNITS.items() if unit == criterion.per)
+    if (length := exposure.get(name)) is None:
+        return f"it is not stated in how many {name} the records were made"
+    law = Rate(size, length).law
+    rates = law.ppf((np.arange(RATES) + 0.5) / RATES)
     events = np.broadcast_to(own[:, :, None], (*own.shape, RATES))
-    return Judged(criterion, _flat(values[:, :, None] * rates), _flat(events))
+    basis = basis.times(*law.ppf([1 - CONFIDENCE, CONFIDENCE]))
+    return Judged(criterion, _flat(values[:, :, None] * rates), _flat(events), basis)
 
 
 def _flat(values: Array) -> Array:
     return values.reshape(len(values), -1)
 
 
-def criteria_table(
-    criteria: Sequence[Criterion], judged: Sequence[Judged | None], extrapolation: pd.DataFrame
-) -> pd.DataFrame:
+def criteria_table(criteria: Sequence[Criterion], judged: Sequence[Judged | str]) -> pd.DataFrame:
     """Tabulate the verdicts on criteria, one row each.
 
-    The columns are the ``criterion``; its ``verdict``; ``probability``, that the criterion is met; the median
-    and the one-sided 95 % bounds ``lower95`` and ``upper95`` of the rate; ``beyond``, the share of the upper
-    bound that rests on predicted events unlike any record (`extrapolation`); and ``runs_without_event``, the
-    number of encounters without the event that would show the same upper bound without a model. The last is
-    known for rates per encounter only, and so is ``replayed_upper95``, the exact bound that follows from the
-    replayed records without a model (`exact_interval`).
+    The columns are the ``criterion``; its ``verdict``; the ``encounters`` whose rate is judged, empty if
+    those of all kinds; ``probability``, that the criterion is met; the median and the one-sided 95 % bounds
+    ``lower95`` and ``upper95`` of the rate; ``beyond``, the share of the upper bound that rests on predicted
+    events unlike any record (`extrapolation`); ``runs_without_event``, the number of encounters without the
+    event that would show the same upper bound without a model, for rates per encounter only;
+    ``replayed_low95`` and ``replayed_upper95``, the exact one-sided bounds that follow from the replayed
+    records without a model; and the ``reason`` why a verdict is not known.
     """
-    bounds = extrapolation.set_index("part")["upper95"] if len(extrapolation) else pd.Series(dtype=float)
-    every = extrapolation.set_index("part").loc[ALL] if len(extrapolation) else {"recorded": np.nan}
-    beyond = 1 - bounds.get(RECORDED, np.nan) / bounds.get(ALL, np.nan)
-    rows = []
-    for criterion, own in zip(criteria, judged, strict=True):
-        row = {"criterion": criterion.text, "verdict": "not known"}
-        if own is not None:
-            plain = criterion.per == ENCOUNTER and not criterion.harm
-            row |= {
-                "verdict": own.verdict,
-                "probability": own.probability_met,
-                "median": float(np.median(own.draws)),
-                "lower95": own.lower,
-                "upper95": own.upper,
-                "beyond": beyond,
-            }
-            if plain and 0 < own.upper < 1:
-                row["runs_without_event"] = crude_runs(own.upper)
-            if plain and not np.isnan(every["recorded"]):
-                row["replayed_upper95"] = exact_interval(
-                    int(every["recorded"]), int(every["records"]), 2 * CONFIDENCE - 1
-                )[1]
-        rows.append(row)
-    columns = ["criterion", "verdict", "probability", "median", "lower95", "upper95", "beyond"]
-    return pd.DataFrame(rows, columns=[*columns, "runs_without_event", "replayed_upper95"])
+    rows = [
+        {"criterion": criterion.text, "verdict": UNKNOWN, "reason": own}
+        if isinstance(own, str)
+        else own.row()
+        for criterion, own in zip(criteria, judged, strict=True)
+    ]
+    return pd.DataFrame(rows, columns=COLUMNS)
 
 
 def crude_runs(probability: float) -> float:
@@ -232,29 +274,17 @@ def crude_runs(probability: float) -> float:
     return float(np.log(1 - CONFIDENCE) / np.log1p(-probability))
 
 
-def _lacking(text: str) -> str:
-    """Return what is missing to judge a criterion."""
-    parts = FORM.fullmatch(text).groupdict(default="")
-    if parts["reference"]:
-        return f"the vehicle {parts['reference']} was not compared, or has no event under a draw of the law"
-    exposure = "it is not stated in how many kilometres or hours the records were made"
-    return f"{exposure}, or injuries are not predicted" if parts["harm"] else exposure
-
-
-def criterion_in_words(row: Mapping[str, object]) -> str:
+def criterion_in_words(row: Mapping[str, Any]) -> str:
     """Return a row of `criteria_table` as a line of text."""
-    if row["verdict"] == "not known":
-        return f"criterion {row['criterion']}: not known, because {_lacking(str(row['criterion']))}"
-    words = {
-        MET: "shown to be met",
-        NOT_MET: "shown not to be met",
-        UNDECIDED: "not shown, and not refuted",
-    }
-    beyond = row["beyond"]
-    rests = (
-        "" if np.isnan(beyond) else f"; {in_percent(beyond)} of this bound is extrapolated beyond the records"
-    )
-    return (
-        f"criterion {row['criterion']}: {words[row['verdict']]} (met with probability "
-        f"{row['probability']:.2g}; one-sided 95% upper bound {row['upper95']:.2g}{rests})"
-    )
+    if row["verdict"] == UNKNOWN:
+        return f"criterion {row['criterion']}: not known, because {row['reason']}"
+    verdict = "not shown, and not refuted" if row["verdict"] == UNDECIDED else row["verdict"]
+    scope = f", for {row['encounters']}" if row["encounters"] else ""
+    met = row["probability"]
+    met = "above 0.99" if met > SURE else "below 0.01" if met < 1 - SURE else f"{met:.2g}"
+    parts = [f"met with probability {met}", f"one-sided 95% upper bound {row['upper95']:.2g}"]
+    if not np.isnan(row["beyond"]):
+        parts.append(f"{in_percent(row['beyond'])} of it extrapolated beyond the records")
+    if not np.isnan(row["replayed_upper95"]):
+        parts.append(f"replays of records alone allow {row['replayed_upper95']:.2g}")
+    return f"criterion {row['criterion']}: {verdict}{scope} ({'; '.join(parts)})"

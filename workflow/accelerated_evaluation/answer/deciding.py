@@ -17,7 +17,9 @@ from scipy.special import ndtr, ndtri, polygamma
 from accelerated_evaluation.answer.criterion import (
     CONFIDENCE,
     ENCOUNTER,
+    NO_ESTIMATE,
     UNDECIDED,
+    Basis,
     Criterion,
     Judged,
     criteria_table,
@@ -157,28 +159,39 @@ def criteria_tables(
     criteria: Sequence[Criterion],
     own: Posterior | None,
     simulations: int | None,
-    extrapolation: pd.DataFrame,
+    basis: Basis,
     size: int,
     exposure: Mapping[str, float | None],
     others: Mapping[str, Posterior | None],
     injured: Mapping[str, Array],
+    every: tuple[Posterior, Basis] | None = None,
 ) -> dict[str, pd.DataFrame]:
     """Return the tables ``criteria`` (`criteria_table`) and ``deciding`` (`deciding_table`) of an answer.
 
     ``own`` is the posterior of the event, None if it is not known, and ``simulations`` the number of
-    simulations, None if the event was not sampled. For the others see `judge`.
+    simulations, None if the event was not sampled. ``every`` is the posterior for encounters of all kinds per
+    recorded encounter, by which rates of the event are judged if it is known. For the others see `judge`.
     """
-    judged = [None if own is None else judge(each, own, size, exposure, others, injured) for each in criteria]
-    tables = []
-    for each in judged:
-        if each is None or not np.all(each.draws > 0):
+    judged: list[Judged | str] = []
+    tables = [pd.DataFrame(columns=COLUMNS)]
+    for criterion in criteria:
+        if own is None:
+            judged.append(NO_ESTIMATE)
             continue
-        reference = others[each.criterion.reference].deviation if each.criterion.reference else 0.0
-        variances = variances_of(each, own.member, float(np.hypot(own.deviation, reference)), size)
-        tables.append(deciding_table(each, variances, size, simulations, exposure))
-    deciding = pd.concat([table for table in tables if len(table)] or [pd.DataFrame(columns=COLUMNS)])
-    table = criteria_table(criteria, judged, extrapolation)
-    return {"criteria": table, "deciding": deciding.reset_index(drop=True)}
+        found = recorded = judge(criterion, own, size, exposure, others, injured, basis)
+        if every is not None and not criterion.harm and not criterion.reference:
+            found = judge(criterion, every[0], size, exposure, basis=every[1])
+        judged.append(found)
+        if isinstance(found, str) or isinstance(recorded, str) or not np.all(recorded.draws > 0):
+            continue
+        other = others.get(criterion.reference)
+        deviation = float(np.hypot(own.deviation, 0.0 if other is None else other.deviation))
+        variances = variances_of(recorded, own.member, deviation, size)
+        rest = np.log(found.draws).var() - np.log(recorded.draws).var()  # of what the records do not contain
+        variances |= {"encounters that were not recorded": max(float(rest), 0.0)}
+        tables.append(deciding_table(found, variances, size, simulations, exposure))
+    deciding = pd.concat([table for table in tables if len(table)] or tables, ignore_index=True)
+    return {"criteria": criteria_table(criteria, judged), "deciding": deciding}
 
 
 def criteria_in_words(tables: Mapping[str, pd.DataFrame]) -> list[str]:

@@ -25,7 +25,7 @@ from accelerated_evaluation.answer.comparison import (
     require_estimate,
     require_same_law,
 )
-from accelerated_evaluation.answer.criterion import Criterion
+from accelerated_evaluation.answer.criterion import Basis, Criterion
 from accelerated_evaluation.answer.deciding import criteria_in_words, criteria_tables
 from accelerated_evaluation.answer.estimate_tables import estimate_tables
 from accelerated_evaluation.answer.evidence import Evidence, checked_answers
@@ -108,11 +108,12 @@ class Estimated:
         """Return the tables of the criteria, judged by the first replicate."""
         own, others = self.answers[0], {name: each.posterior for name, each in self.references.items()}
         risks = risks_table(own) if own.problem.scenario.has_injuries else None
+        first = extrapolation[extrapolation["replicate"] == 0] if len(extrapolation) else extrapolation
         return criteria_tables(
             self.criteria,
-            own.posterior,
+            None if self.evidence.doubts else own.posterior,
             own.simulations,
-            extrapolation[extrapolation["replicate"] == 0],
+            Basis.of(first, own.problem.scenario.scope),
             self.records.size,
             self.records.exposure,
             others,
@@ -230,7 +231,7 @@ class Estimated:
         if verbose:
             yield weights_in_words(estimate.diagnostics)
             yield unseen_in_words(estimate.probability, estimate.diagnostics)
-            yield chance_in_words(estimate.diagnostics)
+            yield chance_in_words(estimate.diagnostics, answer.problem.deterministic)
         else:
             yield from assumptions
 

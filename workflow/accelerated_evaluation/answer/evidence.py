@@ -10,6 +10,7 @@ from fewruns.problems import Predecessor
 
 from accelerated_evaluation.answer.answer import Answer, evaluate
 from accelerated_evaluation.answer.by_few_runs import FewRuns
+from accelerated_evaluation.answer.extrapolation import ALL
 from accelerated_evaluation.answer.fitted_records import FittedRecords
 from accelerated_evaluation.answer.posterior import answer_row
 from accelerated_evaluation.answer.replays import LEVEL, Replays, replay
@@ -76,8 +77,18 @@ class Evidence:
         )
 
     def added_to(self, tables: Mapping[str, pd.DataFrame]) -> dict[str, pd.DataFrame]:
-        """Return tables with those of the replays; doubts are added, and nothing has then converged."""
+        """Return tables with those of the replays; doubts are added, and nothing has then converged.
+
+        The table ``extrapolation`` receives the number of records with the event, or, if only a sample was
+        replayed, the upper limit of their share.
+        """
         found = {**tables, "replays": self.replays.table(self.upper), "replayed_events": self.crashed}
+        if len(known := tables.get("extrapolation", ())):
+            count, total = self._counts()
+            name, value = ("recorded", self.replays.happened)
+            if count < total:
+                name, value = "replay_high95", self.replays.share_at_most
+            found["extrapolation"] = known.assign(**{name: known["part"].map({ALL: value})})
         if not self.doubts:
             return found
         return {

@@ -6,6 +6,7 @@ from collections.abc import Iterable, Mapping, Sequence
 import pandas as pd
 from scipy.special import ndtri
 
+from accelerated_evaluation.answer.all_cut_ins import every_encounter
 from accelerated_evaluation.answer.answer import Answer, Replayed, evaluate
 from accelerated_evaluation.answer.by_few_runs import FewRuns
 from accelerated_evaluation.answer.by_map import Map
@@ -19,7 +20,7 @@ from accelerated_evaluation.answer.comparison import (
     vehicle_table,
 )
 from accelerated_evaluation.answer.crash_shares import crash_shares
-from accelerated_evaluation.answer.criterion import Criterion
+from accelerated_evaluation.answer.criterion import Basis, Criterion
 from accelerated_evaluation.answer.deciding import criteria_tables
 from accelerated_evaluation.answer.estimate_tables import estimate_tables, exposure_of
 from accelerated_evaluation.answer.evidence import checked_answers
@@ -44,6 +45,7 @@ from accelerated_evaluation.crash_map.maps import read_crash_map
 from accelerated_evaluation.laws.draws import Draws
 from accelerated_evaluation.methods.problem import Problem
 from accelerated_evaluation.scenarios.events import Event
+from accelerated_evaluation.scenarios.protocol import Scenario
 
 UNDER_TEST = "under test"
 WHOLE = "all encounters"  # name of the answer without a restriction
@@ -69,17 +71,16 @@ def answer_tables(
     """
     if isinstance(way, FewRuns):
         (own,), evidence = checked_answers(problem, draws, records, way, events, streams)
-        made, replayed = estimate_tables([own], records), None
+        made = estimate_tables([own], records)
         tables = own_tables(own, records, half_width)
-        tables |= {
-            name: made[name].drop(columns="replicate") for name in ("answer", "estimate", "runs", "crashes")
-        }
+        kept = ("answer", "estimate", "runs", "crashes", "extrapolation")
+        tables |= {name: made[name].drop(columns="replicate") for name in kept}
         tables = evidence.added_to(tables)
     else:
         own = evaluate(problem, draws, way, events, generator=streams("answer"))
         replayed = (own.replayed or Replayed.of(problem, records.x)).happened
         tables = own_tables(own, records, half_width)
-    tables["extrapolation"] = extrapolation(own, records, replayed)
+        tables["extrapolation"] = extrapolation(own, records, replayed)
     tables["crash_places"] = drawn_crashes(own, records, streams("crash places"))
     if records.support is None:
         tables["joint_laws"] = study.family.table(study.weights)
@@ -140,15 +141,13 @@ def comparison_tables(
     records: FittedRecords,
     references: Mapping[str, str],
     half_width: float,
-    criteria: Sequence[Criterion],
 ) -> Tables:
-    """Compare the vehicle under test with others under the same draws of the law, and judge the criteria.
+    """Compare the vehicle under test with others under the same draws of the law.
 
-    The tables ``answer_draws``, ``vehicle``, ``extrapolation`` and, if there are risks of injury, ``risks``
-    of `answer_tables` represent the vehicle under test. The tables ``vehicles``, ``vehicle_draws``,
-    ``compared``, ``criteria`` and ``deciding`` are returned, and those of injuries. The answers of the
-    others, each with its name, are used one after the other, because the weights of the crashes of one need
-    several hundred MB.
+    The tables ``answer_draws``, ``vehicle`` and, if there are risks of injury, ``risks`` of `answer_tables`
+    represent the vehicle under test. The tables ``vehicles``, ``vehicle_draws`` and ``compared`` are
+    returned, and those of injuries. The answers of the others, each with its name, are used one after the
+    other, because the weights of the crashes of one need several hundred MB.
     """
     rows, posteriors = [own["vehicle"]], {UNDER_TEST: posterior_of(own["answer_draws"])}
     risks = {UNDER_TEST: own["risks"]} if "risks" in own else {}
@@ -166,17 +165,6 @@ def comparison_tables(
         "vehicle_draws": pd.concat([table for table in drawn if len(table)] or drawn, ignore_index=True),
         "compared": compared_table(posteriors),
     }
-    simulations = own["answer_draws"].get("simulations", pd.Series([None])).iloc[0]
-    tables |= criteria_tables(
-        criteria,
-        posteriors[UNDER_TEST],
-        simulations,
-        own["extrapolation"],
-        records.size,
-        records.exposure,
-        posteriors,
-        injured_by_level(posteriors[UNDER_TEST], own.get("risks")),
-    )
     if not risks:
         return tables
     known = {
@@ -187,6 +175,33 @@ def comparison_tables(
     keys: list[Key] = list(tabulated_risks())
     return tables | injury_tables(
         known, UNDER_TEST, keys, records.size, records.exposure, half_width / ndtri(0.9)
+    )
+
+
+def study_criteria(
+    criteria: Sequence[Criterion],
+    scenario: Scenario,
+    records: FittedRecords,
+    made: Mapping[str, pd.DataFrame],
+) -> Tables:
+    """Return the tables ``criteria`` and ``deciding`` of the vehicle under test (`criteria_tables`).
+
+    ``made`` are tables of the study: ``vehicle_draws`` and ``extrapolation``, and those of ``answer_draws``,
+    ``risks`` and ``all_cut_ins`` that the study has.
+    """
+    posteriors = {str(name): posterior_of(rows) for name, rows in made["vehicle_draws"].groupby("vehicle")}
+    own, basis = posteriors.get(UNDER_TEST), Basis.of(made["extrapolation"], scenario.scope)
+    every = every_encounter(made["all_cut_ins"], UNDER_TEST) if "all_cut_ins" in made else None
+    return criteria_tables(
+        criteria,
+        own,
+        made["answer_draws"].get("simulations", pd.Series([None])).iloc[0],
+        basis,
+        records.size,
+        records.exposure,
+        posteriors,
+        injured_by_level(own, made.get("risks")),
+        None if every is None else (every, basis.of_every(scenario.noun)),
     )
 
 

@@ -5,7 +5,7 @@ from collections.abc import Mapping
 import numpy as np
 import pandas as pd
 
-from accelerated_evaluation.answer.criterion import CONFIDENCE
+from accelerated_evaluation.answer.criterion import CONFIDENCE, Basis, Criterion, Judged
 from accelerated_evaluation.answer.posterior import Posterior, summarise
 from accelerated_evaluation.answer.rates import Rate
 from accelerated_evaluation.base.arrays import Array
@@ -27,7 +27,7 @@ def rate_values(posterior: Posterior, rate: Rate | float, generator: np.random.G
     return probabilities * encounters
 
 
-def total_table(rates: Mapping[str, Array], per: str) -> pd.DataFrame:
+def total_table(rates: Mapping[str, Array], per: str, bases: Mapping[str, Basis]) -> pd.DataFrame:
     """Tabulate the rates of the scenarios and their sum.
 
     Parameters
@@ -37,17 +37,38 @@ def total_table(rates: Mapping[str, Array], per: str) -> pd.DataFrame:
         independent, because their laws are fitted to different records.
     per
         Unit of the rates, ``kilometre`` or ``hour``.
+    bases
+        What the rate of each scenario rests on.
 
     Returns
     -------
     pandas.DataFrame
         One row for each scenario and one for all together: mean, median, intervals, the one-sided 95 % upper
-        bound ``upper95``, and the ``share`` of the mean.
+        bound ``upper95``, the ``share`` of the mean, the ``encounters`` whose rate it is, empty for all, and
+        ``beyond``, the share that rests on predicted events unlike any record.
     """
     whole, rows = np.sum(list(rates.values()), axis=0), []
+    bases = {**bases, TOTAL: basis_together(rates, bases)}
     for name, values in {**rates, TOTAL: whole}.items():
         summary = summarise(Posterior(values, np.zeros(values.size, dtype=int)))
         row = {"scenario": name, "per": per, "mean": summary.pop("probability")} | summary
         row |= {"upper95": float(np.quantile(values, CONFIDENCE)), "share": values.mean() / whole.mean()}
-        rows.append(row)
+        rows.append(row | {"encounters": bases[name].encounters, "beyond": bases[name].beyond})
     return pd.DataFrame(rows)
+
+
+def basis_together(rates: Mapping[str, Array], bases: Mapping[str, Basis]) -> Basis:
+    """Return what the sum of rates rests on; the share beyond the records is weighted by the mean rates."""
+    names = [basis.encounters for basis in bases.values() if basis.encounters]
+    means = {name: values.mean() for name, values in rates.items()}
+    with np.errstate(invalid="ignore"):  # no vehicle has the event
+        beyond = np.float64(sum(means[name] * bases[name].beyond for name in means)) / sum(means.values())
+    low, high = np.sum([each.replayed for each in bases.values()], axis=0).tolist()
+    return Basis(" and ".join(dict.fromkeys(names)), float(beyond), (low, high))
+
+
+def judged_total(rates: Mapping[str, Array], per: str, bases: Mapping[str, Basis], limit: float) -> Judged:
+    """Return the sum of the rates of all scenarios, judged by an upper limit."""
+    values = np.sum(list(rates.values()), axis=0)[:, None]
+    criterion = Criterion(f"{limit:g} per {per}", limit, per)
+    return Judged(criterion, values, np.full_like(values, np.nan), basis_together(rates, bases))

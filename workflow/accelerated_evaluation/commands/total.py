@@ -13,7 +13,8 @@ of cut-ins, left turns and pedestrians for the same vehicle.
 
 The rate of a scenario is the number of its encounters per kilometre or hour times the crash probability of an
 encounter. A study whose records have an exposure knows the first number, with its uncertainty. For the others
-it has to be given, as in left_turn=0.02, and is taken as known. The studies are taken as independent.
+it has to be given, as in left_turn=0.02, and is taken as known. The studies are taken as independent. A study
+that knows the rate of all cut-ins contributes this rate; the column encounters names what the others contain.
 
 Run it in the folder in which the studies ran, for example
   accelerated-evaluation total spmd left_turn=0.02 pedestrian=0.005 --per kilometre --criterion 1e-6"""
@@ -52,17 +53,17 @@ class Total:
     @staticmethod
     def run(arguments: argparse.Namespace) -> None:
         """Print the rates of all studies and their sum, and write the table."""
-        import numpy as np
-
+        from accelerated_evaluation.answer.all_cut_ins import every_encounter
         from accelerated_evaluation.answer.comparison import posterior_of
-        from accelerated_evaluation.answer.criterion import criterion_in_words, verdict_of
+        from accelerated_evaluation.answer.criterion import CONFIDENCE, Basis, criterion_in_words
         from accelerated_evaluation.answer.rates import UNITS, Rate
-        from accelerated_evaluation.answer.total import TOTAL, rate_values, total_table
+        from accelerated_evaluation.answer.study_tables import UNDER_TEST
+        from accelerated_evaluation.answer.total import judged_total, rate_values, total_table
         from accelerated_evaluation.base.files import read_json, write_csv
         from accelerated_evaluation.base.randomness import child_generator
         from accelerated_evaluation.publishing.study import Study
 
-        rates, key = {}, next(name for name, unit in UNITS.items() if unit == arguments.per)
+        rates, bases, key = {}, {}, next(name for name, unit in UNITS.items() if unit == arguments.per)
         for text in arguments.studies:
             name, _, given = text.partition("=")
             if name in rates:
@@ -81,19 +82,21 @@ class Total:
                     else "Leave it out.",
                 )
             rate = _rate(text, given) if given else Rate(int(size), float(length))
+            basis = Basis.of(study.extrapolation, study.scenario.scope)
+            every = every_encounter(study.all_cut_ins, UNDER_TEST) if study.has("all_cut_ins") else None
+            if every is not None:
+                posterior, basis = every, basis.of_every(study.scenario.noun)
             rates[name] = rate_values(posterior, rate, child_generator(study.config["seed"], "total", name))
-        table = total_table(rates, arguments.per)
+            ends = [rate] if isinstance(rate, float) else rate.law.ppf([1 - CONFIDENCE, CONFIDENCE])
+            bases[name] = basis.times(*ends)
+        table = total_table(rates, arguments.per, bases)
         write_csv(arguments.target, table)
-        shown = table[["scenario", "share", "mean", "median", "low80", "high80", "upper95"]]
+        shown = table[["scenario", "share", "median", "low80", "high80", "upper95", "beyond", "encounters"]]
         print(f"crashes per {arguments.per}")
         print(shown.to_string(index=False, float_format="{:.3g}".format))
         if arguments.criterion is not None:
-            values = np.sum(list(rates.values()), axis=0)
-            row = table.set_index("scenario").loc[TOTAL]
-            met = float(np.mean(values <= arguments.criterion))
-            judged = {"verdict": verdict_of(met), "probability": met, "upper95": row["upper95"]}
-            text = f"{arguments.criterion:g} per {arguments.per}"
-            print(criterion_in_words(judged | {"criterion": text, "beyond": np.nan}))
+            judged = judged_total(rates, arguments.per, bases, arguments.criterion)
+            print(criterion_in_words(judged.row()))
         print(arguments.target)
 
 

@@ -207,6 +207,14 @@ def weights_in_words(diagnostics: Mapping[str, float]) -> str:
     )
 
 
+# Why no run was repeated, by what is stated about the vehicle.
+NO_REPEATS = {
+    True: "none, because the vehicle is stated to be deterministic",
+    False: "none so far; the vehicle is stated to be random",
+    None: "none so far; whether the vehicle is deterministic is not stated, and will be checked by repeats",
+}
+
+
 def assumption_in_words(diagnostics: Mapping[str, float]) -> list[str]:
     """Return sentences that belong to every answer of a vehicle that is not stated to be deterministic."""
     if diagnostics["counted"]:
@@ -237,11 +245,14 @@ def checks_in_words(estimate: Estimate) -> list[str]:
     ]
 
 
-def chance_in_words(diagnostics: Mapping[str, float]) -> str:
-    """Return sentences about the repeated runs, and about the events that lapses can add to an estimate."""
+def chance_in_words(diagnostics: Mapping[str, float], deterministic: bool | None) -> str:
+    """Return sentences about the repeated runs, and about the events that lapses can add to an estimate.
+
+    ``deterministic`` is what is stated about the vehicle, None if nothing is.
+    """
     repeats, differed = int(diagnostics["repeats"]), int(diagnostics["differed"])
     if not repeats:
-        return "repeats: none, because the vehicle is stated to be deterministic"
+        return f"repeats: {NO_REPEATS[deterministic]}"
     lines = [f"repeats: {repeats} runs were made a second time, and {differed} of them ended differently"]
     if draws := int(diagnostics["law_draws"]):
         events = int(diagnostics["law_events"])

@@ -145,6 +145,7 @@ CUT_IN = SCENARIOS.add("cut_in")(
         outcome_rules=_outcome_rules,
         reported_rules=_reported_rules,
         noun="cut-in",
+        scope="closing cut-ins whose lead keeps its speed",
         upper_set_in="closing_speed",
         named_records=CutInRecords.of,
         has_injuries=True,

@@ -115,6 +115,8 @@ class Scenario:
         may be missing in the report.
     noun
         Word for an encounter in texts.
+    scope
+        The encounters whose probabilities the laws give, in words, if these are not all encounters.
     derived
         Quantities that follow from the variables and help to run an encounter, by name. Each is a function
         of the mapping from names of variables to values.
@@ -149,6 +151,7 @@ class Scenario:
     outcome_rules: Callable[[Mapping[str, Array]], list[Fault]] = _no_rules
     reported_rules: Callable[[bool, Mapping[str, float]], Mapping[str, ReportedRule]] = _no_reported_rules
     noun: str = "encounter"
+    scope: str = ""
     references: Mapping[str, str] = field(default_factory=dict)  # vehicles to compare with, by column prefix
     # Variable above some value of which, for given other variables, every event happens. A sampler then need
     # not look for further parts of an event. None if this is not known.

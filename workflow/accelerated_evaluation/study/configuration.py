@@ -187,8 +187,8 @@ def completed(config: Mapping[str, Any]) -> dict[str, Any]:
     The defaults are those of ``config/config.yaml``, with three exceptions. The limits in that file are only
     for its source of records. For another source, missing limits are `limits.AUTO`, and are later derived
     from the records (`limits.with_limits`). The vehicles in that file are only for its scenario; another
-    scenario has its own default vehicle, and is compared with all of its vehicles. In a study of a slow
-    vehicle, the outcomes of a Python class are stored, too.
+    scenario has its own default vehicle, and is compared with all of its vehicles but the one under test. In
+    a study of a slow vehicle, the outcomes of a Python class are stored, too.
     """
     defaults = default_configuration()
     data = config.get("data")
@@ -212,9 +212,13 @@ def _vehicles_of_scenario(config: Mapping[str, Any], defaults: Mapping[str, Any]
     name = scenario.get("name") if isinstance(scenario, Mapping) else None
     if not isinstance(name, str) or name == defaults["scenario"]["name"] or name not in SCENARIOS:
         return {}
+    tested, given = defaults["vehicle"] | {"name": SCENARIOS[name].default_vehicle}, config.get("vehicle")
+    own = tested | dict(given) if isinstance(given, Mapping) else tested
     return {
-        "vehicle": defaults["vehicle"] | {"name": SCENARIOS[name].default_vehicle},
-        "compared_vehicles": {vehicle: {} for vehicle in SCENARIOS[name].vehicles},
+        "vehicle": tested,
+        "compared_vehicles": {
+            each: {} for each in SCENARIOS[name].vehicles if tested | {"name": each} != own
+        },
     }
 
 

@@ -225,7 +225,7 @@ def forecast(found: Estimate, batch_size: int, goal: Stopping) -> int | None:
 
 def status_in_words(campaign: Campaign, status: Status) -> str:
     """Return the status of a campaign, from `status_of`, as text of several lines."""
-    found, goal = status.estimate, campaign.goal
+    found, goal, deterministic = status.estimate, campaign.goal, campaign.sampler.deterministic
     event = campaign.scenario.event_in_words(campaign.event)
     lines = [
         f"event       {event}, under the law {campaign.description!r}",
@@ -234,7 +234,7 @@ def status_in_words(campaign: Campaign, status: Status) -> str:
         f"{found.events} with the event in the {status.used} runs of complete batches",
         f"estimate    {_estimate(found, campaign.scenario.noun)}",
         f"unseen      {unseen_in_words(found.probability, found.diagnostics)}",
-        *(f"{'chance':<12}{line}" for line in chance_in_words(found.diagnostics).splitlines()),
+        *(f"{'chance':<12}{line}" for line in chance_in_words(found.diagnostics, deterministic).splitlines()),
         *_about_limits(campaign, status),
         f"goal        half-width at most {goal.beta:.0%} of the estimate, confidence {1 - goal.alpha:.0%}"
         + (", at all checks together" if goal.anytime else ""),

@@ -29,7 +29,7 @@ from accelerated_evaluation.publishing.figures.dot_chart import (
 )
 from accelerated_evaluation.publishing.figures.style import COLUMN_WIDTH, note_source, paper_style, style_of
 from accelerated_evaluation.publishing.published import figure
-from accelerated_evaluation.publishing.tables.methods import PHASES, side_by_side
+from accelerated_evaluation.publishing.tables.methods import PHASES, contradicted, side_by_side
 
 # Names of the shares of simulations in the figure.
 QUANTITIES = {"simulations": "all simulations", "of the estimate": "those of the estimate"}
@@ -176,13 +176,16 @@ def fig35_scenario_methods(
 ) -> tuple[Figure, pd.DataFrame]:
     """Draw the estimates of each method with their intervals, for the law with the largest weight.
 
-    The figure has a row for each replicate, with an open marker if it has not converged, and an arrow at the
-    upper limit if it has no event. The columns of the data are law, event, method, replicate, probability,
-    ci_low, ci_high, simulations and converged.
+    The figure has a row for each replicate, with an open marker if it has not converged, a cross if the other
+    estimates contradict it (`contradicted`), and an arrow at the upper limit if it has no event. The columns
+    of the data are law, event, method, replicate, probability, ci_low, ci_high, simulations, converged and
+    contradicted.
     """
     together = scenario_estimates["learning"] + scenario_estimates["estimating"]
-    columns = ["law", "event", "method", "replicate", *INTERVAL, "simulations", "converged"]
-    table = scenario_estimates.assign(simulations=together)[columns].reset_index(drop=True)
+    columns = ["law", "event", "method", "replicate", *INTERVAL, "simulations", "converged", "contradicted"]
+    table = scenario_estimates.assign(
+        simulations=together, contradicted=contradicted(scenario_estimates, alpha)
+    )[columns].reset_index(drop=True)
     y = spaced(table["method"], 1.0)
     found = table["probability"] > 0
     kinds = {
@@ -197,6 +200,9 @@ def fig35_scenario_methods(
                 draw_intervals(axes, rows, y[rows.index], **style_of(str(method), "color", "marker"), **fill)
             if chosen.any():
                 axes.plot([], [], "s", color="black", markersize=3.5, label=kind, **fill)
+        if table["contradicted"].any():
+            cross = {"color": "#cb181d", "linestyle": "none", "markersize": 7, "label": "contradicted"}
+            axes.plot(*(table["probability"][table["contradicted"]], y[table["contradicted"]]), "x", **cross)
         if not found.all():
             arrow = {"color": "black", "linestyle": "none", "markersize": 4}
             axes.plot(table["ci_high"][~found], y[~found], "<", label="no event: upper limit", **arrow)

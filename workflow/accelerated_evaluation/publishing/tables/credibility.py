@@ -6,6 +6,7 @@ from typing import Any
 import pandas as pd
 
 from accelerated_evaluation.answer.all_cut_ins import ALL, CLOSING_CUT_IN, KEEPS
+from accelerated_evaluation.answer.criterion import criterion_in_words
 from accelerated_evaluation.answer.extrapolation import RECORDED
 from accelerated_evaluation.base.percent import in_percent
 from accelerated_evaluation.publishing.published import table
@@ -111,6 +112,12 @@ def motion_of(all_cut_ins: pd.DataFrame) -> str:
     return f"median {before} becomes {after}" + (f"; missing: {missing}" if pd.notna(missing) else "")
 
 
+def judged_of(criteria: pd.DataFrame) -> str:
+    """Return the verdicts on the criteria of the configuration, in words."""
+    lines = [criterion_in_words(row) for row in criteria.fillna({"encounters": ""}).to_dict("records")]
+    return "; ".join(line.removeprefix("criterion ") for line in lines) or "the configuration states none"
+
+
 def chain_of(seed: int) -> str:
     """Return how a number is followed back to its run."""
     return f"root seed {seed}; checksums of code, records and results"
@@ -130,6 +137,7 @@ QUESTIONS: tuple[tuple[str, str, str, Callable[[Any], str]], ...] = (
     ("validation: published outcomes", "scenario_agreement", "agreement", agreement_of),
     ("differences from the world: lead motion", "all_cut_ins", "all_cut_ins", motion_of),
     ("differences from the world: counted crashes", "counted_crashes", "counted_crashes", counted_of),
+    ("acceptance criteria", "criteria", "criteria", judged_of),
     ("chain from the run to the claim", "seed", "provenance.json", chain_of),
 )
 
@@ -163,6 +171,7 @@ def credibility_table(
     scenario_agreement: pd.DataFrame | None = None,
     all_cut_ins: pd.DataFrame | None = None,
     counted_crashes: pd.DataFrame | None = None,
+    criteria: pd.DataFrame | None = None,
 ) -> pd.DataFrame:
     """Return what a safety case asks of the simulation, with the answers of the tables of the study."""
     return credibility({name: result for name, result in locals().items() if result is not None})

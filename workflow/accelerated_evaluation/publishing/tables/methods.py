@@ -1,27 +1,54 @@
 """Tables that compare the methods by their estimates, and the vehicle with published verdicts."""
 
+import numpy as np
 import pandas as pd
+from scipy.special import ndtri
 
 from accelerated_evaluation.publishing.published import table
 
 DIGITS = 3
+FAR = 4.0  # number of combined standard errors from which on two estimates contradict each other
 PHASES = ("search", "learn", "estimate")
 
 
+def contradicted(estimates: pd.DataFrame, alpha: float) -> pd.Series:
+    """Return which converged estimates of a probability are contradicted by its other converged estimates.
+
+    An estimate is compared with the exact probability if this is known, otherwise with the median of the
+    logarithms of all converged estimates under the same law, whatever their method. It is contradicted if it
+    is more than `FAR` combined standard errors away. The error of the logarithm of an estimate follows from
+    its interval of the level 1 - ``alpha``. That of the median of n estimates is sqrt(pi / 2n) times their
+    median error.
+    """
+    flags, width = pd.Series(False, index=estimates.index), 2 * ndtri(1 - alpha / 2)
+    is_known = estimates["converged"].astype(bool) & (estimates[["probability", "ci_low"]] > 0).all(axis=1)
+    known = estimates[is_known]
+    for _, rows in known.groupby(["law", "event"]):
+        logs, errors = np.log(rows["probability"]), np.log(rows["ci_high"] / rows["ci_low"]) / width
+        middle, error = rows[["exact", "exact_error"]].iloc[0]
+        if not middle > 0:
+            middle, error = np.exp(logs.median()), errors.median() * np.sqrt(np.pi / 2 / len(rows))
+        flags[rows.index] = np.abs(logs - np.log(middle)) > FAR * np.hypot(errors, error)
+    return flags
+
+
 @table("scenario_methods", digits=DIGITS)
-def methods_table(scenario_estimates: pd.DataFrame) -> pd.DataFrame:
+def methods_table(scenario_estimates: pd.DataFrame, alpha: float) -> pd.DataFrame:
     """Summarise the replicates of each law and method. The simulations include those for learning.
 
-    The exact probability and its relative error are from a scan, where the scenario has one.
+    The exact probability and its relative error are from a scan, where the scenario has one. The column
+    ``contradicted`` counts the converged replicates that the other estimates contradict (`contradicted`).
     """
     rows = scenario_estimates.assign(
-        simulations=scenario_estimates["learning"] + scenario_estimates["estimating"]
+        simulations=scenario_estimates["learning"] + scenario_estimates["estimating"],
+        contradicted=contradicted(scenario_estimates, alpha),
     )
     return (
         rows.groupby(["law", "event", "method"], sort=False)
         .agg(
             replicates=("replicate", "size"),
             converged=("converged", "sum"),
+            contradicted=("contradicted", "sum"),
             probability=("probability", "mean"),
             lowest=("probability", "min"),
             highest=("probability", "max"),
