@@ -2,7 +2,9 @@
 
 Run as ``python benchmarks/campaign_transcript.py [--write]`` after ``make study``. The commands are those of
 the guide, in their order; the last ask, simulate and tell are repeated until the campaign may stop. With
-``--write`` the transcript takes the place of the one in the guide.
+``--write`` the transcript takes the place of the one in the guide, and ``benchmarks/results/campaign.csv``
+receives the exact crash probability, and the shares of cut-ins beyond limits. The guide has placeholders for
+these numbers.
 """
 
 import argparse
@@ -16,16 +18,27 @@ from pathlib import Path
 
 import pandas as pd
 from accelerated_evaluation import cli
-from accelerated_evaluation.base.files import write_text
-from accelerated_evaluation.publishing.texts import unbroken
+from accelerated_evaluation.base.files import write_csv, write_text
+from accelerated_evaluation.laws import Law
+from accelerated_evaluation.laws.files import read_law
+from accelerated_evaluation.records.segments import read_encounters
 from accelerated_evaluation.track.campaign_file import read_campaign
+from accelerated_evaluation.track.limits import USUAL, Limits
 
 ROOT = Path(__file__).resolve().parents[1]
 GUIDE = ROOT / "docs" / "campaign.md"
 MOST_ROUNDS = 200
 LAST_ROUND = 3  # commands: ask, simulate, tell
 TRANSCRIPT = r"(?m)^    event .*\n(?:    .+\n)+"
-EXACT = r"(?<=The exact value under this law is )\d[^,]+(?=, without)"
+NUMBERS = ROOT / "benchmarks" / "results" / "campaign.csv"
+LIMITS = {
+    "host_speed_50": Limits(host_speed_max=50.0),
+    "range_0.5": Limits(range_min=0.5),
+    "usual": USUAL,
+    "closing_speed_25": Limits(closing_speed_max=25.0),
+    "range_1": Limits(range_min=1.0),
+    "range_2": Limits(range_min=2.0),
+}
 
 
 def commands(text: str) -> list[list[str]]:
@@ -60,14 +73,19 @@ def _run(arguments: list[str]) -> str:
     return said.getvalue()
 
 
-def with_transcript(text: str, transcript: str, exact: float) -> str:
-    """Return the guide with another transcript and another exact value."""
+def with_transcript(text: str, transcript: str) -> str:
+    """Return the guide with another transcript."""
     indented = "".join(f"    {line}\n" for line in transcript.splitlines())
     text, transcripts = re.subn(TRANSCRIPT, lambda _: indented, text)
-    text, values = re.subn(EXACT, unbroken(exact), text)
-    if (transcripts, values) != (1, 1):
-        raise SystemExit(f"{GUIDE} must have one transcript and one exact value")
+    if transcripts != 1:
+        raise SystemExit(f"{GUIDE} must have one transcript")
     return text
+
+
+def numbers_of(law: Law, exact: float) -> pd.DataFrame:
+    """Return the exact crash probability under a law, and the probability of cut-ins beyond each limit."""
+    found = {"crash": exact} | {name: limits.beyond(law) for name, limits in LIMITS.items()}
+    return pd.DataFrame(found.items(), columns=["what", "probability"])
 
 
 def main() -> None:
@@ -84,7 +102,10 @@ def main() -> None:
     exact = laws.loc[law, "probability"]
     print(f"{transcript}exact       {exact:.3g} under the law {law!r}, without limits")
     if arguments.write:
-        write_text(GUIDE, with_transcript(text, transcript, exact))
+        write_text(GUIDE, with_transcript(text, transcript))
+        study = results / "spmd"
+        heaviest = read_law(study / "laws/answer.json", read_encounters(study / "encounters.parquet"))
+        write_csv(NUMBERS, numbers_of(heaviest, exact))
 
 
 if __name__ == "__main__":
