@@ -98,10 +98,11 @@ world: $(ENVIRONMENT) ## crashes counted on a simulated motorway, and predicted;
 	python -m pip install --quiet --require-hashes -r benchmarks/motorway/environment.txt
 	$(MOTORWAY)
 
-lint: $(EXTRAS) ## ruff and snakefmt
+lint: $(EXTRAS) ## ruff, snakefmt and mypy
 	ruff check .
 	ruff format --check .
 	snakefmt --check $(RULES)
+	python tests/mypy_ratchet.py
 
 test: lint ## lint and run the tests; lists at the end the slowest tests, and what was left out
 	pytest --durations 20
