@@ -32,10 +32,10 @@ COLUMNS = ["trackId", "frame", "xCenter", "yCenter", "heading", "length", "lonVe
 COLUMNS += ["leadId", "rearId", "laneletId", "latLaneCenterOffset"]
 
 
-def frames(of, *, front, speed, lane, lead, rear, flag=1, overlap=False):
+def frames(of, *, front, speed, lane, lead, rear, flag=1, overlap=False, kept=range(FRAMES)):
     """The rows of one vehicle; `front` is how far along the road its front is at the moment."""
     rows = []
-    for frame in range(FRAMES):
+    for frame in kept:
         along = front + speed * (frame - MOMENT) / RATE - LENGTH / 2
         x, y = along * math.cos(math.radians(HEADING)), along * math.sin(math.radians(HEADING))
         here, before, after = lane(frame), lane(frame - 1), lane(frame + 1)
@@ -82,6 +82,8 @@ CASES = {
     "lanelets that overlap": (pair(overlap=True), CARS, 1),
     "stays 12 frames": (pair(lane=stays((0, BESIDE), (MOMENT, LANE), (MOMENT + 12, BESIDE))), CARS, 0),
     "stays 14 frames": (pair(lane=stays((0, BESIDE), (MOMENT, LANE), (MOMENT + 14, BESIDE))), CARS, 1),
+    "lost for 0.48 s": (pair(kept=[*range(MOMENT - 11), *range(MOMENT, FRAMES)]), CARS, 1),
+    "lost for 0.56 s": (pair(kept=[*range(MOMENT - 13), *range(MOMENT, FRAMES)]), CARS, 0),
     "back after 1 s": (pair(lane=stays((0, LANE), (MOMENT - 24, BESIDE), (MOMENT, LANE))), CARS, 0),
     "back after 1.2 s": (pair(lane=stays((0, LANE), (MOMENT - 30, BESIDE), (MOMENT, LANE))), CARS, 1),
     "back after 1 s, lanelets overlap": (

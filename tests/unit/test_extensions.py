@@ -2,18 +2,25 @@
 
 import json
 import os
+import re
 import subprocess
 import sys
 from pathlib import Path
+from types import SimpleNamespace
 
 import numpy as np
 import pandas as pd
 import pytest
 from accelerated_evaluation import InputError
+from accelerated_evaluation.answer.choice import draws_named
 from accelerated_evaluation.base import extensions
 from accelerated_evaluation.base.extensions import added
 from accelerated_evaluation.laws import LAWS
 from accelerated_evaluation.laws.distributions.described import DISTRIBUTIONS
+from accelerated_evaluation.laws.motion import MOTIONS, draw_lead_speeds
+from accelerated_evaluation.laws.paper.piecewise import PieceFamily
+from accelerated_evaluation.laws.smooth.shapes import SHAPES
+from accelerated_evaluation.methods import METHODS
 from accelerated_evaluation.publishing import figures
 from accelerated_evaluation.publishing.published import ALWAYS, FIGURES, figure, results_of, show
 from accelerated_evaluation.publishing.study import Study
@@ -140,6 +147,68 @@ HEADS = {
     "figure": "import matplotlib.pyplot as plt\n"
     "from accelerated_evaluation.publishing.published import figure\n@figure\n",
 }
+BODIES = {  # of methods that fail, and how the messages about them end
+    "1 / 0": ": seen ZeroDivisionError: division by zero; expected a function that returns ",
+    "import sys; sys.exit(0)": ": seen SystemExit: 0; expected a function that returns ",
+    "return None": ", value that it returned: seen None; expected ",
+}
+LAW = """
+from accelerated_evaluation.laws.joint.copula import GaussianCopula
+from accelerated_evaluation.laws.distributions import BoundedExponential
+from accelerated_evaluation.laws.distributions.described import distribution
+from accelerated_evaluation.laws.motion import MOTIONS
+from accelerated_evaluation.laws.smooth.shapes import SHAPES, Exponential
+from accelerated_evaluation.laws import FITS, LAWS
+from accelerated_evaluation.methods import METHODS, Method
+class Of(Method):
+    style = {{}}
+    @classmethod
+    def configured(cls, sections): {body}
+    def estimate(self, problem, stopping, generator): {body}
+class Motion:
+    inputs = 1
+    def lead_speeds(self, encounters, inputs): {body}
+class Excess(Exponential):
+    def inverse(self, level, parameters): {body}
+class Bounded(BoundedExponential):
+    @classmethod
+    def fit(cls, x, lower, upper): {body}
+    def cdf(self, x): {body}
+class Copula(GaussianCopula):
+    candidates = {{}}
+    @classmethod
+    def fit(cls, x, box, generator, **more): {body}
+def fitted(encounters, settings): {body}
+"""
+X = np.ones((4, 1))
+# Members of the kinds whose methods are called in many places: how they are added and used.
+CALLED = {
+    "law": ("LAWS.add('mine')(Copula)", lambda: LAWS["mine"].fit(X, None, None)),
+    "method": ("METHODS.add('mine')(Of)", lambda: METHODS["mine"]().estimate(None, None, None)),
+    "method, learning": ("METHODS.add('mine')(Of)", lambda: METHODS["mine"].configured({})),
+    "lead motion": ("MOTIONS.add('mine')(Motion)", lambda: draw_lead_speeds(MOTIONS["mine"](), X, RANDOM)),
+    "tail shape": ("SHAPES.add('mine')(Excess())", lambda: SHAPES["mine"].inverse(X, X)),
+    "distribution": ("distribution('mine')(Bounded)", lambda: PieceFamily("mine").fit(X[:, 0], 0.0, 9.0)),
+    "distribution, cdf": ("distribution('mine')(Bounded)", lambda: DISTRIBUTIONS["mine"](1.0, 0, 9).cdf(X)),
+    "law, fitted": ("FITS.add('mine')(fitted)", lambda: draws_named("mine", RECORDS, SETTINGS)),
+}
+RANDOM = np.random.default_rng(1)
+RECORDS = SimpleNamespace(support=True, table=None)
+SETTINGS = SimpleNamespace(streams=lambda name: RANDOM, fitting=None)
+
+
+@pytest.mark.parametrize("body", BODIES)
+@pytest.mark.parametrize("kind", CALLED)
+def test_a_method_of_a_user_that_fails_is_named(tmp_path, kind, body):
+    add, use = CALLED[kind]
+    (tmp_path / "mine.py").write_text(f"{LAW.format(body=body)}{add}\n")
+    extensions.load_files([tmp_path / "mine.py"])
+    with pytest.raises(InputError) as error:
+        use()
+    place = rf"{kind.split(',')[0]} mine, the function \w+ in {tmp_path}/mine\.py"
+    assert re.match(place + re.escape(BODIES[body]), str(error.value)), str(error.value)
+
+
 # Members that are registered and then fail when they are used, and what the message says of them.
 FAILING = [
     ("check", "def mine(records): 1 / 0", ": seen ZeroDivisionError: division by zero; expected a function"),

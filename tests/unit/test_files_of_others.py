@@ -20,12 +20,21 @@ MARKS = {"orientation": 0.0, "yaw_rate": 0.0, "ego_offset": 0.1}  # columns that
 
 
 def recording(
-    folder, *, centre, to_left=False, names=("Car", "Truck"), distance=None, lead_class=None, **more
+    folder,
+    *,
+    centre=False,
+    to_left=False,
+    bumper=None,
+    names=("Car", "Truck"),
+    distance=None,
+    lead_class=None,
+    **more,
 ):
     """Write a car at 30 m/s and a truck at 27 m/s that comes into its lane, 20 m ahead, in highD's format.
 
     ``distance`` says what the column dhw contains: the gap, the distance to the front of the truck (front),
-    or the difference of the positions x, as in highD.
+    or the difference of the positions x, as in highD. The position is the left end of a vehicle, its centre,
+    or its front, rear or rear axle (bumper).
     """
     rows = []
     for frame in range(150):
@@ -33,7 +42,8 @@ def recording(
         front, rear = 200 + 30 * time, 200 + GAP + 27 * time
         ends = {1: (front - CAR, CAR), 2: (rear, TRUCK)}
         ends = {of: (600 - x - length if to_left else x, length) for of, (x, length) in ends.items()}
-        x = {of: end + length / 2 * centre for of, (end, length) in ends.items()}
+        share = {None: centre / 2, "front": 1 - to_left, "rear": to_left, "axle": abs(to_left - 0.2)}[bumper]
+        x = {of: end + share * length for of, (end, length) in ends.items()}
         follows, gap = frame >= MOMENT, rear - front
         dhw = {"gap": gap, "front": gap + TRUCK, "difference": abs(x[1] - x[2]), "feet": gap / 0.3048}
         for of, (_, length) in ends.items():
@@ -83,6 +93,14 @@ def test_the_distances_in_the_file_say_what_a_position_is(tmp_path, centre, dist
     assert highd(wrong)["range"].tolist() == pytest.approx([GAP + (-1) ** to_left * 3.75], abs=1e-3)
 
 
+@pytest.mark.parametrize("to_left", [False, True])
+@pytest.mark.parametrize("marks", [{}, MARKS])
+@pytest.mark.parametrize(("bumper", "distance"), [("front", "gap"), ("rear", "gap"), ("rear", "front")])
+def test_the_distances_show_that_a_position_is_a_bumper(tmp_path, to_left, marks, distance, bumper):
+    folder = recording(tmp_path, bumper=bumper, to_left=to_left, distance=distance, **marks)
+    assert highd(folder)["range"].tolist() == pytest.approx([GAP], abs=1e-3)
+
+
 def test_classes_in_lower_case_without_anything_that_shows_what_a_position_is_are_refused(tmp_path):
     folder = recording(tmp_path, centre=True, names=("car", "truck"))
     with pytest.raises(
@@ -93,8 +111,9 @@ def test_classes_in_lower_case_without_anything_that_shows_what_a_position_is_ar
 
 
 def test_distances_that_contradict_the_positions_are_reported(tmp_path):
-    (warning,) = highd(recording(tmp_path, centre=False, distance="feet")).attrs["warnings"]
-    assert warning.startswith("01_tracks.csv: dhw of the recordings differs by ")
+    for more in ({"distance": "feet"}, {"distance": "gap", "bumper": "axle"}):
+        with pytest.raises(InputError, match=r"01_tracks\.csv, column dhw: seen distances that differ by "):
+            highd(recording(tmp_path, **more))
     faster = recording(tmp_path, centre=False, distance="gap", thw=9.0, ttc=0.1)
     warnings = highd(faster).attrs["warnings"]
     assert [warning.split(" of ")[0] for warning in warnings] == ["01_tracks.csv: thw", "01_tracks.csv: ttc"]

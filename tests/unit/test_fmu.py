@@ -11,6 +11,7 @@ import numpy as np
 import pytest
 from accelerated_evaluation import InputError, load_vehicle
 from accelerated_evaluation.laws.motion import MOTIONS, draw_lead_speeds
+from accelerated_evaluation.vehicles.external import fmi
 from accelerated_evaluation.vehicles.external.workers import Processes, simulate_batch
 from accelerated_evaluation.vehicles.protocol import OUTCOMES
 
@@ -19,39 +20,40 @@ COMPILER = shutil.which("cc") or shutil.which("gcc")
 SOURCE = Path(__file__).with_name("car_fmu.c")
 NAMES = ["gap", "range_rate", "host_speed", "acceleration", "trouble", "kmh"]
 INPUTS = {"range": {"name": "gap"}, "range_rate": {}, "host_speed": {}}
+FMU_UNITS = {"gap": "m"}
 TROUBLES = {"hangs": 1, "aborts": 2, "refuses": 3, "no number": 4, "prints": 5, "ends": 6}
 
 FMI2 = """<?xml version="1.0" encoding="UTF-8"?>
 <fmiModelDescription fmiVersion="2.0" modelName="car" guid="{{car}}">
 <CoSimulation modelIdentifier="car" canHandleVariableCommunicationStepSize="true"/>
-<UnitDefinitions><Unit name="m"/></UnitDefinitions>
+<UnitDefinitions><Unit name="m"/>{definitions}</UnitDefinitions>
 <ModelVariables>{variables}</ModelVariables>
 <ModelStructure><Outputs><Unknown index="4"/></Outputs></ModelStructure>
 </fmiModelDescription>"""
 FMI3 = """<?xml version="1.0" encoding="UTF-8"?>
 <fmiModelDescription fmiVersion="3.0" modelName="car" instantiationToken="car">
 <CoSimulation modelIdentifier="car" canHandleVariableCommunicationStepSize="true"/>
-<UnitDefinitions><Unit name="m"/></UnitDefinitions>
+<UnitDefinitions><Unit name="m"/>{definitions}</UnitDefinitions>
 <ModelVariables>{variables}<Float64 name="time" valueReference="9" causality="independent"
 variability="continuous"/></ModelVariables>
 <ModelStructure><Output valueReference="3"/></ModelStructure>
 </fmiModelDescription>"""
 
 
-def described(version):
-    """Return the model description."""
+def described(version, definitions="", units=FMU_UNITS):
+    """Return the model description, with definitions of units and the units of variables."""
     variables = ""
     for reference, name in enumerate(NAMES):
         causality = "output" if name == "acceleration" else "input"
         start = "" if causality == "output" else ' start="0"'
-        unit = ' unit="m"' if name == "gap" else ""
+        unit = f' unit="{units[name]}"' if name in units else ""
         head = f'name="{name}" valueReference="{reference}" causality="{causality}"'
         variables += (
             f"<ScalarVariable {head}><Real{start}{unit}/></ScalarVariable>"
             if version == 2
             else f"<Float64 {head}{start}{unit}/>"
         )
-    return (FMI2 if version == 2 else FMI3).format(variables=variables)
+    return (FMI2 if version == 2 else FMI3).format(variables=variables, definitions=definitions)
 
 
 def unused(version, headers):
@@ -135,6 +137,68 @@ def test_units_are_those_of_the_configuration(fmus):
     np.testing.assert_allclose(fmu.simulate(*cut_ins()).min_range, own.min_range, rtol=1e-9, atol=1e-9)
     wrong = load_vehicle("fmu", file=str(fmus[2]), inputs=inputs)
     assert not np.allclose(wrong.simulate(*cut_ins()).min_range, own.min_range, rtol=1e-3, atol=1e-3)
+
+
+KPH = '<Unit name="{}"><BaseUnit m="1" s="-1" factor="0.2777777777777778"/></Unit>'
+DEFINITIONS = {
+    "kph": KPH.format("kph"),
+    "speed": KPH.format("speed"),
+    "m/s": KPH.format("m/s"),
+    "mm": '<Unit name="mm"><BaseUnit m="1" factor="0.001"/></Unit>',
+    "km/h": '<Unit name="km/h"/>',
+    "kt": '<Unit name="kt"/>',
+    "from 10": '<Unit name="from 10"><BaseUnit m="1" s="-1" factor="0.2777777777777778" offset="10"/></Unit>',
+}
+
+
+def with_units(fmu, path, version, unit):
+    """Write an FMU whose host speed has a unit of `DEFINITIONS`."""
+    with zipfile.ZipFile(fmu) as source, zipfile.ZipFile(path, "w") as target:
+        for name in source.namelist():
+            content = described(version, "".join(DEFINITIONS.values()), FMU_UNITS | {"host_speed": unit})
+            target.writestr(name, content if name.endswith(".xml") else source.read(name))
+    return str(path)
+
+
+@pytest.mark.parametrize("version", [2, 3])
+@pytest.mark.parametrize(
+    ("unit", "configured", "message"),
+    [
+        ("kph", {}, ""),
+        ("speed", {}, ""),
+        ("km/h", {}, ""),  # known, without a definition
+        ("kph", {"unit": "km/h"}, ""),
+        ("kph", {"unit": "kph"}, ""),
+        ("kt", {"unit": "km/h"}, ""),  # without a definition, so the configuration decides
+        ("kt", {}, r"host_speed\.unit: seen none here, and for host_speed the unit kt without a definition"),
+        ("kph", {"unit": "m/s"}, "seen m/s; expected kph, as the FMU declares"),
+        ("m/s", {}, ""),  # the definition in the FMU decides
+        ("mm", {}, r"seen mm of \{'m': 1\} in the FMU; expected a unit of \{'m': 1, 's': -1\}"),
+    ],
+)
+def test_the_unit_that_an_fmu_defines_is_used_or_refused(fmus, tmp_path, version, unit, configured, message):
+    path = with_units(fmus[version], tmp_path / "a.fmu", version, unit)
+    parameters = {"file": path, "inputs": INPUTS | {"host_speed": configured}, "start": {"kmh": 1}}
+    if message:
+        with pytest.raises(InputError, match=message):
+            load_vehicle("fmu", **parameters)
+        return
+    own = load_vehicle("acc_aeb").simulate(*cut_ins())
+    got = load_vehicle("fmu", **parameters).simulate(*cut_ins())
+    np.testing.assert_allclose(got.min_range, own.min_range, rtol=1e-9, atol=1e-9)
+
+
+def test_the_offset_of_a_unit_is_used(fmus, tmp_path):
+    path = with_units(fmus[2], tmp_path / "a.fmu", 2, "from 10")
+    speed = load_vehicle("fmu", file=path, inputs=INPUTS).vehicle._model.inputs[-1]
+    assert (speed.factor, speed.offset) == pytest.approx((1 / 3.6, 10))
+    # The car takes the number of the unit for m/s: 15 m/s are 18 of this unit.
+    got = load_vehicle("fmu", file=path, inputs={**INPUTS}).vehicle.trace(10.0, 60.0, 5.0)
+    wanted = load_vehicle("fmu", file=str(fmus[2]), inputs=INPUTS | {"host_speed": {}}).vehicle
+    state = wanted._model.started(fmi.HostAndLead(60.0, 18.0, 13.0)).advance(
+        0.0, 0.1, fmi.HostAndLead(60.0, 18.0, 13.0)
+    )
+    assert got["host_speed_m_per_s"].iloc[1] == pytest.approx(15 + 0.1 * state)
 
 
 @pytest.mark.parametrize("version", [2, 3])

@@ -207,10 +207,14 @@ def test_locks_of_a_living_run_stay_and_those_of_a_killed_one_go(tmp_path):
 
 
 def test_no_text_of_a_table_is_a_formula(tmp_path):
-    table = pd.DataFrame({"file": ["=cmd()", "@sum", "a=b", None], "value": [1.5, -2.0, 3.0, 4.0]})
+    texts = ["=cmd()", "@sum", "a=b", None, "+1+2", "-2+3", "\t=1", "-1.5"]
+    table = pd.DataFrame({"=file()": texts, "value": -1.5})
     write_csv(tmp_path / "t.csv", table)
-    text = (tmp_path / "t.csv").read_text()
-    assert text == "file,value\n'=cmd(),1.5\n'@sum,-2.0\na=b,3.0\n,4.0\n"
+    found = pd.read_csv(tmp_path / "t.csv", dtype=str)
+    assert list(found) == ["'=file()", "value"]
+    quoted = ["'=cmd()", "'@sum", "a=b", None, "'+1+2", "'-2+3", "'\t=1", "-1.5"]
+    assert found["'=file()"].replace({np.nan: None}).tolist() == quoted
+    assert (found["value"] == "-1.5").all()
 
 
 @pytest.mark.studies

@@ -52,6 +52,9 @@ CASES = {
     "stays 12 frames": (pair(lane=stays((0, BESIDE), (MOMENT, LANE), (MOMENT + 12, BESIDE))), CARS, 0),
     "stays 14 frames": (pair(lane=stays((0, BESIDE), (MOMENT, LANE), (MOMENT + 14, BESIDE))), CARS, 1),
     "out of view after 12 frames": (pair(kept=range(MOMENT + 12)), CARS, 0),
+    "lost for 0.48 s": (pair(kept=[*range(MOMENT - 6), *range(MOMENT + 5, FRAMES)]), CARS, 1),
+    "lost for 0.56 s": (pair(kept=[*range(MOMENT - 6), *range(MOMENT + 7, FRAMES)]), CARS, 0),
+    "lost before": (pair(kept=[*range(MOMENT - 40), *range(MOMENT - 10, FRAMES)]), CARS, 1),
     "back after 1 s": (pair(lane=stays((0, LANE), (MOMENT - 24, BESIDE), (MOMENT, LANE))), CARS, 0),
     "back after 1.2 s": (pair(lane=stays((0, LANE), (MOMENT - 30, BESIDE), (MOMENT, LANE))), CARS, 1),
     "nobody behind": (pair(host=0), CARS, 0),
@@ -84,6 +87,12 @@ def write(folder, cases=CASES, **tracks):
         recording = pd.DataFrame({"id": [int(number)], "frameRate": [RATE]})
         recording.to_csv(folder / f"{number}_recordingMeta.csv", index=False)
     return folder
+
+
+@pytest.mark.parametrize("name", ["a[1]", "a*", "a?", "[!b]", "{a,b}"])
+def test_a_name_is_no_pattern(tmp_path, name):
+    write(tmp_path / "a1", ["keeps its lane"])
+    assert len(extract(write(tmp_path / name, ["cut-in"]))) == 1
 
 
 def counts(cut_ins):
@@ -122,6 +131,8 @@ def test_a_cut_in_has_the_values_of_its_first_frame_in_the_lane(cut_ins, name):
         ({"rule__stay": 0.4}, {"stays 12 frames": 1, "out of view after 12 frames": 1}),
         ({"rule__absence": 0.9}, {"back after 1 s": 1}),
         ({"rule__absence": 1.3}, {"back after 1.2 s": 0}),
+        ({"rule__gap": 0.6}, {"lost for 0.56 s": 1}),
+        ({"rule__gap": 0.4}, {"lost for 0.48 s": 0}),
         ({"settled": 0.9}, {"host came 0.96 s before": 1}),
         ({"settled": 1.1}, {"host came 1 s before": 0}),
         ({"lead_classes": ["Car"]}, {"truck before a car": 0}),

@@ -13,8 +13,10 @@ from accelerated_evaluation.answer.fitted_records import FittedRecords
 from accelerated_evaluation.answer.joint_family import Candidate
 from accelerated_evaluation.answer.law_study import LawStudy
 from accelerated_evaluation.answer.smooth_family import SmoothFamily, named
+from accelerated_evaluation.base.arguments import one_of
 from accelerated_evaluation.base.errors import InputError
-from accelerated_evaluation.laws import FITS, LAWS, FitSettings
+from accelerated_evaluation.base.users_code import call
+from accelerated_evaluation.laws import FITS, LAWS, FitSettings, Law
 from accelerated_evaluation.laws.draws import Draws, OneLaw, as_draws
 from accelerated_evaluation.laws.joint import JointLaw
 from accelerated_evaluation.laws.paper.models import PAPER_LAWS, IndependentLaw, fit_paper_laws
@@ -23,6 +25,7 @@ from accelerated_evaluation.methods.problem import read_law_of
 
 ANSWER, PAPER = "answer", "paper"
 FILE = ".json"
+A_LAW = one_of(Law, words="a law", change="Correct this function.")
 
 
 @dataclass(frozen=True)
@@ -82,8 +85,9 @@ def draws_named(choice: str, records: FittedRecords, settings: LawSettings) -> D
         with threadpool_limits(1, "blas"):
             return _one_member(choice, records, settings.draws, settings.closing_speed_max).draws(generator)
     if is_smooth and choice in (PAPER, *FITS):
-        fit = FITS[settings.paper if choice == PAPER else choice]
-        return OneLaw(fit(records.table, settings.fitting))
+        name = settings.paper if choice == PAPER else choice
+        fitted = call(FITS[name], records.table, settings.fitting, where=f"law {name}", returns=A_LAW)
+        return OneLaw(fitted)
     kinds = {} if is_smooth else {n: k for n, k in LAWS.items() if issubclass(k, JointLaw)}
     if choice in kinds:
         own = settings.streams("fit", choice)

@@ -20,6 +20,7 @@ _LIBRARY = Path(__file__).resolve().parents[1]
 # The default configuration, its schema, and the records of the project are in the folders config, data and
 # ``workflow`` of a copy of the repository. A wheel contains them as ``accelerated_evaluation/project``.
 _PACKAGED = _LIBRARY / "project"
+FORMULA = ("=", "@", "+", "-", "\t", "\r")  # beginnings of the texts that a spreadsheet runs
 PROJECT = _PACKAGED if _PACKAGED.is_dir() else _LIBRARY.parents[1]
 
 
@@ -150,17 +151,27 @@ def require_format(path: str | os.PathLike, content: Any, name: str, version: in
 def write_csv(path: str | os.PathLike, table: "pd.DataFrame") -> None:
     """Write a table as CSV without its index.
 
-    Floats are written with so many digits that reading them returns the same numbers. A text that begins with
-    = or @ is prefixed with an apostrophe, because a spreadsheet would run it as a formula.
+    Floats are written with so many digits that reading them returns the same numbers. A text or a name of a
+    column that a spreadsheet would run as a formula is prefixed with an apostrophe.
     """
     texts = table.select_dtypes(exclude=["number", "bool"])
-    table = table.assign(**{name: texts[name].map(_no_formula) for name in texts})
+    table = table.assign(**{name: texts[name].map(_no_formula) for name in texts}).rename(columns=_no_formula)
     with atomic_path(path) as temporary:
         table.to_csv(temporary, index=False, lineterminator="\n")
 
 
 def _no_formula(cell: object) -> object:
-    return f"'{cell}" if isinstance(cell, str) and cell.startswith(("=", "@")) else cell
+    is_formula = isinstance(cell, str) and cell.startswith(FORMULA) and not is_number(cell)
+    return f"'{cell}" if is_formula else cell
+
+
+def is_number(cell: str) -> bool:
+    """Return whether a cell of a CSV file is a number."""
+    try:
+        float(cell)
+    except ValueError:
+        return False
+    return True
 
 
 def content_digest(paths: Iterable[str | os.PathLike], missing: str = "") -> str:

@@ -77,13 +77,14 @@ def _several(element: Argument | None, kind: type) -> Argument:
     return Argument("a list" if element is None else f"a list, each of it {element.in_words}", take)
 
 
+NOTHING = one_of(type(None), words="None")
 SIMPLE: Mapping[type, Argument] = {
     bool: Argument("True or False", lambda value: bool(one_of(bool, np.bool_, words="").take(value))),
     int: a_number(whole=True),
     float: a_number(),
     str: one_of(str, words="text"),
     type: one_of(type, words="a class"),
-    type(None): one_of(type(None), words="None"),
+    type(None): NOTHING,
     Path: Argument("a path", Path),
     os.PathLike: one_of(os.PathLike, words="a path"),
     np.random.Generator: one_of(

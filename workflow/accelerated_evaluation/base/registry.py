@@ -11,6 +11,7 @@ from typing import Any, Generic, TypeVar
 from accelerated_evaluation.base import extensions
 from accelerated_evaluation.base.arguments import described
 from accelerated_evaluation.base.errors import InputError
+from accelerated_evaluation.base.users_code import guard
 
 Member = TypeVar("Member")
 ABSTRACT = "__isabstractmethod__"  # attribute of Python that marks abstract methods
@@ -73,6 +74,7 @@ class Registry(Mapping[str, Member], Generic[Member]):
                     expected="a name of its own for each member",
                     change="Rename one of them. If it is the same one, name its file in `modules`.",
                 )
+            guard(member if isinstance(member, type) else type(member), self._contract, f"{self.what} {name}")
             if extension is not None and name not in self._members:
                 extension.members.append((self, name))
             self._members[name] = member

@@ -13,7 +13,7 @@ import numpy as np
 import pandas as pd
 
 from accelerated_evaluation.base.errors import InputError
-from accelerated_evaluation.base.files import atomic_path
+from accelerated_evaluation.base.files import atomic_path, is_number
 
 CLUSTER = "cluster"  # column of records that names the driver or device that made them
 SHOWN = 5  # number of column names that a message shows
@@ -48,15 +48,6 @@ def header_fault(header: Sequence[str]) -> str:
     if 2 * sum(map(is_number, header)) > len(header):
         return f"numbers in the first row ({names_in_words(header, '')}), so that the table has no header"
     return ""
-
-
-def is_number(cell: str) -> bool:
-    """Return whether a cell of a CSV file is a number."""
-    try:
-        float(cell)
-    except ValueError:
-        return False
-    return True
 
 
 def is_empty(cell: object) -> bool:

@@ -1,17 +1,21 @@
 """Import and run code of users, such that a fault in it ends in a message and changes nothing else."""
 
 import importlib.util
+import inspect
 import os
 import sys
 import zlib
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterable, Iterator
 from contextlib import contextmanager
+from dataclasses import replace
+from functools import partial, wraps
 from pathlib import Path
 from types import ModuleType
-from typing import Any
+from typing import Any, Self, get_type_hints
 
 from accelerated_evaluation.base.arguments import Argument, described
 from accelerated_evaluation.base.errors import InputError, StudyError, located
+from accelerated_evaluation.base.hints import NOTHING, by_hint
 
 FOLDER: dict[str, str] = {}
 """The working folder of users' code, after some of it has changed the folder."""
@@ -65,6 +69,7 @@ def running(where: str, expected: str, change: str) -> Iterator[None]:
 
 def is_of_library(member: Callable) -> bool:
     """Return whether a function or class is defined in this library."""
+    member = member.func if isinstance(member, partial) else member
     return member.__module__.partition(".")[0] == __name__.partition(".")[0]
 
 
@@ -75,13 +80,44 @@ def call(function: Callable, *given: Any, where: str, returns: Argument, **named
     this library fails, exits, or does not return what is expected. Functions of this library are called
     without checks, so that their faults have a traceback.
     """
-    if is_of_library(function):
-        return function(*given, **named)
     file = getattr(getattr(function, "__code__", None), "co_filename", function.__module__)
+    if is_of_library(function) or file == __file__:  # a method of `guard`, which is called from here anyway
+        return function(*given, **named)
     where = f"{where}, {described(function)} in {file}"
     with running(where, f"a function that returns {returns.in_words}", returns.change), located(where):
         value = function(*given, **named)
     return returns.of(value, f"{where}, value that it returned")
+
+
+def guard(kind: type, contracts: Iterable[type], where: str) -> None:
+    """Let `call` make all calls of the methods of a user's class, with the place ``where``.
+
+    These are the methods that the class overrides of a contract, or of a class of this library from which it
+    derives. What they may return follows from the type hint there. Methods that return nothing, or anything,
+    stay as they are, and so does ``from_content``, whose errors show that a file has another content.
+    """
+    bases = [*contracts, *filter(is_of_library, kind.__mro__)]
+    own = [each for each in kind.__mro__ if not is_of_library(each)]
+    for each, name, member in [(each, *pair) for each in own for pair in vars(each).items()]:
+        function = getattr(member, "__func__", member)
+        base = next((base for base in bases if inspect.isroutine(getattr(base, name, None))), None)
+        if not inspect.isfunction(function) or base is None or name.startswith(("_", "from_content")):
+            continue
+        hint = get_type_hints(getattr(base, name)).get("return", Any)
+        returns = by_hint(base if hint is Self else hint)
+        if returns not in (None, NOTHING) and not hasattr(function, "__wrapped__"):
+            checked = _called(function, where, replace(returns, change="Correct this function."))
+            setattr(each, name, checked if member is function else type(member)(checked))
+
+
+def _called(function: Callable, where: str, returns: Argument) -> Callable:
+    """Return a function that makes its calls by `call`."""
+
+    @wraps(function)
+    def called(*given: Any, **named: Any) -> Any:  # noqa: ANN401
+        return call(function, *given, where=where, returns=returns, **named)
+
+    return called
 
 
 def error_in_words(error: BaseException) -> str:

@@ -8,9 +8,12 @@ from collections.abc import Iterable, Iterator
 from pathlib import Path
 from typing import TextIO
 
+from accelerated_evaluation.base.errors import InputError
+from accelerated_evaluation.base.files import write_text
 from accelerated_evaluation.commands import COMMANDS, add_accept, number_option, positive_integer
 
 ANSWER = "answer"
+VEHICLE = "vehicle.json"
 DESCRIPTION = """\
 Estimate the crash probability of a vehicle from few simulations, for slow vehicles: a program in any
 language, an FMU, or a Python class; docs/your_vehicle.md shows all three. Usually 100 to 300 simulations are
@@ -56,6 +59,7 @@ files written to results/STUDY/estimate/:
   account.csv     the number of records that each filter has removed
   law.json        the law that was sampled, with its draws, for `campaign new` and `export`
   encounters.parquet  the encounter table to which the law was fitted
+  vehicle.json    scenario and vehicle; the estimate of another vehicle needs another name of the study
 
 examples: the answer and its ratio to a careful human; under another law and for a near miss; the ratio to an
 earlier version, whose runs save simulations; another scenario, with its default vehicle and records
@@ -80,6 +84,18 @@ def coloured(lines: Iterable[str], stream: TextIO) -> Iterator[str]:
     for number, line in enumerate(lines):
         codes = [code for start, code in DOUBTS.items() if line.startswith(start)] or ["1"] * (number == 0)
         yield f"\x1b[{codes[0]}m{line}\x1b[0m" if has_colours and codes else line
+
+
+def require_own(path: Path, vehicle: str) -> None:
+    """Raise InputError if a file shows that a folder has the estimate of another vehicle or scenario."""
+    if path.is_file() and (other := path.read_text(encoding="utf-8")) != vehicle:
+        raise InputError(
+            str(path.parent),
+            seen=f"the estimate of another vehicle: {' '.join(other.split())}",
+            expected=f"nothing, or an earlier estimate of {' '.join(vehicle.split())}",
+            change="Give this vehicle a study of its own, with the key study. If the earlier estimate is not "
+            "needed any more, remove its folder.",
+        )
 
 
 @COMMANDS.add("estimate")
@@ -204,11 +220,15 @@ class EstimateAlone:
         )
         given = {name: value for name in names if (value := getattr(arguments, name)) not in (None, [])}
         request = Request(**given)
+        folder = Path("results", config["study"], "estimate")
+        car = {key: config["vehicle"][key] for key in ("name", "parameters")}
+        vehicle = json.dumps({"scenario": config["scenario"]["name"], **car}, indent=1)
+        require_own(folder / VEHICLE, vehicle)
         # What a vehicle prints is not part of the answer.
         with open(os.dup(2), "w", buffering=1) as errors, printed_to(errors, 1):
             found = estimate_event(Settings.of(resolved(config), request), request)
-        folder = Path("results", config["study"], "estimate")
         compared = found.write(folder)
+        write_text(folder / VEHICLE, vehicle)
         if arguments.json:
             print(json.dumps(found.content(compared), indent=1))
         else:

@@ -92,10 +92,6 @@ def _add_files(crate: ROCrate, jobs: Sequence[Job]) -> dict[str, Entity]:
         paths[places[path]] = Path(path)
     files = {}
     for name, path in tqdm(sorted(paths.items()), desc="Adding files", unit=" files"):
-        if not path.is_file():
-            raise InputError(
-                str(path), seen="no such file", expected="a file of the study", change="Run the study again."
-            )
         kind = TYPES.get(path.suffix) or mimetypes.guess_type(path.name)[0] or "text/plain"
         facts = {"sha256": file_digest(path), "encodingFormat": kind, "contentSize": str(path.stat().st_size)}
         files[name] = crate.add_file(path, name, properties={"name": path.name, **facts})
@@ -235,12 +231,18 @@ def _part(job: Job) -> str:
 def _name(path: Path) -> str:
     """Return the path of a file in the crate.
 
-    It is the path relative to the project or to the working folder; files from elsewhere are in ``inputs``.
+    It is the path relative to the project or to the working folder. Files from elsewhere are in ``inputs``,
+    each in a folder that a digest of its content names, because two of them may have the same name.
+    InputError is raised if the file no longer exists.
     """
+    if not path.is_file():
+        raise InputError(
+            str(path), seen="no such file", expected="a file of the study", change="Run the study again."
+        )
     for root in (PROJECT, Path.cwd()):
         if path.resolve().is_relative_to(root.resolve()):
             return path.resolve().relative_to(root.resolve()).as_posix()
-    return f"inputs/{path.name}"
+    return f"inputs/{file_digest(path)[:10]}/{path.name}"
 
 
 def _files(path: Path) -> Iterator[Path]:

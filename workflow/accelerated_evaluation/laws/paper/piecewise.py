@@ -9,10 +9,13 @@ from dataclasses import dataclass
 import numpy as np
 from tqdm import tqdm
 
+from accelerated_evaluation.base.arguments import one_of
 from accelerated_evaluation.base.arrays import Array
 from accelerated_evaluation.base.errors import ConvergenceError, InputError
+from accelerated_evaluation.base.users_code import call
 from accelerated_evaluation.laws.distributions import DISTRIBUTIONS, Described, PiecewiseMixture
 
+FITTED = one_of(Described, words="a distribution", change="Correct the distribution.")
 MINIMUM_SHARE = 0.005  # of the sample, in each piece between knots of a profile likelihood
 
 
@@ -34,10 +37,10 @@ class PieceFamily:
 
         ConvergenceError is raised if it cannot be fitted, and InputError if no distribution is of this kind.
         """
-        member = DISTRIBUTIONS[self.kind]
+        member, stated = DISTRIBUTIONS[self.kind], {"where": f"distribution {self.kind}", "returns": FITTED}
         if self.components == 1:
-            return member.fit(x, lower, upper)
-        return member.fit_mixture(x, lower, upper, self.components)
+            return call(member.fit, x, lower, upper, **stated)
+        return call(member.fit_mixture, x, lower, upper, self.components, **stated)
 
     def fit_or_simpler(self, x: Array, lower: float, upper: float) -> Described:
         """Return a fit of the family to a sample x, shape (n,), on [lower, upper), or of a simpler family.

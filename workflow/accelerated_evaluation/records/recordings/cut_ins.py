@@ -37,6 +37,10 @@ STAYS = """
         FROM {frames}
     )
 """
+TRACK = """
+    max(CASE WHEN time - before <= {gap} THEN NULL ELSE time END)
+        OVER (PARTITION BY {vehicle} ORDER BY time ROWS UNBOUNDED PRECEDING)
+"""
 
 
 def stays_sql(frames: str, *, vehicle: str, lane: str, rule: Mapping[str, float]) -> str:
@@ -50,6 +54,16 @@ def stays_sql(frames: str, *, vehicle: str, lane: str, rule: Mapping[str, float]
     """
     absence = milliseconds(max(rule["absence"], rule["gap"]))
     return STAYS.format(frames=frames, vehicle=vehicle, lane=lane, absence=absence)
+
+
+def track_sql(*, vehicle: str, rule: Mapping[str, float]) -> str:
+    """Return the SQL expression of the time [ms] at which the track of each row begins.
+
+    A track is a sequence of rows of one ``vehicle`` (names of columns, separated by commas), in which no two
+    consecutive rows are farther apart than ``gap`` of the ``rule`` [s]. After a longer gap, the number may
+    belong to another vehicle. The rows have ``time`` and ``before``, the time of the previous row [ms].
+    """
+    return TRACK.format(vehicle=vehicle, gap=milliseconds(rule["gap"]))
 
 
 def milliseconds(seconds: float) -> int:

@@ -1,6 +1,7 @@
 """DuckDB queries on CSV files of any size, with limited memory and a clear error for an unreadable file."""
 
 import csv
+import glob
 import re
 import tempfile
 from collections.abc import Iterable, Iterator
@@ -110,7 +111,7 @@ def csv_relation(
     header = header_of(path, [*numbers, *texts])
     types = {name: "DOUBLE" if name in numbers else "VARCHAR" for name in header}
     return connection.read_csv(
-        str(path), columns=types, header=True, delimiter=",", quotechar='"', auto_detect=False
+        glob.escape(str(path)), columns=types, header=True, delimiter=",", quotechar='"', auto_detect=False
     )
 
 

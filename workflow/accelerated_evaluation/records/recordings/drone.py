@@ -22,6 +22,7 @@ from accelerated_evaluation.records.recordings.own_distances import OwnColumns, 
 from accelerated_evaluation.records.recordings.trajectories import (
     changes_of_lane,
     cut_ins_of,
+    frames_sql,
     position_agreement,
 )
 
@@ -59,7 +60,7 @@ class Format:
     meta_numbers: tuple[str, ...]
     complete: str  # SQL condition that a row of ``tracks`` is used
     # SQL statement that creates this table from the views ``tracks`` and ``meta_file``, with the placeholders
-    # {rate}, {own} and {complete}; `meta` likewise.
+    # {rate}, {own}, {complete} and {seen}; `meta` likewise.
     frames: str
     meta: str
     # SQL expressions of the range [m], by what a position means; the first is used if the distances in the
@@ -114,7 +115,8 @@ def _read_recording(
         own = {form.own.ahead, form.own.gap, form.own.headway, form.own.ttc} & {*header}
         columns = dict.fromkeys([*form.numbers, *form.texts, *sorted(own)])
         csv_relation(connection, file, form.numbers, form.texts).project(", ".join(columns)).to_view("tracks")
-        connection.execute(form.frames.format(rate=rate, own=form.own.sql(header), complete=form.complete))
+        placeholders = {"rate": rate, "own": form.own.sql(header), "complete": form.complete}
+        connection.execute(frames_sql(form.frames, settings["rule"], **placeholders))
     with csv_errors(meta):
         csv_relation(connection, meta, form.meta_numbers, ["class"]).to_view("meta_file")
         connection.execute(form.meta)
@@ -123,7 +125,7 @@ def _read_recording(
     with csv_errors(file):
         ratio, (supported, warnings) = (
             position_agreement(connection),
-            compared(connection, form.readings, form.own),
+            compared(connection, str(file), form.readings, form.own),
         )
         what, key = form.speeds
         require_agreement(str(file), ratio, what=what, key=key)

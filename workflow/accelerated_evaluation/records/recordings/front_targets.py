@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any
 
 import pandas as pd
 
-from accelerated_evaluation.records.recordings.cut_ins import milliseconds, stays_sql
+from accelerated_evaluation.records.recordings.cut_ins import milliseconds, stays_sql, track_sql
 
 if TYPE_CHECKING:
     from duckdb import DuckDBPyConnection
@@ -22,8 +22,7 @@ TRACKS = """
     SELECT * EXCLUDE (before, range_before, rate_before), range - range_before AS moved,
         (range_rate + rate_before) / 2 * (time - before) / 1000 AS reported,
         coalesce(time = before, FALSE) AS repeated,
-        max(CASE WHEN before IS NULL OR time - before > {gap} THEN time END) OVER (
-            PARTITION BY device, trip, obstacle ORDER BY time ROWS UNBOUNDED PRECEDING) AS since
+        {since} AS since
     FROM (
         SELECT * EXCLUDE (type, complete), lag(time) OVER one AS before, lag(range) OVER one AS range_before,
             lag(range_rate) OVER one AS rate_before
@@ -146,7 +145,8 @@ def changes_into_path(
     rule, link = settings["rule"], settings["link"]
     types = [int(type_) for type_ in settings["target_types"]]
     gap = milliseconds(rule["gap"])
-    connection.execute(TRACKS.format(gap=gap, types=types))
+    since = track_sql(vehicle="device, trip, obstacle", rule=rule)
+    connection.execute(TRACKS.format(since=since, types=types))
     reach = max(milliseconds(link["time"]), 1)
     connection.execute(LINKS.format(reach=reach, range=link["range"], side=link["transversal"]))
     connection.execute(FRAMES)

@@ -1,29 +1,40 @@
 """Distances to the vehicle ahead that a recording contains, compared with those computed from positions.
 
 Data sets in the same format may differ in what a position means: in highD `x` is the left end of the bounding
-box, and in AD4CHE its centre. The distances in the file itself show which of the two it is.
+box, in AD4CHE its centre, and in files from SUMO the front of the vehicle. The distances in the file itself
+show which it is. The readings differ by half or all of the difference of the lengths of two vehicles, so only
+pairs of a long and a short vehicle can show it.
 """
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
+from accelerated_evaluation.base.errors import InputError
 from accelerated_evaluation.records.recordings.cut_ins import AGREEMENT
 
 if TYPE_CHECKING:
     from duckdb import DuckDBPyConnection
 
-# ``h`` is the frame of a vehicle, ``f`` that of the vehicle ahead, and ``m`` its row in ``meta``. Positions
-# that jump by metres shall not decide, so an error counts as at most 5 m.
+# ``h`` is the frame of a vehicle, ``f`` that of the vehicle ahead, and ``m`` its row in ``meta``. A distance
+# has the median error in the frames of a pair of vehicles, so that positions that jump do not decide. The
+# pairs are those whose lengths differ by more than half of the largest difference.
 COMPARED = """
-    SELECT {errors}, median(h.own_headway * abs(h.velocity) / h.own_gap) AS headway,
-        median(h.own_ttc * (abs(h.velocity) - abs(f.velocity)) / h.own_gap)
-            FILTER (abs(h.velocity) - abs(f.velocity) > 1 AND h.own_ttc > 0) AS ttc
-    FROM frames AS h JOIN frames AS f ON f.id = h.ahead AND f.time = h.time JOIN meta AS m ON m.id = f.id
-    WHERE h.own_gap > 0
+    WITH compared AS (
+        SELECT h.id, f.id AS ahead, abs(f.{length} - h.{length}) AS differ, h.own_gap,
+            h.own_headway * abs(h.velocity) / h.own_gap AS headway,
+            CASE WHEN abs(h.velocity) - abs(f.velocity) > 1 AND h.own_ttc > 0
+                THEN h.own_ttc * (abs(h.velocity) - abs(f.velocity)) / h.own_gap END AS ttc,
+            [{gaps}] AS gaps
+        FROM frames AS h JOIN frames AS f ON f.id = h.ahead AND f.time = h.time JOIN meta AS m ON m.id = f.id
+        WHERE h.own_gap > 0
+    ), pairs AS (
+        SELECT {of_pair} FROM compared GROUP BY id, ahead
+        HAVING max(differ) >= (SELECT max(differ) FROM compared) / 2
+    )
+    SELECT {of_all}, (SELECT median(headway) FROM compared), (SELECT median(ttc) FROM compared) FROM pairs
 """
-ERROR = "avg(least(abs(h.own_gap - ({gap})), 5))"
-TOLERANCE = 0.5  # [m], largest mean error of a distance that counts as the same
+TOLERANCE = 0.5  # [m], largest median error of a distance that counts as the same
 
 
 @dataclass(frozen=True)
@@ -50,19 +61,26 @@ class OwnColumns:
 
 
 def compared(
-    connection: "DuckDBPyConnection", readings: Mapping[str, str], columns: OwnColumns
+    connection: "DuckDBPyConnection", where: str, readings: Mapping[str, str], columns: OwnColumns
 ) -> tuple[str | None, list[str]]:
     """Return the reading of the positions that the distances of a recording support, and warnings.
 
     ``readings`` maps the name of each reading to the SQL expression of the gap to the vehicle ahead. The
-    reading is None if the distances do not distinguish them: if the file has none, if all vehicles are
-    equally long, or if they are differences of positions, as in highD. A warning says that the distances,
-    headways or TTC of the file contradict its positions and speeds under all readings.
+    reading is None if the distances do not distinguish them: if the file has none, or if they are differences
+    of positions, as in highD. A warning says that headways or TTC of the file contradict its positions and speeds. InputError is raised if the distances contradict the
+    positions under all readings, because it is then unknown where a vehicle begins.
     """
     to_front = f" + f.{columns.length}"  # the distance may end at the rear of the vehicle ahead, or its front
     gaps = [f"({gap}){more}" for gap in readings.values() for more in ("", to_front)]
-    errors = ", ".join(ERROR.format(gap=gap) for gap in [*gaps, columns.difference])
-    *found, of_difference, headway, ttc = connection.execute(COMPARED.format(errors=errors)).fetchone()
+    gaps.append(columns.difference)
+    places = range(1, len(gaps) + 1)
+    query = COMPARED.format(
+        length=columns.length,
+        gaps=", ".join(gaps),
+        of_pair=", ".join(f"median(abs(own_gap - gaps[{place}])) AS e{place}" for place in places),
+        of_all=", ".join(f"median(e{place})" for place in places),
+    )
+    *found, of_difference, headway, ttc = connection.execute(query).fetchone()
     if of_difference is None:
         return None, []
     best = dict(zip(readings, map(min, found[::2], found[1::2]), strict=True))
@@ -73,10 +91,13 @@ def compared(
     ]
     smallest = min(best, key=best.__getitem__)
     if min(best[smallest], of_difference) > TOLERANCE:
-        what = (
-            f"{columns.gap} of the recordings differs by {best[smallest]:.3g} m from the distances computed"
+        raise InputError(
+            f"{where}, column {columns.gap}",
+            seen=f"distances that differ by {best[smallest]:.3g} m from those computed from positions and "
+            "lengths, between vehicles of the most different lengths",
+            expected="distances to the vehicle ahead [m], and positions that are the "
+            + ", the ".join(readings),
+            change=f"Correct the positions or {columns.gap}. Leave {columns.gap} out only if it is wrong and "
+            f"positions are the {next(iter(readings))}.",
         )
-        return None, [f"{what} from positions and lengths, on average", *warnings]
-    others = [error for name, error in best.items() if name != smallest]
-    is_clear = best[smallest] <= min([of_difference, *others]) / 2
-    return smallest if is_clear else None, warnings
+    return smallest if best[smallest] < of_difference else None, warnings

@@ -6,7 +6,7 @@ The reader of a format creates three tables:
 - ``frames`` has a row for each vehicle and frame: ``id``, ``time`` [ms], ``lane``, ``host`` (the vehicle
   behind in the same lane, if any), ``velocity`` [m/s], ``x`` [m] along the road, ``moved`` and ``reported``
   (the change of x [m] since the previous frame, measured and computed from the velocity), and ``seen`` (the
-  time [ms] when the vehicle was first in view).
+  time [ms] at which the track of the vehicle begins, see `recordings.cut_ins.track_sql`).
 - ``meta`` has ``id`` and ``class`` of each vehicle.
 """
 
@@ -25,6 +25,7 @@ from accelerated_evaluation.records.recordings.cut_ins import (
     finished,
     milliseconds,
     stays_sql,
+    track_sql,
     with_names,
 )
 from accelerated_evaluation.records.recordings.database import literal
@@ -35,18 +36,19 @@ if TYPE_CHECKING:
 JUMP = 5.0  # [m], largest difference between a change of position and what the velocity explains
 OUTPUT = ("lead_speed", "range", "closing_speed", "host_speed", "recording", "time", "vehicle", "host")
 # In some recordings a vehicle has several rows for one frame. ``copy`` numbers them; the first one is used.
-FRAMES = """
+TRACKED = """
+    SELECT * EXCLUDE (copy, before), {{seen}} AS seen
+    FROM (SELECT *, lag(time) OVER (PARTITION BY id ORDER BY time) AS before FROM ({rows}) WHERE copy = 1)
+"""
+FRAMES = f"""
     CREATE OR REPLACE TEMP TABLE frames AS
-    SELECT * EXCLUDE (copy), x - lag(x) OVER one AS moved,
-        velocity * (time - lag(time) OVER one) / 1000 AS reported,
-        min(time) OVER (PARTITION BY id) AS seen
-    FROM ({rows}) WHERE copy = 1
-    WINDOW one AS (PARTITION BY id ORDER BY time)
+    SELECT *, x - lag(x) OVER one AS moved, velocity * (time - lag(time) OVER one) / 1000 AS reported
+    FROM ({TRACKED}) WINDOW one AS (PARTITION BY id, seen ORDER BY time)
 """
 STAYS = """
     CREATE OR REPLACE TEMP TABLE stays AS
-    SELECT id, lane, stay, min(time) AS time, max(time) AS until, any_value(seen) AS seen
-    FROM ({stays}) GROUP BY id, lane, stay
+    SELECT id, seen, lane, stay, min(time) AS time, max(time) AS until
+    FROM ({stays}) GROUP BY id, seen, lane, stay
 """
 CANDIDATES = """
     SELECT s.id AS vehicle, f.host, s.time, abs(f.velocity) AS lead_speed, abs(h.velocity) AS host_speed,
@@ -74,7 +76,7 @@ COUNTS = """
         coalesce(sum(lasts), 0) AS milliseconds, coalesce(sum(distance), 0) AS micrometres
     FROM (
         SELECT max(time) - min(time) AS lasts, CAST(round((max(x) - min(x)) * 1e6) AS BIGINT) AS distance
-        FROM frames JOIN meta USING (id) WHERE list_contains({host_classes}, lower(class)) GROUP BY id
+        FROM frames JOIN meta USING (id) WHERE list_contains({host_classes}, lower(class)) GROUP BY id, seen
     )
 """
 CLASSES = """
@@ -109,6 +111,11 @@ def trajectory_keys(
     }
 
 
+def frames_sql(frames: str, rule: Mapping[str, float], **more: object) -> str:
+    """Return the SQL statement that creates ``frames``, given the rule of gaps and further placeholders."""
+    return frames.format(seen=track_sql(vehicle="id", rule=rule), **more)
+
+
 def changes_of_lane(
     connection: "DuckDBPyConnection",
     settings: Mapping[str, Any],
@@ -129,7 +136,7 @@ def changes_of_lane(
     rule, settled = settings["rule"], milliseconds(settings["settled"])
     classes = {key: literal(map(str.lower, settings[key])) for key in CLASS_KEYS}
     connection.execute(
-        STAYS.format(stays=stays_sql("frames", vehicle="id", lane="lane", rule=settings["rule"]))
+        STAYS.format(stays=stays_sql("frames", vehicle="id, seen", lane="lane", rule=settings["rule"]))
     )
     query = CANDIDATES.format(
         range=range_,

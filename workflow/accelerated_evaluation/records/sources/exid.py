@@ -8,7 +8,7 @@ from typing import Any
 
 import pandas as pd
 
-from accelerated_evaluation.records.recordings import drone
+from accelerated_evaluation.records.recordings import drone, trajectories
 from accelerated_evaluation.records.recordings.database import whole
 from accelerated_evaluation.records.recordings.own_distances import OwnColumns
 from accelerated_evaluation.records.recordings.trajectories import trajectory_keys
@@ -24,6 +24,13 @@ OFFSET = (
 )
 COMPLETE = "coalesce(" + " AND ".join(f"isfinite({column})" for column in NUMBERS) + ", FALSE)"
 COMPLETE += f" AND coalesce(isfinite({OFFSET}), FALSE) AND laneletId IS NOT NULL"
+ROWS = f"""
+    SELECT {whole("trackId", "trackId")} AS id, {whole("round(frame * 1000 / {rate})", "frame")} AS time,
+        xCenter, yCenter, heading, length, lonVelocity AS velocity, laneChange, laneletId,
+        {OFFSET} AS aside, {whole("rearId", "rearId")} AS host, {whole("leadId", "leadId")} AS lead, {{own}},
+        row_number() OVER (PARTITION BY trackId, frame ORDER BY xCenter, yCenter, laneletId) AS copy
+    FROM tracks WHERE {{complete}}
+"""
 # A lane continues from lanelet to lanelet, so a change of laneletId alone is not a change of lane. If the
 # flag laneChange is set in several consecutive frames of one lanelet, they are one change.
 CHANGED = "laneChange = 1 AND (lag(laneChange) OVER one = 0 OR laneletId <> lag(laneletId) OVER one)"
@@ -33,27 +40,18 @@ CHANGED = "laneChange = 1 AND (lag(laneChange) OVER one = 0 OR laneletId <> lag(
 # absences can be recognised.
 FRAMES = f"""
     CREATE OR REPLACE TEMP TABLE frames AS
-    SELECT * EXCLUDE (side), sum(side) OVER one AS lane, min(time) OVER (PARTITION BY id) AS seen,
+    SELECT * EXCLUDE (side), sum(side) OVER one AS lane,
         sum(CAST(round(coalesce(moved, 0) * 1e6) AS BIGINT)) OVER one / 1e6 AS x
     FROM (
-        SELECT * EXCLUDE (copy, laneChange, laneletId, aside),
+        SELECT * EXCLUDE (laneChange, laneletId, aside),
             (xCenter - lag(xCenter) OVER one) * cos(radians(heading))
                 + (yCenter - lag(yCenter) OVER one) * sin(radians(heading)) AS moved,
             velocity * (time - lag(time) OVER one) / 1000 AS reported,
             CASE WHEN {CHANGED}
                 THEN CASE WHEN aside < lag(aside) OVER one THEN 1 ELSE -1 END ELSE 0 END AS side
-        FROM (
-            SELECT {whole("trackId", "trackId")} AS id,
-                {whole("round(frame * 1000 / {rate})", "frame")} AS time,
-                xCenter, yCenter, heading, length, lonVelocity AS velocity, laneChange, laneletId,
-                {OFFSET} AS aside, {whole("rearId", "rearId")} AS host, {whole("leadId", "leadId")} AS lead,
-                {{own}},
-                row_number() OVER (PARTITION BY trackId, frame ORDER BY xCenter, yCenter, laneletId) AS copy
-            FROM tracks WHERE {{complete}}
-        ) WHERE copy = 1
-        WINDOW one AS (PARTITION BY id ORDER BY time)
+        FROM ({trajectories.TRACKED.format(rows=ROWS)}) WINDOW one AS (PARTITION BY id, seen ORDER BY time)
     )
-    WINDOW one AS (PARTITION BY id ORDER BY time)
+    WINDOW one AS (PARTITION BY id, seen ORDER BY time)
 """
 META = """
     CREATE OR REPLACE TEMP TABLE meta AS
@@ -75,7 +73,11 @@ FORMAT = drone.Format(
     complete=COMPLETE,
     frames=FRAMES,
     meta=META,
-    readings={"centre of the bounding box": RANGE},
+    readings={
+        "centre of the bounding box": RANGE,
+        "front of the vehicle": f"{RANGE} + (h.length - f.length) / 2",
+        "rear of the vehicle": f"{RANGE} + (f.length - h.length) / 2",
+    },
     own=OwnColumns(
         "leadId",
         "leadDHW",

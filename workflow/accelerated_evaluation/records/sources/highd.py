@@ -16,8 +16,9 @@ from accelerated_evaluation.records.sources import source
 
 # In highD `x` is the left end of the bounding box and `width` is its length along the road. Vehicles of
 # direction 1 drive to the left, so their front is at x. Vehicles of direction 2 drive to the right. AD4CHE
-# has the same columns and three more, and its `x` is the centre of the box.
+# has the same columns and three more, and its `x` is the centre of the box. In SUMO a position is the front.
 LEFT_END, CENTRE = "left end of the bounding box", "centre of the bounding box"
+AHEAD = "CASE WHEN m.drivingDirection = 1 THEN h.x - f.x ELSE f.x - h.x END"
 COLUMNS = ("frame", "id", "x", "width", "xVelocity", "followingId", "laneId")
 FRAMES = trajectories.FRAMES.format(
     rows=f"""
@@ -41,9 +42,10 @@ FORMAT = drone.Format(
     frames=FRAMES,
     meta=META,
     readings={
-        LEFT_END: "CASE WHEN m.drivingDirection = 1 THEN h.x - f.x - f.width ELSE f.x - h.x - h.width END",
-        CENTRE: "CASE WHEN m.drivingDirection = 1 THEN h.x - f.x ELSE f.x - h.x END "
-        "- (f.width + h.width) / 2",
+        LEFT_END: f"{AHEAD} - CASE WHEN m.drivingDirection = 1 THEN f.width ELSE h.width END",
+        CENTRE: f"{AHEAD} - (f.width + h.width) / 2",
+        "front of the vehicle": f"{AHEAD} - f.width",
+        "rear of the vehicle": f"{AHEAD} - h.width",
     },
     own=OwnColumns("precedingId", "dhw", "thw", "ttc", length="width", difference="abs(f.x - h.x)"),
     same_lane="h.lane = f.lane",

@@ -76,7 +76,7 @@ def read(settings: Mapping[str, Any]) -> pd.DataFrame:
     with database() as (connection, _):
         for file in tqdm(_files(settings["path"]), desc="find cut-ins", unit="trace", delay=1, disable=None):
             fleet = _read_trace(connection, file, milliseconds(settings["rule"]["gap"]))
-            connection.execute(FRAMES)
+            connection.execute(trajectories.frames_sql(FRAMES, settings["rule"]))
             candidates, of_file = changes_of_lane(connection, settings, range_="f.gap", complete=COMPLETE)
             _require_use(str(file), of_file, fleet)
             _require_units(connection, str(file), fleet)

@@ -1,5 +1,6 @@
 """Raw recordings of the Safety Pilot Model Deployment: targets of a forward sensor, and host speeds."""
 
+import glob
 from collections import Counter
 from collections.abc import Mapping, Sequence
 from pathlib import Path
@@ -210,7 +211,7 @@ def _work(
 ) -> tuple[list[pd.DataFrame], Counter]:
     """Return the changes into the path in each part, and counts and exposure added up over all parts."""
     tables = {
-        name: f"read_parquet({literal([folder / name / '*/*/*.parquet'])}, hive_partitioning = TRUE)"
+        name: f"read_parquet({literal([f'{glob.escape(str(folder))}/{name}/*/*/*.parquet'])}, hive_partitioning = TRUE)"
         for name in ("targets", "host")
     }
     connection.execute(f"CREATE TEMP TABLE devices AS SELECT DISTINCT device FROM {tables['targets']}")

@@ -11,6 +11,8 @@ from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import Any, NamedTuple
 
+import numpy as np
+
 from accelerated_evaluation.base.arrays import ACCELERATION, LENGTH, SPEED
 from accelerated_evaluation.base.errors import InputError
 from accelerated_evaluation.base.users_code import error_in_words
@@ -23,6 +25,9 @@ INPUT_UNITS = {
     "host_speed": SPEED,
     "lead_speed": SPEED,
 }
+# Exponents of the base units of the SI units, as in the unit definitions of an FMU.
+EXPONENTS = {"m": {"m": 1}, "m/s": {"m": 1, "s": -1}, "m/s^2": {"m": 1, "s": -2}}
+BASE_UNITS = ("kg", "m", "s", "A", "K", "mol", "cd", "rad")
 LARGEST = 200_000_000  # largest number of bytes of all files of an FMU, which each worker unpacks
 REAL = {"2.0": "Real", "3.0": "Float64"}
 
@@ -61,7 +66,9 @@ class FmuVariable:
 
     quantity: str
     reference: int  # number of the variable in the FMU (value reference)
-    factor: float  # factor that converts a value of the variable to SI units
+    # Value in SI units = factor * value of the variable + offset.
+    factor: float
+    offset: float
 
 
 class Model:
@@ -118,19 +125,47 @@ class Model:
             raise self._error(where, repr(mapped), "a name and a unit, as in {name: gap, unit: m}")
         for key in mapped:
             self._require(where, key, ("name", "unit"))
-        units, name = known[quantity], mapped.get("name", quantity)
+        name = mapped.get("name", quantity)
         self._require(f"{where}.name", name, self._variables)
         variable = self._variables[name]
         if variable.type != (real := REAL[self.description.fmiVersion]):
             raise self._error(
                 f"{where}.name", f"{name} of type {variable.type}", f"a variable of type {real}"
             )
+        if getattr(variable, "dimensions", ()):
+            raise self._error(f"{where}.name", f"{name}, which is an array", "a variable with one value")
         declared = variable.unit or (variable.declaredType.unit if variable.declaredType else None)
-        unit = mapped.get("unit", next(iter(units)))
-        self._require(f"{where}.unit", unit, units)
-        if declared in units and units[declared] != units[unit]:
-            raise self._error(f"{where}.unit", unit, f"{declared}, as the FMU declares for {name}")
-        return FmuVariable(quantity, variable.valueReference, units[unit])
+        units = {unit: (factor, 0.0) for unit, factor in known[quantity].items()}
+        where, of_fmu = f"{where}.unit", self._of_fmu(f"{where}.unit", declared, units)
+        if "unit" not in mapped and declared and of_fmu is None:
+            raise self._error(
+                where,
+                f"none here, and for {name} the unit {declared} without a definition in the FMU",
+                f"one of {', '.join(units)}",
+                "State the unit of this variable.",
+            )
+        if of_fmu is not None:
+            units[declared] = of_fmu
+        unit = mapped.get("unit", declared or next(iter(units)))
+        self._require(where, unit, units)
+        if of_fmu is not None and not np.allclose(units[unit], of_fmu, rtol=1e-6, atol=1e-12):
+            raise self._error(where, unit, f"{declared}, as the FMU declares for {name}")
+        return FmuVariable(quantity, variable.valueReference, *units[unit])
+
+    def _of_fmu(
+        self, where: str, unit: str | None, units: Mapping[str, tuple[float, float]]
+    ) -> tuple[float, float] | None:
+        """Return factor and offset of a unit that the FMU declares, from its definition there if it has one.
+
+        The result is None if the unit is not known. ``units`` are the known ones, the SI unit first.
+        """
+        defined = (each.baseUnit for each in self.description.unitDefinitions if each.name == unit)
+        if (base := next(defined, None)) is None:
+            return units.get(unit)
+        exponents = {name: power for name in BASE_UNITS if (power := getattr(base, name))}
+        if exponents != (wanted := EXPONENTS[next(iter(units))]):
+            raise self._error(where, f"{unit} of {exponents} in the FMU", f"a unit of {wanted}")
+        return base.factor, base.offset
 
     def _require(self, where: str, name: object, known: Iterable[str]) -> None:
         known = [*known]
@@ -174,7 +209,7 @@ class Instance:
             self._set(state)
             ended = fmu.doStep(currentCommunicationPoint=time, communicationStepSize=step)
             read = fmu.getReal if self._model.is_old else fmu.getFloat64
-            acceleration = read([output.reference])[0] * output.factor
+            acceleration = read([output.reference])[0] * output.factor + output.offset
         if isinstance(ended, tuple) and ended[1]:  # FMUs of FMI 3.0 may request the end of the simulation
             raise _fault(f"its step at {time:g} s", "a request to end the simulation")
         if not math.isfinite(acceleration):
@@ -189,7 +224,7 @@ class Instance:
 
     def _set(self, state: HostAndLead) -> None:
         inputs = self._model.inputs
-        values = [getattr(state, each.quantity) / each.factor for each in inputs]
+        values = [(getattr(state, each.quantity) - each.offset) / each.factor for each in inputs]
         write = self._fmu.setReal if self._model.is_old else self._fmu.setFloat64
         write([each.reference for each in inputs], values)
 
