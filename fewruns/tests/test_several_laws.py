@@ -1,6 +1,7 @@
 """Reweighted estimates: exact where the sampled law is normal, and the draws are normal laws elsewhere."""
 
 from dataclasses import replace
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -8,7 +9,7 @@ from fewruns import SeveralLaws, SystemProblem, combining, run_batches
 from fewruns.crossfit import Control, cross_fitted
 from fewruns.progress import LawDraws, Progress
 from fewruns.several_laws import Ratios, reweight
-from sampler_checks import STOPPING, drive, half_plane, new_sampler
+from sampler_checks import STOPPING, drive, half_plane, new_sampler, standard_normal_event
 from scipy.stats import norm
 
 SHIFTS = np.array([-0.4, -0.2, 0.0, 0.2, 0.4])  # of the mean, along the direction of the event
@@ -255,3 +256,41 @@ def test_counted_events_are_reweighted_for_every_draw():
     assert np.all(np.abs(claimed / (found.std(axis=0) / exact) - 1) < 0.3)
     part = laws().estimate(sampler, z @ DIRECTION > level + 9)
     assert part is None
+
+
+FAR = np.array([-60.0, -20, -8, -5, -3, -2, -1, 0, 1, 2, 3, 4, 5, 6, 8, 20, 45])  # means of the first input
+
+
+def far_from_the_runs(seed):
+    """Return the estimates of P(z1 > 4.5) under N(m, 1) for all means in `FAR`, from runs under N(0, 1)."""
+    event = standard_normal_event(lambda z: 4.5 - z[:, 0])
+    sampler = drive(new_sampler(seed=seed), event).sampler
+    return SeveralLaws(lambda z: np.outer(FAR, z[:, 0]) - FAR[:, None] ** 2 / 2).refined(sampler)
+
+
+@pytest.mark.seeds
+def test_laws_far_from_the_runs_are_estimated_or_unknown():
+    """Exact: `norm.sf`. Wrong: all estimates raised to a thousandth of their mean, with the same errors."""
+    truth, off, raised = norm.logsf(4.5 - FAR), [], []
+    for seed in range(12):
+        found = far_from_the_runs(seed)
+        known = found.errors < 1
+        assert known[FAR == 0].all()
+        assert not known[np.isin(FAR, (-60, 8, 20, 45))].any()
+        floor = np.maximum(found.probabilities, 1e-3 * found.probabilities.mean())
+        for values, all_of in ((found.probabilities, off), (floor, raised)):
+            all_of.extend((np.log(values[known]) - truth[known]) / found.errors[known])
+    assert np.sqrt(np.mean(np.square(off))) < 1.6
+    assert np.abs(off).max() < 6  # t-distributed, with few degrees of freedom
+    assert np.abs(raised).max() > 20
+
+
+def test_draws_of_the_law_without_enough_events_are_unknown():
+    """Four events of equal weight under the first law, and 40 under the second one."""
+    draws = LawDraws(np.arange(1000.0)[:, None], np.arange(1000) < 44)
+
+    sampler = SimpleNamespace(is_counted=True, progress=SimpleNamespace(law_draws=draws))
+    few = SeveralLaws(lambda z: np.log(np.array([z[:, 0] < 4, (z[:, 0] >= 4) * 1.0]) + 1e-300))
+    found = few.estimate(sampler)
+    assert found.probabilities == pytest.approx([0.004, 0.04])
+    assert found.errors == pytest.approx([1.0, np.sqrt(0.96 / 40)])

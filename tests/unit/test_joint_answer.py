@@ -9,7 +9,7 @@ import pytest
 from accelerated_evaluation.answer.by_few_runs import GOAL
 from accelerated_evaluation.answer.comparison import draws_table
 from accelerated_evaluation.answer.joint_family import NEAR, Candidate, ClusteredRecords, JointFamily
-from accelerated_evaluation.answer.posterior import answer_row
+from accelerated_evaluation.answer.posterior import answer_row, count_limits
 from accelerated_evaluation.answer.replays import LEVEL, replay
 from accelerated_evaluation.base.arrays import Array
 from accelerated_evaluation.scenarios.outcomes import FLAG, outcome
@@ -256,7 +256,7 @@ def test_the_records_contradict_few_runs_that_miss_a_part():
 
 def test_an_event_that_did_not_happen_has_exact_limits():
     """With n independent simulations without the event, (1 - high)^n is the probability of the upper tail."""
-    row = answer_row(None, 2000)
+    row = answer_row(None, count_limits(0, 2000))
     for level in (0.5, 0.8, 0.95):
         assert row[f"low{100 * level:.0f}"] == 0
         assert (1 - row[f"high{100 * level:.0f}"]) ** 2000 == pytest.approx((1 - level) / 2)

@@ -1,8 +1,10 @@
 """The posterior of a probability from estimates under draws of the law: what the sampling adds to it."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
-from accelerated_evaluation.answer.posterior import SampledPosterior, shrunk_estimates
+from accelerated_evaluation.answer.posterior import SampledPosterior, counted_posterior, shrunk_estimates
 from scipy.stats import norm
 
 
@@ -50,3 +52,51 @@ def test_runs_that_know_too_little_do_not_end():
     assert unknown.share_of_sampling == np.inf
     known = SampledPosterior(scattered, np.zeros(4000, int), np.full(4000, 0.2), 20)
     assert known.share_of_sampling < 0.05
+
+
+def partly_known(within=None):
+    """Return a posterior of 400 draws, 40 of which have no estimate; these are the least probable ones."""
+    probabilities = np.exp(np.linspace(-20, -10, 400))
+    errors = np.where(np.arange(400) < 40, 1.0, 0.1)
+    own = np.where(errors < 1, 0.01, 1.0)
+    return SampledPosterior(probabilities, np.zeros(400, int), errors, 1000, 0.1, own, within=within)
+
+
+def test_draws_without_an_estimate_enter_no_lower_end():
+    """The lower end of the 95 % interval depends on them, that of the 50 % interval and the median do not."""
+    posterior = partly_known()
+    assert posterior.whole.interval(0.95)[0] == 0
+    wrong = replace(posterior, errors=np.minimum(posterior.errors, 0.999))  # all count as estimates
+    assert wrong.whole.interval(0.95)[0] > 0
+    low, high = posterior.whole.interval(0.5)
+    assert np.log([low, high]) == pytest.approx([-17.5, -12.5], abs=0.1)
+    assert np.log(posterior.probability) == pytest.approx(-15, abs=0.1)
+    assert np.isfinite(posterior.share_of_sampling)
+    few = SampledPosterior(posterior.probabilities, posterior.member, np.full(400, 1.0), 1000)
+    assert np.isnan(few.probability)
+
+
+def test_a_part_of_an_event_is_never_above_it():
+    """With its larger error, the upper end of the part alone exceeds that of the whole event."""
+    event = partly_known()
+    part = SampledPosterior(
+        0.9 * event.probabilities, event.member, np.full(400, 0.6), 5, 0.6, np.full(400, 0.3)
+    )
+    assert part.whole.interval(0.95)[1] > event.whole.interval(0.95)[1]
+    coherent = replace(part, within=event)
+    assert np.all(coherent.with_sampling <= event.with_sampling)
+    assert coherent.whole.interval(0.95)[1] <= event.whole.interval(0.95)[1]
+    rare = replace(part, probabilities=1e-3 * part.probabilities)  # nothing to limit
+    assert replace(rare, within=event).with_sampling == pytest.approx(rare.with_sampling)
+
+
+def test_few_weighted_occurrences_are_no_estimate():
+    """Four occurrences of equal weight are too few, six are enough; one large weight makes many few."""
+    member = np.zeros(1, int)
+    assert counted_posterior(np.full((1, 4), 1e-3), 1000, member) is None
+    six = counted_posterior(np.full((1, 6), 1e-3), 1000, member)
+    assert six.probabilities[0] == pytest.approx(6e-3)
+    assert six.errors[0] == pytest.approx(np.sqrt(0.994 / 6), rel=1e-6)
+    assert counted_posterior(np.array([[1e-3] * 20 + [0.1]]), 1000, member) is None
+    both = counted_posterior(np.array([[1e-3] * 6 + [0.0] * 6, [0.0] * 11 + [1e-3]]), 1000, np.zeros(2, int))
+    assert both.unknown.tolist() == [False, True]

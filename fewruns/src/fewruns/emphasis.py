@@ -15,6 +15,7 @@ from fewruns.arrays import Array, Indices
 
 POINTS = 150  # largest number of points at which the emphasis is evaluated
 FEW_LAWS = 20  # number of laws that represent all laws, because the emphasis need not be exact
+SMALLEST = 1e-3  # share of the mean probability below which no more runs are made for a less probable law
 
 
 class Laws(Protocol):
@@ -39,7 +40,8 @@ class Emphasis:
         """Return the factor that follows from estimated probabilities under all K laws, shape (K,)."""
         size = probabilities.size
         chosen = np.argsort(probabilities)[((np.arange(FEW_LAWS) + 0.5) / FEW_LAWS * size).astype(int)]
-        return cls(laws.only(chosen), probabilities[chosen] / probabilities.mean())
+        relative = np.maximum(probabilities[chosen] / probabilities.mean(), SMALLEST)
+        return cls(laws.only(chosen), relative)
 
     def __call__(self, z: Array) -> Array:
         """Return the emphasis at z, shape (n, d), or at the nearest of `POINTS` points; shape (n,)."""

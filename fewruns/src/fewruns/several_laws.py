@@ -11,7 +11,7 @@ from typing import Any
 
 import numpy as np
 
-from fewruns.arrays import Array, Indices
+from fewruns.arrays import Array, Flags, Indices
 from fewruns.crossfit import Control, cross_fitted
 from fewruns.emphasis import Emphasis
 from fewruns.errors import InputError
@@ -22,7 +22,11 @@ from fewruns.weights import effective_number
 
 INNER = (0.1, 0.9)  # quantile levels between which laws are used for the shared error
 LARGEST_LOG = 700.0  # logarithm of the largest density ratio
-SMALLEST = 1e-3  # lower bound of the estimate of a law, as a share of the mean; estimates may be negative
+# The probability under a law is unknown, with an error of 1, if more than these shares of its estimate rest
+# on the largest terms, or on the outermost points: the event then reaches beyond all points under this law.
+LARGEST_SHARE, OUTERMOST_SHARE = 0.5, 0.1
+FEWEST = 5  # smallest effective number of draws of the law with the event
+TINY = np.finfo(float).tiny  # so that nothing is divided by 0, or by a number that has underflown
 
 
 @dataclass(frozen=True)
@@ -32,8 +36,8 @@ class LawEstimates:
     Attributes
     ----------
     probabilities, errors
-        The estimates and their relative standard errors, shape (K,). An error of 1 means that the runs
-        contain no information about a law, because the event is elsewhere under it.
+        The estimates and their relative standard errors, shape (K,). The probability under a law with an
+        error of 1 is unknown, because the event is elsewhere under it, where there are no or few runs.
     batches
         Number of batches, one more than the degrees of freedom of the errors.
     shared, own
@@ -109,7 +113,7 @@ class SeveralLaws:
     ) -> None:
         self._log_ratios, self._to_points, self._only = log_ratios, to_points, only
         self._known: dict[int, Ratios] = {}
-        self._estimates: dict[int, tuple[Array, Array]] = {}
+        self._estimates: dict[int, Reweighted] = {}
 
     def ratios(self, z: Array) -> Array:
         """Return the density ratios f_k / f_sampled at normal scores z, shape (n, d), as an array (K, n).
@@ -165,24 +169,27 @@ class SeveralLaws:
         importance /= importance.sum()
         last = np.cumsum([len(batch.z) for batch in batches])
         flags = np.split(known[len(known) - last[-1] :], last[:-1])
-        estimates, variances = 0.0, 0.0
-        parts = []
+        found, parts = [], []
         for place, (weight, batch) in enumerate(zip(importance, batches, strict=True)):
             number = first + place
             if happened is None and controls is None:
-                estimate, variance = self._sampled(number, batch, flags[place])
+                found.append(self._sampled(number, batch, flags[place]))
             else:
                 control = Control.own(batch) if controls is None else controls[place]
                 parts.append((weight, batch, self._ratios_of(number, batch), flags[place], control))
-                estimate, variance = reweight(*parts[-1][1:])
-            estimates = estimates + weight * estimate
-            variances = variances + weight**2 * variance
-        if not estimates.mean() > 0:
+                found.append(reweight(*parts[-1][1:]))
+        estimates, variances, kept, outer, run, size = map(np.array, zip(*found, strict=True))
+        mean = importance @ estimates
+        if not mean.mean() > 0:
             return None
         variations = np.array([each.prediction.variation / max(each.runs, 1) for each in estimated])
         predicted = float(np.sqrt(importance**2 @ variations))
-        found = _with_errors(estimates, variances, predicted, np.count_nonzero(importance))
-        return found if controls is None else divided(found, parts, predicted)
+        largest = importance @ kept + (importance[:, None] * run).max(axis=0)
+        share, outer = np.array([largest, importance @ outer]) / np.maximum(importance @ size, TINY)
+        known = (mean > TINY) & (share < LARGEST_SHARE) & (outer < OUTERMOST_SHARE)
+        errors = relative_errors(mean, np.sqrt(importance**2 @ variances), share, known, predicted)
+        laws = LawEstimates(np.maximum(mean, 0.0), errors, np.count_nonzero(importance))
+        return laws if controls is None else divided(laws, parts, predicted)
 
     def refined(self, sampler: Sampler) -> LawEstimates | None:
         """Return more precise estimates of the sampled event, with divided errors.
@@ -223,13 +230,13 @@ class SeveralLaws:
         estimates = weights.sum(axis=1)
         if not estimates.any():
             return None
-        estimates = np.maximum(estimates, SMALLEST * estimates.mean())
         variances = np.maximum((weights**2).sum(axis=1) - estimates**2 / len(draws), 0.0)
-        errors = np.clip(np.sqrt(variances) / estimates, 0.0, 1.0)
+        share = weights.max(axis=1) / np.maximum(estimates, TINY)
+        errors = relative_errors(estimates, np.sqrt(variances), share, effective_number(weights) >= FEWEST)
         return LawEstimates(estimates, errors, max(int(np.count_nonzero(events)), 2))
 
-    def _sampled(self, number: int, batch: TwoPhaseBatch, happened: Array) -> tuple[Array, Array]:
-        """Return the estimate of a batch for the sampled event, and its variance; both are computed once."""
+    def _sampled(self, number: int, batch: TwoPhaseBatch, happened: Array) -> "Reweighted":
+        """Return the result of `reweight` of a batch for the sampled event, which is computed once."""
         if number not in self._estimates:
             ratios = self._ratios_of(number, batch)
             self._estimates[number] = reweight(batch, ratios, happened, Control.own(batch))
@@ -242,21 +249,44 @@ class SeveralLaws:
         return self._known[number]
 
 
-def reweight(batch: TwoPhaseBatch, ratios: Ratios, happened: Array, control: Control) -> tuple[Array, Array]:
-    """Return the estimates of one batch under K laws and their observed variances, shapes (K,)."""
+Reweighted = tuple[Array, Array, Array, Array, Array, Array]  # what `reweight` returns
+
+
+def reweight(batch: TwoPhaseBatch, ratios: Ratios, happened: Array, control: Control) -> Reweighted:
+    """Return the estimates of one batch under K laws and their observed variances, shapes (K,).
+
+    The other four arrays say on how few points an estimate rests: the largest term at a kept point, the term
+    at the outermost one, the largest term at a run, and the sum of all terms, in absolute values.
+    """
     n, points = len(happened), max(len(batch.kept), 1)
     terms = ratios.runs * (batch.weight * (happened - control.runs) / batch.inclusion)
     controlled = ratios.kept * (batch.controlled / points * control.kept)
     squares = controlled * ratios.kept @ batch.kept_weight + terms * ratios.runs @ batch.weight
     second_phase = (terms**2 * (1 - batch.inclusion)).sum(axis=1) * n / max(n - 1, 1)
-    return controlled.sum(axis=1) + terms.sum(axis=1), np.maximum(squares, 0.0) + second_phase
+    sizes, integral = np.abs(terms), controlled.sum(axis=1)
+    outermost = (batch.kept**2).sum(axis=1)
+    return (
+        integral + terms.sum(axis=1),
+        np.maximum(squares, 0.0) + second_phase,
+        controlled.max(axis=1, initial=0.0),
+        controlled[:, outermost == outermost.max(initial=0.0)].sum(axis=1),
+        sizes.max(axis=1, initial=0.0),
+        integral + sizes.sum(axis=1),
+    )
 
 
-def _with_errors(estimates: Array, variances: Array, predicted: float, batches: int) -> LawEstimates:
-    """Return estimates with relative errors: at least the predicted one, and at most 1 if that one is."""
-    known = np.maximum(estimates, SMALLEST * estimates.mean())
-    errors = np.clip(np.sqrt(variances) / known, predicted, max(predicted, 1.0))
-    return LawEstimates(known, errors, batches)
+def relative_errors(
+    estimates: Array, deviations: Array, share: Array, known: Flags, predicted: float = 0.0
+) -> Array:
+    """Return the relative errors of K estimates, shape (K,), from their standard deviations.
+
+    They are at least the ``predicted`` error, and at least the ratio of the ``share`` of an estimate that
+    rests on its largest terms to the rest, because a few terms do not show how much they vary. The error of
+    an estimate that is not ``known`` is 1.
+    """
+    errors = np.divide(deviations, estimates, out=np.ones_like(estimates), where=known)
+    errors = np.maximum(errors, np.divide(share, 1 - share, out=np.ones_like(share), where=known))
+    return np.clip(errors, predicted, max(predicted, 1.0))
 
 
 Part = tuple[float, TwoPhaseBatch, Ratios, Array, Control]  # a batch with its weight and outcomes
@@ -273,10 +303,12 @@ def divided(found: LawEstimates, parts: Sequence[Part], predicted: float) -> Law
     part is therefore at least the ``predicted`` error, as that of the estimate of the sampler
     (`combining.Combined.error`).
     """
-    scale = found.probabilities[:, None]
-    low, high = np.quantile(scale, INNER)
-    inner = ((scale >= low) & (scale <= high))[:, 0]
-    inner |= not inner.any()  # both of two laws are extreme
+    known = found.errors < 1
+    scale = np.where(known, found.probabilities, found.probabilities.mean())[:, None]
+    known |= not known.any()
+    low, high = np.quantile(scale[known], INNER)
+    inner = known & ((scale >= low) & (scale <= high))[:, 0]
+    inner |= known & (not inner.any())  # both of two laws are extreme
     shared, own = 0.0, np.zeros(scale.size)
     for weight, batch, ratios, happened, control in parts:
         relative = Ratios(ratios.runs / scale, ratios.kept / scale)
@@ -284,4 +316,5 @@ def divided(found: LawEstimates, parts: Sequence[Part], predicted: float) -> Law
         rest = Ratios(relative.runs - mean.runs, relative.kept - mean.kept)
         shared += weight**2 * float(reweight(batch, mean, happened, control)[1][0])
         own += weight**2 * reweight(batch, rest, happened, control)[1]
-    return replace(found, shared=max(math.sqrt(shared), predicted), own=np.sqrt(own))
+    own = np.where(found.errors < 1, np.sqrt(own), 1.0)
+    return replace(found, shared=max(math.sqrt(shared), predicted), own=own)

@@ -9,7 +9,7 @@ import pandas as pd
 from numpy.typing import NDArray
 
 from accelerated_evaluation.answer.calibration import mid_p
-from accelerated_evaluation.answer.posterior import Posterior, answer_row, budget
+from accelerated_evaluation.answer.posterior import Posterior, SampledPosterior, answer_row, budget
 from accelerated_evaluation.answer.words import answer_in_words, budget_in_words
 from accelerated_evaluation.base.arguments import Argument, a_number, one_of
 from accelerated_evaluation.base.arrays import Array
@@ -21,7 +21,7 @@ from accelerated_evaluation.laws.draws import Draws, as_draws
 from accelerated_evaluation.methods.problem import Problem
 from accelerated_evaluation.scenarios.events import Event
 from accelerated_evaluation.vehicles.loading import checked_vehicle
-from accelerated_evaluation.vehicles.protocol import EVENTS, event_named
+from accelerated_evaluation.vehicles.protocol import CRASH, EVENTS, event_named
 
 # An answer is rejected unless the mid-p value of the number of events among replayed records exceeds this
 # value.
@@ -128,9 +128,9 @@ class Answer:
     fixed
         The probability of the main event without sampling errors, if a part of the parameters of the draws is
         fixed at posterior means, by the name of the part.
-    independent
-        Number of simulations if they are independent draws from the mean of the laws, so that an event which
-        did not happen in them has an upper bound.
+    limits
+        Upper ends of the intervals of the events (``high50`` and so on), which are used if their simulations
+        give no estimate; without limits, those of an event that contains the event.
 
     See Also
     --------
@@ -155,8 +155,31 @@ class Answer:
     converged: bool = True
     tables: Mapping[str, pd.DataFrame] = field(default_factory=dict)
     fixed: Mapping[str, Posterior] = field(default_factory=dict)
-    independent: int | None = None
+    limits: Mapping[Event, Mapping[str, float]] = field(default_factory=dict)
     notes: Mapping[str, Any] = field(default_factory=dict)
+
+    def __post_init__(self) -> None:
+        """Limit the probability of each event by that of an event which contains it, in every draw."""
+        coherent = dict(self.posteriors)
+        for event in sorted(coherent, key=lambda each: len(self._containing(each))):
+            within = [coherent[each] for each in self._containing(event)[-1:]]
+            if within and isinstance(own := coherent[event], SampledPosterior):
+                known = np.minimum(own.probabilities, within[0].probabilities)
+                coherent[event] = replace(own, probabilities=known, within=within[0])
+        object.__setattr__(self, "posteriors", coherent)
+
+    def _containing(self, event: Event) -> list[Event]:
+        """Return the events with a posterior that contain an event, the smallest one last."""
+        others = [each for each, own in self.posteriors.items() if each != event and own is not None]
+        found = [each for each in others if is_part(event, each)]
+        return sorted(found, key=lambda each: sum(is_part(each, other) for other in found))
+
+    def _limits(self, event: Event) -> Mapping[str, float]:
+        """Return the known upper ends of the intervals of an event without a posterior."""
+        if event in self.limits:
+            return self.limits[event]
+        rows = [answer_row(self.posteriors[each]) for each in self._containing(event)[-1:]]
+        return {name: end for row in rows for name, end in row.items() if name.startswith("high")}
 
     @property
     def sampled(self) -> bool:
@@ -192,7 +215,7 @@ class Answer:
         rows = []
         for event, posterior in self.posteriors.items():
             row = {"event": self.problem.scenario.event_in_words(event)}
-            row |= answer_row(posterior, self.independent)
+            row |= answer_row(posterior, self._limits(event))
             rate = np.nan if events_per_km is None else row["probability"] * events_per_km
             contains = "" if posterior is None else ", ".join(posterior.sources)
             rows.append(row | {"per_km": rate, "contains": contains})
@@ -253,6 +276,16 @@ class Answer:
             return pd.DataFrame(columns=["source", "factor", "variance_share"])
         deviation = self.posterior.deviation if sampling_deviation is None else sampling_deviation
         return budget(self.posterior.alone, deviation, self.fixed)
+
+
+def is_part(event: Event, sampled: Event) -> bool:
+    """Return whether an event happens only if the sampled event happens."""
+    if event == sampled:
+        return True
+    if event.quantity == sampled.quantity:
+        return (event.threshold > sampled.threshold) == event.is_above
+    needs_crash = event.is_above or event == CRASH
+    return needs_crash and not sampled.is_above and (sampled == CRASH or sampled.at is not None)
 
 
 @runtime_checkable

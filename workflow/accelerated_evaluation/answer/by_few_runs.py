@@ -10,11 +10,12 @@ import pandas as pd
 from fewruns import Estimate, Predecessor, Sampler, SeveralLaws, Stopping, run_batches
 from fewruns.crossfit import Control, cross_fitted
 from fewruns.problems import Response
+from fewruns.weights import effective_number
 from numpy.typing import NDArray
 
-from accelerated_evaluation.answer.answer import Answer, Crashes
+from accelerated_evaluation.answer.answer import Answer, Crashes, is_part
 from accelerated_evaluation.answer.impact_share import impact_share
-from accelerated_evaluation.answer.posterior import Posterior, SampledPosterior
+from accelerated_evaluation.answer.posterior import FEWEST, Posterior, SampledPosterior
 from accelerated_evaluation.base.arguments import a_number, one_of
 from accelerated_evaluation.base.arrays import Array
 from accelerated_evaluation.base.checking import checked
@@ -167,13 +168,16 @@ class Runs:
         return draws.log_densities(x) - self.problem.law.log_density(x)
 
     def _of(self, event: Event, controls: list[Control] | None) -> SampledPosterior | None:
-        """Return the posterior of an event; None if the runs were not chosen for it."""
-        if self.sampler.is_counted:
-            return self._with_lapses(self.laws.estimate(self.sampler, event.happens(joined(self.drawn))))
-        if controls is None or not is_part(event, self.problem.event):
+        """Return the posterior of an event; None if the runs were not chosen for it or hardly had it."""
+        is_counted = self.sampler.is_counted
+        if not is_counted and (controls is None or not is_part(event, self.problem.event)):
             return None
-        outcomes, progress = joined(self.outcomes), self.sampler.progress
+        outcomes, progress = joined(self.drawn if is_counted else self.outcomes), self.sampler.progress
         happened = event.happens(outcomes)
+        if event != self.problem.event and self._effective(happened) < FEWEST:
+            return None
+        if is_counted:
+            return self._with_lapses(self.laws.estimate(self.sampler, happened))
         if self.problem.event == CRASH and event.is_above:
             share = impact_share(progress.z, outcomes, event.threshold)
             batches = progress.batches[-len(controls) :]
@@ -182,6 +186,13 @@ class Runs:
                 for control, batch in zip(controls, batches, strict=True)
             ]
         return self._with_lapses(self.laws.estimate(self.sampler, happened.astype(float), controls))
+
+    def _effective(self, happened: NDArray[np.bool_]) -> float:
+        """Return the effective number of events in the runs for the mean of the draws."""
+        if self.sampler.is_counted:
+            return float(happened.sum())
+        runs, weights = self.laws.weights(self.sampler.progress)
+        return float(effective_number(weights.mean(axis=0) * happened[runs]))
 
     def _crashes(self) -> Crashes | None:
         """Return the runs in which the event happened, with their weights under each draw."""
@@ -208,16 +219,6 @@ def laws_of(draws: Draws, to_points: Callable[[Array], Array]) -> SeveralLaws:
         return laws_of(few, few.proposal.from_normal_scores)
 
     return SeveralLaws(draws.log_ratios, to_points, only)
-
-
-def is_part(event: Event, sampled: Event) -> bool:
-    """Return whether an event happens only if the sampled event happens."""
-    if event == sampled:
-        return True
-    if event.quantity == sampled.quantity:
-        return (event.threshold > sampled.threshold) == event.is_above
-    needs_crash = event.is_above or event == CRASH
-    return needs_crash and not sampled.is_above and (sampled == CRASH or sampled.at is not None)
 
 
 def joined(outcomes: Sequence[Any]) -> Any:  # noqa: ANN401

@@ -35,7 +35,6 @@ PIECES = 5  # number of parts of an interval with crashes, each with an impact s
 BATCHES = 16  # number of independent batches of lines
 TINY = 1e-12  # smallest distance of a quasi-random number from 0 and 1
 CHANGE = "Use Simulations, or FewRuns for a slow vehicle."  # what to do where nothing can be scanned
-SMALLEST = 1e-3  # lower bound of the estimate of a draw, as a share of the mean
 NAMES = ("line", "start", "end")
 
 
@@ -246,8 +245,8 @@ def _posterior(weights: Array, line: NDArray[np.intp], n: int, draws: Draws) -> 
     batch = line * BATCHES // n
     of_batches = BATCHES * np.array([np.bincount(batch, row, BATCHES) for row in weights])
     errors = of_batches.std(axis=1, ddof=1) / np.sqrt(BATCHES)
-    known = np.maximum(estimates, SMALLEST * estimates.mean())
-    return SampledPosterior(known, draws.member, np.minimum(errors / known, 1), BATCHES)
+    relative = np.divide(errors, estimates, out=np.ones_like(estimates), where=estimates > 0)
+    return SampledPosterior(estimates, draws.member, np.minimum(relative, 1), BATCHES)
 
 
 def _pieces(found: Stretches) -> Stretches:

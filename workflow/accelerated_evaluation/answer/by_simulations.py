@@ -6,7 +6,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from accelerated_evaluation.answer.answer import Answer, Crashes
-from accelerated_evaluation.answer.posterior import SampledPosterior
+from accelerated_evaluation.answer.posterior import count_limits, counted_posterior
 from accelerated_evaluation.base.arguments import a_number
 from accelerated_evaluation.base.checking import checked
 from accelerated_evaluation.base.errors import InputError
@@ -16,7 +16,6 @@ from accelerated_evaluation.scenarios.events import Event
 
 ENOUGH_EVENTS = 100  # simulations are repeated with other encounters until there are so many events,
 ROUNDS = 25  # or so many repetitions
-SMALLEST = 1e-3  # lower bound of the estimate of a draw, as a share of the mean
 
 
 @checked(size=a_number(1, 10**8, whole=True))
@@ -71,22 +70,14 @@ class Simulations:
                 "state that the vehicle is slow (simulations.slow), which selects the simulations.",
             )
         crashes = {event: _crashes(parts, draws, size) for event, parts in found.items()}
-        posteriors = {event: _posterior(own, draws, size) for event, own in crashes.items()}
-        return Answer(problem, draws, posteriors, crashes[problem.event], simulations=size, independent=size)
+        posteriors = {
+            event: counted_posterior(own.weights, size, draws.member) for event, own in crashes.items()
+        }
+        limits = {event: count_limits(len(own.x), size) for event, own in crashes.items()}
+        return Answer(problem, draws, posteriors, crashes[problem.event], simulations=size, limits=limits)
 
 
 def _crashes(parts: list, draws: Draws, size: int) -> Crashes:
     """Return the occurrences of an event among ``size`` simulations, with their weights under each draw."""
     x, impact = (np.concatenate(column) for column in zip(*parts, strict=True))
     return Crashes(x, impact[:, None], np.exp(draws.log_ratios_to_mean(x)) / size)
-
-
-def _posterior(crashes: Crashes, draws: Draws, size: int) -> SampledPosterior | None:
-    """Return the posterior of the probability of an event from its n weighted occurrences among ``size``."""
-    estimates = crashes.weights.sum(axis=1)
-    if not estimates.any():
-        return None
-    squares = size * (crashes.weights**2).sum(axis=1)
-    variances = np.maximum(squares - estimates**2, 0) / size
-    known = np.maximum(estimates, SMALLEST * estimates.mean())
-    return SampledPosterior(known, draws.member, np.minimum(np.sqrt(variances) / known, 1), size)

@@ -40,8 +40,8 @@ def compare(own: Posterior | None, other: Posterior | None) -> dict[str, float]:
     """Return the ratio of two probabilities under the same draws, and the probability that it is below 1.
 
     The keys are ``ratio`` (median), ``ratio_low80`` and ``ratio_high80`` (80 % interval) and ``safer``. The
-    sampling errors of the two are independent. All are NaN if there is no estimate, or if the other event
-    never happens.
+    sampling errors of the two are independent. Draws in which one of them is unknown are left out. All are
+    NaN if there is no estimate, if these are half of the draws, or if the other event never happens.
 
     Examples
     --------
@@ -53,9 +53,13 @@ def compare(own: Posterior | None, other: Posterior | None) -> dict[str, float]:
     >>> sorted(ratio)
     ['ratio', 'ratio_high80', 'ratio_low80', 'safer']
     """
-    if own is None or other is None or not np.all(other.probabilities > 0):
+    if own is None or other is None or not np.all((other.probabilities > 0) | other.unknown):
         return dict.fromkeys((*RATIO, SAFER), np.nan)
-    lowest, middle, highest = ratios(own, other)
+    known = ~np.broadcast_to(own.unknown | other.unknown, other.probabilities.shape)
+    if np.mean(known) <= 0.5:
+        return dict.fromkeys((*RATIO, SAFER), np.nan)
+    with np.errstate(divide="ignore", invalid="ignore"):  # where both are unknown
+        lowest, middle, highest = (each[known] for each in ratios(own, other))
     ends = np.median(middle), np.quantile(lowest, 0.1), np.quantile(highest, 0.9)
     return dict(zip(RATIO, map(float, ends), strict=True)) | {SAFER: float(np.mean(highest < 1))}
 

@@ -238,11 +238,15 @@ class Estimated:
     def _probabilities(self, answer: Answer) -> Iterator[str]:
         """Return all events in words, the main event first."""
         table = answer.table(self.records.per_km)
-        is_known = table["median"].notna() | (table.index == 0)
-        for row in table[is_known].to_dict("records"):
+        has_row = table["high95"].notna() | (table.index == 0)
+        for row in table[has_row].to_dict("records"):
             yield from answer_in_words(row, answer.sources, answer.problem.scenario.noun)
-        if not is_known.all():
-            yield f"not known from these runs: {', '.join(table.loc[~is_known, 'event'])}"
+        if not has_row.all():
+            yield f"not known from these runs: {', '.join(table.loc[~has_row, 'event'])}"
+        others = [event for event in answer.posteriors if event != answer.problem.event]
+        for event in [each for each in others if answer.posteriors[each] is None][:1]:
+            option = event.quantity if event.at is None else f"{event.quantity}={event.threshold:g}"
+            yield f"an event that is not known needs runs of its own, for example --event {option}"
 
     def _not_converged(self, number: int) -> str:
         """Return the reason why a replicate has not converged, and what to do."""

@@ -8,8 +8,10 @@ from typing import Self
 import numpy as np
 import pandas as pd
 from fewruns import LawEstimates
+from fewruns.weights import effective_number
 from numpy.typing import NDArray
 from scipy.special import stdtrit
+from scipy.stats import beta
 
 from accelerated_evaluation.base.arguments import a_number
 from accelerated_evaluation.base.arrays import Array
@@ -24,10 +26,12 @@ SUMMARY = (
 )
 DATA, CHOICE, SAMPLING = "data", "choice of law", "sampling"  # sources of uncertainty
 LEVEL = 0.8  # level of the interval whose width is compared with and without the sampling error
+ENDS = (1 - LEVEL) / 2, (1 + LEVEL) / 2
 NOISE = 25  # number of equally likely values that represent the distribution of the sampling error of a draw
 LEAST = 0.1  # lower bound of 1 + t c, for sampling errors so large that their distribution is unknown
 # Smallest share of the variance of the logarithms of the estimates that is attributed to the probabilities.
 LEAST_BETWEEN = 0.25
+FEWEST = 5  # smallest effective number of events on which a number may rest
 
 
 @checked()
@@ -57,18 +61,28 @@ class Posterior:
             )
 
     is_sampled = False  # whether the probabilities have sampling errors
+    unknown = np.False_  # in which draws the probability is unknown, shape (K,); see `PartlyKnown`
     unseen_lapses = 0.0  # bound on the probability that failures which no run has shown may add
 
     @property
     def probability(self) -> float:
-        """Median of the draws of the probability."""
-        return float(np.median(self.probabilities))
+        """Median of the draws of the probability; NaN if half of them are unknown."""
+        return float(np.median(self.probabilities)) if np.mean(self.unknown) < 0.5 else math.nan
 
     @checked(level=a_number(0, 1))
     def interval(self, level: float) -> tuple[float, float]:
-        """Return the ends of the equal-tailed credible interval of the probability at a level from 0 to 1."""
-        low, high = np.quantile(self.probabilities, [(1 - level) / 2, (1 + level) / 2])
-        return float(low), float(high)
+        """Return the ends of the equal-tailed credible interval of the probability at a level from 0 to 1.
+
+        Draws in which the probability is unknown count as 0 for the lower end. An interval that begins at 0
+        is a statement about its upper end only.
+        """
+        low = np.quantile(self.least, (1 - level) / 2)
+        return float(low), float(np.quantile(self.probabilities, (1 + level) / 2))
+
+    @property
+    def least(self) -> Array:
+        """The probabilities, with 0 in the draws in which they are unknown, shape (K,)."""
+        return np.where(self.unknown, 0.0, self.probabilities)
 
     @property
     def sources(self) -> tuple[str, ...]:
@@ -94,7 +108,8 @@ class Posterior:
     def whole(self) -> "Posterior":
         """The posterior with sampling errors: the equally likely values of all draws."""
         values = self.with_sampling
-        return Posterior(values.ravel(), np.repeat(self.member, values.shape[1]))
+        unknown = np.broadcast_to(np.reshape(self.unknown, (-1, 1)), values.shape)
+        return PartlyKnown(values.ravel(), np.repeat(self.member, values.shape[1]), unknown.ravel())
 
     @property
     def deviation(self) -> float:
@@ -108,11 +123,19 @@ class Posterior:
 
 
 @dataclass(frozen=True)
+class PartlyKnown(Posterior):
+    """A posterior with draws in which the probability is unknown, except for its magnitude."""
+
+    unknown: NDArray[np.bool_]  # shape (K,)
+
+
+@dataclass(frozen=True)
 class SampledPosterior(Posterior):
     """Estimates of the probability of an event under each draw of the law, from the same runs.
 
     The error of an estimate has a part that all draws share, because they use the same runs, and a part of
-    its own. If the parts are not known, the whole error counts as shared, which is nearly so.
+    its own. If the parts are not known, the whole error counts as shared, which is nearly so. A draw with an
+    error of 1 or more is ``unknown``: hardly any run says something about it.
 
     Examples
     --------
@@ -130,12 +153,18 @@ class SampledPosterior(Posterior):
     shared: float = math.nan
     own: Array | None = None  # shape (K,)
     unseen_lapses: float = 0.0  # bound on the probability that failures which no run has shown may add
+    within: Posterior | None = None  # that of an event which contains this one and is never less probable
 
     @classmethod
     def of(cls, found: LawEstimates, member: NDArray[np.intp], unseen_lapses: float = 0.0) -> Self:
         """Return the posterior from the estimates of a sampler under all draws."""
         errors = found.errors, found.batches, found.shared, found.own
         return cls(found.probabilities, member, *errors, unseen_lapses)
+
+    @property
+    def unknown(self) -> NDArray[np.bool_]:
+        """In which draws the probability is unknown, shape (K,)."""
+        return self.errors >= 1
 
     @property
     def sources(self) -> tuple[str, ...]:
@@ -149,8 +178,12 @@ class SampledPosterior(Posterior):
         If each draw has an error of its own, the estimates are shrunk towards each other by as much as these
         errors spread them.
         """
-        known = self.probabilities if self.own is None else shrunk_estimates(self.probabilities, self.own)
-        return Posterior(known, self.member)
+        probabilities, known = self.probabilities.copy(), ~self.unknown
+        if self.own is not None and known.any():
+            probabilities[known] = shrunk_estimates(probabilities[known], self.own[known])
+        if self.within is not None:
+            probabilities = np.minimum(probabilities, self.within.alone.probabilities)
+        return PartlyKnown(probabilities, self.member, self.unknown)
 
     @property
     def with_sampling(self) -> Array:
@@ -158,8 +191,9 @@ class SampledPosterior(Posterior):
 
         If the relative error c of an estimate p is t-distributed, the probability is p / (1 + t c).
         """
-        errors = self.errors if self.own is None else np.full(self.errors.size, self.shared)
-        return self.alone.probabilities[:, None] / self._noise(errors)
+        errors = self.errors if self.own is None else np.where(self.unknown, self.errors, self.shared)
+        values = self.alone.probabilities[:, None] / self._noise(errors)
+        return values if self.within is None else np.minimum(values, self.within.with_sampling)
 
     @property
     def noise(self) -> Array:
@@ -173,14 +207,19 @@ class SampledPosterior(Posterior):
     @property
     def deviation(self) -> float:
         """Relative standard deviation of the sampling error that all draws share."""
-        return float(np.sqrt(np.mean(self.errors**2))) if self.own is None else self.shared
+        errors = self.errors[~self.unknown] if self.own is None else self.shared
+        return float(np.sqrt(np.mean(errors**2))) if np.size(errors) else 1.0
 
     @property
     def share_of_sampling(self) -> float:
-        """Share by which sampling errors widen the interval of the logarithm of the probability."""
+        """Share by which sampling errors widen the interval of the logarithm of the probability.
+
+        Draws in which the probability is unknown are left out.
+        """
         if 1 + self.deviation * stdtrit(self.batches - 1, 0.5 / NOISE) < LEAST:
             return math.inf
-        (low, high), (low_alone, high_alone) = (part.interval(LEVEL) for part in (self.whole, self.alone))
+        known = [part.probabilities[~part.unknown] for part in (self.whole, self.alone)]
+        (low, high), (low_alone, high_alone) = (np.quantile(each, ENDS) for each in known)
         with np.errstate(divide="ignore", invalid="ignore"):
             return float(np.log(high / low) / np.log(high_alone / low_alone) - 1)
 
@@ -192,23 +231,40 @@ def summarise(posterior: Posterior) -> dict[str, float]:
     return dict(zip(SUMMARY, values, strict=True))
 
 
-def answer_row(posterior: Posterior | None, unseen: int | None = None) -> dict[str, float]:
+def answer_row(posterior: Posterior | None, limits: Mapping[str, float] | None = None) -> dict[str, float]:
     """Return the summary of a posterior, with the bound on unseen lapses in the upper ends; NaN for None.
 
-    If the event did not happen in ``unseen`` independent simulations, only the exact limits of its
-    probability are known (Clopper and Pearson 1934).
+    If there is no posterior, ``limits`` are the upper ends of the intervals by name, which begin at 0.
     """
     if posterior is None:
-        row = dict.fromkeys(SUMMARY, np.nan)
-        for level in LEVELS if unseen else ():
-            row |= {f"low{100 * level:.0f}": 0.0}
-            row |= {f"high{100 * level:.0f}": -math.expm1(math.log((1 - level) / 2) / unseen)}
-        return row
+        zeros = {name.replace("high", "low"): 0.0 for name in limits or ()}
+        return dict.fromkeys(SUMMARY, np.nan) | zeros | dict(limits or {})
     row = summarise(posterior.whole) | {"probability": float(posterior.probabilities.mean())}
     raised = {
         name: min(end + posterior.unseen_lapses, 1.0) for name, end in row.items() if name.startswith("high")
     }
     return row | raised
+
+
+def count_limits(count: int, simulations: int) -> dict[str, float]:
+    """Return exact upper ends of the intervals of a probability, from an event's count (Clopper, Pearson)."""
+    return {
+        f"high{100 * level:.0f}": float(beta.ppf((1 + level) / 2, count + 1, simulations - count))
+        for level in LEVELS
+    }
+
+
+def counted_posterior(weights: Array, size: int, member: NDArray[np.intp]) -> SampledPosterior | None:
+    """Return the posterior of an event from its weighted occurrences, (K, m), among ``size`` simulations.
+
+    It is None if there are fewer than `FEWEST` effective occurrences for the mean of the draws.
+    """
+    if effective_number(weights.mean(axis=0)) < FEWEST:
+        return None
+    estimates, effective = weights.sum(axis=1), effective_number(weights)
+    variances = np.maximum((weights**2).sum(axis=1) - estimates**2 / size, 0)
+    errors = np.divide(np.sqrt(variances), estimates, out=np.ones_like(estimates), where=effective >= FEWEST)
+    return SampledPosterior(estimates, member, np.minimum(errors, 1), size)
 
 
 def budget(
@@ -233,13 +289,15 @@ def log_variances(posterior: Posterior) -> dict[str, float]:
     """Divide the variance of log(probability) into two parts, ``data`` and ``choice of law``.
 
     ``data`` is the variance among the draws of the same law, averaged over the laws. ``choice of law`` is the
-    rest of the variance. Both parts are NaN if the probability is 0 in a draw.
+    rest of the variance. Both parts are NaN if the probability is 0 in a draw. Draws in which it is unknown
+    are left out.
     """
+    known = ~np.broadcast_to(posterior.unknown, posterior.probabilities.shape)
     with np.errstate(divide="ignore"):
-        logs = pd.Series(np.log(posterior.probabilities))
-    if not np.isfinite(logs).all():
+        logs = pd.Series(np.log(posterior.probabilities[known]))
+    if logs.empty or not np.isfinite(logs).all():
         return {"data": np.nan, "choice of law": np.nan}
-    groups = logs.groupby(posterior.member)
+    groups = logs.groupby(posterior.member[known])
     means, counts = groups.transform("mean"), groups.transform("size")
     within = float((logs - means).pow(2).mean() * counts.mean() / max(counts.mean() - 1, 1))
     return {"data": within, "choice of law": max(float(logs.var()) - within, 0.0)}

@@ -27,11 +27,18 @@ def probability_row(row: Mapping[str, Any], sources: Sequence[str], noun: str) -
     If the interval contains the uncertainty of the sampling alone, the remark says so.
     """
     if np.isnan(row["median"]):
-        return row["event"], "not known from these runs", ""
+        return row["event"], unknown_in_words(row), ""
     alone = "" if {DATA, CHOICE} & set(sources) else ", sampling alone"
-    ends = " to ".join(_one_in(row[end]) for end in ("high80", "low80"))
+    highest, lowest = (_one_in(row[end]) for end in ("high80", "low80"))
+    ends = f"{highest} to {lowest}" if row["low80"] > 0 or row["median"] == 0 else f"{highest} or rarer"
     middle = f"{_one_in(row['median'])} {noun}s" if row["median"] > 0 else _one_in(0.0)
     return row["event"], middle, f"(80 %{alone}: {ends})"
+
+
+def unknown_in_words(row: Mapping[str, Any]) -> str:
+    """Return in words that a probability is not known, with its upper limit if there is one."""
+    high = row.get("high95", np.nan)
+    return "not known from these runs" + ("" if np.isnan(high) else f", below {high:.2g} (95 %)")
 
 
 def ratio_row(row: Mapping[str, Any]) -> Row:
@@ -49,7 +56,7 @@ def answer_in_words(row: Mapping[str, Any], sources: Sequence[str], noun: str = 
     is the name of one encounter.
     """
     if np.isnan(row["median"]):
-        return [f"{row['event']}: not known from these runs"]
+        return [f"{row['event']}: {unknown_in_words(row)}"]
     intervals = (f"{100 * level:.0f}%: {_ends(row, level)}" for level in LEVELS)
     per_km = "" if np.isnan(row["per_km"]) else f"; mean per kilometre {row['per_km']:.2g}"
     article, median = "an" if noun[0] in "aeiou" else "a", row["median"]
@@ -91,7 +98,9 @@ def ratio_in_words(row: Mapping[str, Any]) -> str:
 
 
 def _ends(row: Mapping[str, Any], level: float) -> str:
-    return f"{row[f'low{100 * level:.0f}']:.3g} to {row[f'high{100 * level:.0f}']:.3g}"
+    """Return an interval in words; one that begins at 0 says only how large the probability can be."""
+    low, high = (row[f"{end}{100 * level:.0f}"] for end in ("low", "high"))
+    return f"{low:.3g} to {high:.3g}" if low > 0 or high == 0 else f"below {high:.3g}"
 
 
 def budget_in_words(budget: pd.DataFrame) -> list[str]:
