@@ -239,7 +239,8 @@ def answer_row(posterior: Posterior | None, limits: Mapping[str, float] | None =
     if posterior is None:
         zeros = {name.replace("high", "low"): 0.0 for name in limits or ()}
         return dict.fromkeys(SUMMARY, np.nan) | zeros | dict(limits or {})
-    row = summarise(posterior.whole) | {"probability": float(posterior.probabilities.mean())}
+    row = summarise(posterior.whole)
+    row["probability"] = math.nan if math.isnan(row["median"]) else float(posterior.probabilities.mean())
     raised = {
         name: min(end + posterior.unseen_lapses, 1.0) for name, end in row.items() if name.startswith("high")
     }
