@@ -13,6 +13,9 @@ RESULTS = {
     "scope": ("my_car", {"range_max": 70}),
     "seed": 77,
     "choices": pd.DataFrame({"choice": ["as in the answer", "one", "two"], "median": [2e-6, 1e-6, 7e-6]}),
+    "near_miss_answer": pd.DataFrame({"largest": [100, 200], "median": [3e-6, 1.8e-6]}).assign(
+        **dict.fromkeys(["probability", "low50", "high50", "low95", "high95"], 9e-6), low80=4e-7, high80=5e-6
+    ),
     "data_quality": pd.DataFrame({"reading": ["as in the answer"], "median": [2e-6]}),
     "answer_budget": pd.DataFrame(
         {"source": ["data", "sampling", "together"], "variance_share": [0.25, 0.75, 1.0]}
@@ -55,6 +58,7 @@ EXPECTED = {
     "encounters_account": "5,000 rows were read, and 4,321 are used",
     "config.json": "my_car",
     "choices": "(two)",
+    "near_miss_answer": "without a law: median 1.8 × 10⁻⁶, 80 % interval 4 × 10⁻⁷ to 5 × 10⁻⁶",
     "data_quality": UNKNOWN,
     "answer_budget": "sampling 75 %, data 25 %",
     "extrapolation": "91 %",
@@ -76,7 +80,15 @@ def test_every_answer_is_from_its_table():
 
 
 @pytest.mark.parametrize(
-    "name", ["answer_budget", "extrapolation", "numerical_error", "all_cut_ins", "counted_crashes"]
+    "name",
+    [
+        "answer_budget",
+        "near_miss_answer",
+        "extrapolation",
+        "numerical_error",
+        "all_cut_ins",
+        "counted_crashes",
+    ],
 )
 def test_results_without_rows_are_not_known(name):
     table = credibility({name: RESULTS[name].iloc[:0]})

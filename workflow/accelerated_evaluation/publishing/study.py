@@ -80,6 +80,10 @@ TABLES = {
     "near_misses": "laws/near_misses.csv",
     # Crash probability for other choices of laws, weights, priors and splines.
     "choices": "laws/choices.csv",
+    # Crash probability from near misses alone, by the number of the largest margins that are fitted.
+    "near_miss_answer": "laws/near_miss_answer.csv",
+    # The largest margins of the records to a crash, and the distribution that is fitted to them.
+    "margins": "laws/margins.csv",
     # Expected and counted records beyond the levels of the far tail, by law, lead speed and range.
     "far_records": "laws/far_records.csv",
     # The probability of a crash and of near misses, with the uncertainty from data, laws and sampling.

@@ -8,6 +8,7 @@ import pandas as pd
 from accelerated_evaluation.answer.all_cut_ins import ALL, CLOSING_CUT_IN, KEEPS
 from accelerated_evaluation.answer.criterion import criterion_in_words
 from accelerated_evaluation.answer.extrapolation import RECORDED
+from accelerated_evaluation.answer.near_miss_answer import as_choice
 from accelerated_evaluation.base.percent import in_percent
 from accelerated_evaluation.publishing.published import table
 from accelerated_evaluation.publishing.tables.display import readable
@@ -49,6 +50,14 @@ def range_of_medians(variants: pd.DataFrame) -> str:
         return UNKNOWN
     ends = (f"{readable(medians[name], DIGITS)} ({name})" for name in (medians.idxmin(), medians.idxmax()))
     return f"median {readable(medians[own], DIGITS)}; with other choices from {' to '.join(ends)}"
+
+
+def without_law(near_miss_answer: pd.DataFrame) -> str:
+    """Return the second answer, from near misses, with its interval and the number of its margins."""
+    if (rows := as_choice(near_miss_answer)).empty:
+        return UNKNOWN
+    low, middle, high = (readable(rows[name].iloc[0], DIGITS) for name in ("low80", "median", "high80"))
+    return f"{rows['choice'].iloc[0]}: median {middle}, 80 % interval {low} to {high}"
 
 
 def shares_of(budget: pd.DataFrame) -> str:
@@ -129,6 +138,7 @@ QUESTIONS: tuple[tuple[str, str, str, Callable[[Any], str]], ...] = (
     ("scope: which encounters and vehicle", "scope", "config.json", scope_in_words),
     ("quality of the records", "records_report", "records_report", checks_of),
     ("assumptions: how much they change the answer", "choices", "choices", range_of_medians),
+    ("a second answer, without a law", "near_miss_answer", "near_miss_answer", without_law),
     ("treatment of doubtful records", "data_quality", "data_quality", range_of_medians),
     ("sources of uncertainty", "answer_budget", "answer_budget", shares_of),
     ("extrapolation", "extrapolation", "extrapolation", beyond_records),
@@ -165,6 +175,7 @@ def credibility_table(
     answer_budget: pd.DataFrame,
     extrapolation: pd.DataFrame,
     choices: pd.DataFrame | None = None,
+    near_miss_answer: pd.DataFrame | None = None,
     data_quality: pd.DataFrame | None = None,
     numerical_error: pd.DataFrame | None = None,
     fold_calibration: pd.DataFrame | None = None,
