@@ -50,6 +50,8 @@ if trouble == "flag":
     table[1][0] = "2"
 if trouble == "missing":
     table[1] = table[1][:2]
+if trouble == "long":
+    table[0][1:2] = ["1", "5"]  # a decimal comma
 if trouble == "nan":
     table[1][1] = float("nan")
 if trouble == "random":
@@ -102,6 +104,7 @@ def test_the_study_s_own_command_is_one_too():
         ("text", "OUT.csv, row 3, column min_range, the encounter lead_speed 20, range 10, closing_speed 1: "
                  "seen 'much'; expected a number"),
         ("flag", "OUT.csv, row 3, column crash, .*: seen '2'; expected 0 or 1"),
+        ("long", r"OUT\.csv, row 2: seen \d cells; expected \d, as in the header"),
         ("missing", "OUT.csv, row 3, column min_ttc, .*: seen ''; expected a number"),
         ("nan", r"min_range\[1\] of the encounter lead_speed 20, range 10, closing_speed 1: seen nan"),
         ("bytes", "OUT.csv: seen 'utf-8' codec"),

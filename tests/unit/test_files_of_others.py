@@ -280,3 +280,29 @@ def test_lengths_and_classes_that_cannot_be_used_are_refused(tmp_path):
         InputError, match=r"host_classes: seen vehicles of the classes BUS \(1\), OTHER \(1\)"
     ):
         osi(folder)
+
+
+def test_two_recordings_in_one_file_are_refused_or_reported(tmp_path):
+    """The numbers of their vehicles are equal, so that half of the rows would be left out silently."""
+    tracks = pd.read_csv(recording(tmp_path) / "01_tracks.csv")
+    both = pd.concat([tracks.assign(recordingId=1), tracks.assign(x=tracks["x"] + 200, recordingId=2)])
+    both.drop(columns="recordingId").to_csv(tmp_path / "01_tracks.csv", index=False)
+    (warning,) = highd(tmp_path).attrs["warnings"]
+    assert warning.startswith(
+        f"{len(tracks)} of {2 * len(tracks)} rows of the recordings have the number and"
+    )
+    both.to_csv(tmp_path / "01_tracks.csv", index=False)
+    with pytest.raises(
+        InputError, match=r"01_tracks\.csv, column recordingId: seen 2 recordings in one file"
+    ):
+        highd(tmp_path)
+    tracks.assign(recordingId=1).to_csv(tmp_path / "01_tracks.csv", index=False)
+    assert highd(tmp_path).attrs["warnings"] == []
+
+
+def test_vehicles_without_a_class_are_said_to_have_none(tmp_path):
+    recording(tmp_path, names=(None, None), distance="gap")
+    with pytest.raises(
+        InputError, match=r"classes none \(2\); .* State the class of each vehicle in the rec"
+    ):
+        highd(tmp_path)

@@ -188,6 +188,21 @@ def test_the_unit_that_an_fmu_defines_is_used_or_refused(fmus, tmp_path, version
     np.testing.assert_allclose(got.min_range, own.min_range, rtol=1e-9, atol=1e-9)
 
 
+def test_an_array_is_no_variable_of_the_car(fmus, tmp_path):
+    with zipfile.ZipFile(fmus[3]) as source, zipfile.ZipFile(tmp_path / "a.fmu", "w") as target:
+        for name in source.namelist():
+            content = source.read(name)
+            if name.endswith(".xml"):
+                head, tail = content.decode().split('<Float64 name="gap"')
+                own, rest = tail.split("/>", 1)
+                content = f'{head}<Float64 name="gap"{own}><Dimension start="1"/></Float64>{rest}'
+            target.writestr(name, content)
+    with pytest.raises(
+        InputError, match=r"inputs\.range\.name: seen gap, which is an array; expected a variable"
+    ):
+        load_vehicle("fmu", file=str(tmp_path / "a.fmu"), inputs=INPUTS)
+
+
 def test_the_offset_of_a_unit_is_used(fmus, tmp_path):
     path = with_units(fmus[2], tmp_path / "a.fmu", 2, "from 10")
     speed = load_vehicle("fmu", file=path, inputs=INPUTS).vehicle._model.inputs[-1]

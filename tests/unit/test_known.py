@@ -157,6 +157,23 @@ def test_a_fault_in_other_traffic_is_noticed(kind, fault):
     assert remedy in found(spoil(drawn(kind, 2_000))).advice
 
 
+@pytest.mark.parametrize("factor", [1.0, 3.6])
+@pytest.mark.parametrize("gap", [11.0, 15.0, 19.0])
+@pytest.mark.parametrize("closing", [1.0, 2.0, 3.0, 4.5])
+def test_a_unit_is_no_advice_where_other_traffic_explains_as_much(gap, closing, factor):
+    """Dense traffic in m/s and in km/h: neither table shows which it is, unless it is like known traffic."""
+    generator, n = np.random.default_rng(3), 2_000
+    around = gap * np.exp(0.4 * generator.standard_normal(n))
+    table = pd.DataFrame(
+        dict(zip(NAMES, (generator.normal(22, 3, n), around, generator.exponential(closing, n)), strict=True))
+    )
+    table = table[(table["lead_speed"] > 1) & (table["closing_speed"] ** 2 < 6 * table["range"])]
+    report = found(table.assign(closing_speed=factor * table["closing_speed"]))
+    assert report.verdict in (FINE, WARNING)
+    assert ".unit to" not in report.advice
+    assert ("Change nothing unless" in report.advice) == ("do not distinguish" in report.seen)
+
+
 def test_sound_cut_ins_come_no_nearer_to_the_known_ones_if_their_ranges_are_divided_by_feet():
     """A smaller number than `FEET` would call sound tables of other traffic tables in feet."""
     for kind in TRAFFIC:

@@ -165,6 +165,15 @@ def test_traces_that_contradict_themselves_or_have_no_lanes_are_refused(tmp_path
         extract(tmp_path)
 
 
+def test_objects_without_a_type_are_named_as_the_cause(tmp_path):
+    unknown = betterosi.MovingObject(id=betterosi.Identifier(value=1), base=betterosi.BaseMoving())
+    with betterosi.Writer(tmp_path / "b.mcap") as writer:
+        stamp = betterosi.Timestamp(seconds=1)
+        writer.add(betterosi.GroundTruth(timestamp=stamp, moving_object=[unknown]))
+    with pytest.raises(InputError, match="1 are of objects whose type is not VEHICLE, or that have no base"):
+        extract(tmp_path)
+
+
 def test_files_that_cannot_be_read_are_told(tmp_path):
     with pytest.raises(InputError, match="seen no file"):
         extract(tmp_path)

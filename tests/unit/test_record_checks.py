@@ -110,6 +110,25 @@ def turned_in_a_mixture(rows):
     return both.assign(closing_speed=-both["closing_speed"])
 
 
+MEASURES = {
+    "closing speed": lambda rows: rows["closing_speed"],
+    "1/TTC": lambda rows: rows["closing_speed"] / rows["range"],
+    "deceleration": lambda rows: rows["closing_speed"] ** 2 / rows["range"],
+}
+
+
+def without_the_most_critical(name, share):
+    def spoil(rows):
+        values = MEASURES[name](rows)
+        return rows[values < values.quantile(1 - share)]
+
+    return spoil
+
+
+def most_critical(name):
+    return lambda rows: rows[MEASURES[name](rows) > MEASURES[name](rows).quantile(0.8)]
+
+
 def numbered(rows):
     return rows.set_index(pd.RangeIndex(1, len(rows) + 1, name="row"))
 
@@ -142,6 +161,12 @@ SPOILED = {
     "a few rows": ("sample_size", lambda rows: rows.iloc[:80]),
     "a tail of a few rows": ("size_of_tail", lambda rows: rows.iloc[:400]),
     "a code for missing speeds": ("equal_values", some("lead_speed", 12.34, 10)),
+    **{
+        f"the most critical {share} left out by {name}": ("selection", without_the_most_critical(name, share))
+        for name in MEASURES
+        for share in (0.01, 0.05)
+    },
+    **{f"the most critical fifth by {name}": ("selection", most_critical(name)) for name in MEASURES},
     "records that nobody survives": ("replayed_crashes", some("closing_speed", 40.0, 50)),
 }  # fmt: skip
 
@@ -152,6 +177,39 @@ def test_a_spoiled_copy_is_caught_and_the_sound_one_is_not(spoiling):
     found, before = CHECKS[check](records_of(spoil(sound()))), control(check)
     assert VERDICTS.index(found.verdict) > VERDICTS.index(before.verdict), (found, before)
     assert found.advice
+
+
+def test_a_selection_of_the_tail_is_a_stop_and_one_of_the_rest_a_warning():
+    verdicts = {
+        name: CHECKS["selection"](records_of(spoil(sound()))).verdict
+        for name, (check, spoil) in SPOILED.items()
+        if check == "selection"
+    }
+    assert verdicts == {name: STOP if "left out" in name else WARNING for name in verdicts}
+
+
+@pytest.mark.parametrize("cap", [12.0, 14.0])
+def test_a_cap_of_the_sensor_is_a_stop_however_few_rows_have_it(cap):
+    rows = complete(real())[["lead_speed", "range", "closing_speed"]]
+    assert 0 < (rows["closing_speed"] > cap).mean() < 0.01
+    capped = rows.assign(closing_speed=rows["closing_speed"].clip(upper=cap))
+    assert CHECKS["cut_edges"](records_of(capped)).verdict == STOP
+
+
+@pytest.mark.parametrize("power", [0.8, 1.0, 1.3, 1.6])
+@pytest.mark.parametrize("rows", [500, 20_000])
+def test_tails_that_thin_out_are_no_selection(power, rows):
+    """Weibull tails, from heavier to lighter than those of recorded closing speeds."""
+    generator = np.random.default_rng(7)
+    table = pd.DataFrame(
+        {"lead_speed": generator.uniform(5, 35, rows), "range": generator.uniform(9, 75, rows)}
+    )
+    table["closing_speed"] = 2 * generator.exponential(size=rows) ** (1 / power)
+    found = CHECKS["selection"](records_of(numbered(table)))
+    assert found.verdict == FINE, found
+    assert CHECKS["selection"](records_of(table[table["closing_speed"] < 4.5])).verdict == (
+        STOP if rows > 500 else FINE
+    )
 
 
 def test_one_row_is_called_a_row():

@@ -5,6 +5,8 @@ import re
 
 import numpy as np
 import pandas as pd
+import pyarrow as pa
+import pyarrow.parquet as pq
 import pytest
 from accelerated_evaluation import SCENARIOS, InputError, cli, load
 from accelerated_evaluation.laws.motion.recorded import Recorded
@@ -64,6 +66,26 @@ def test_dates_in_a_parquet_file_are_one_message(tmp_path, scenario):
     rows.to_parquet(tmp_path / "t.parquet")
     with pytest.raises(InputError, match=r"row 2, column .*seen Timestamp"):
         read_record_table(SCENARIOS[scenario], tmp_path / "t.parquet", "driver")
+
+
+@pytest.mark.parametrize("kind", [pa.binary(2), pa.binary(), pa.large_binary()])
+@pytest.mark.parametrize("door", ["table", "records", "motion"])
+def test_binary_columns_of_a_parquet_file_are_one_message(tmp_path, kind, door):
+    rows = cut_ins().assign(**{f"speed_{k}": 20.0 for k in range(1, 9)})
+    if door == "records":
+        rows = table(NAMES["left_turn"])
+    column, own = rows.columns[1], pa.Table.from_pandas(rows, preserve_index=False)
+    cells = pa.array([np.float16(20).tobytes()] * len(rows), kind)
+    pq.write_table(own.set_column(1, column, cells), tmp_path / "t.parquet")
+    read = {
+        "table": lambda path: load(given={"data": {"source": "table", "table": {"path": str(path)}}}),
+        "records": lambda path: read_record_table(SCENARIOS["left_turn"], path, "driver"),
+        "motion": Recorded.read,
+    }[door]
+    with pytest.raises(
+        InputError, match=rf"t\.parquet, column '{column}': seen the type \w*binary.*; expected"
+    ):
+        read(tmp_path / "t.parquet")
 
 
 def test_dates_in_a_table_of_lead_motion_are_one_message(tmp_path):

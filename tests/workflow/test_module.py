@@ -35,6 +35,9 @@ rule theirs:
 """
 
 
+LIMITS = {"filters": dict.fromkeys(("lead_speed_min", "lead_speed_max", "range_max"), "auto")}
+
+
 def stranger(project: Path = ROOT, prefix: str = "") -> str:
     """Return the Snakefile of another workflow that uses this one as a module."""
     moved = f"    prefix:\n        {prefix!r}\n" if prefix else ""
@@ -75,6 +78,17 @@ def test_another_workflow_uses_the_study_as_a_module_with_its_own_settings(tmp_p
     run = dry_run(tmp_path)
     assert {"cut_ins_ingest_encounters", "cut_ins_run_02_the_answer", "theirs"} <= planned(run)
     assert "figures/mine/fig01_concept.png" in run.stdout + run.stderr
+
+
+def test_the_default_target_of_another_workflow_stays_its_own(tmp_path):
+    module = stranger(prefix="risk").partition("rule theirs")[0]
+    own = "rule theirs:\n    output:\n        'a.txt',\n    shell:\n        'touch {output}'\n"
+    (tmp_path / "Snakefile").write_text(f"{own}{module}")
+    (tmp_path / "config.yaml").write_text(yaml.safe_dump({"cut_ins": {"study": "mine", **LIMITS}}))
+    assert planned(dry_run(tmp_path)) == {"theirs"}
+    written = {path.relative_to(tmp_path).parts[0] for path in tmp_path.glob("*")}
+    assert written <= {"Snakefile", "config.yaml", ".snakemake", "risk"}
+    assert (tmp_path / "risk/results/mine/limits.json").is_file()
 
 
 def test_two_studies_of_a_workflow_have_the_same_modules(tmp_path):

@@ -11,6 +11,7 @@ from typing import Any
 import argcomplete
 
 from accelerated_evaluation.base.errors import InputError, StudyError, unusable
+from accelerated_evaluation.base.extensions import faults_reported
 from accelerated_evaluation.commands import COMMANDS, PLAIN_NUMBERS
 
 EXIT = """If the input is wrong, the command prints one message on standard error, ends with exit status 2,
@@ -34,7 +35,8 @@ def main(argv: Sequence[str] | None = None) -> int:
     if argv is None and not sys.stderr.isatty():
         os.environ.setdefault("TQDM_DISABLE", "1")  # a log would contain every state of a progress bar
     try:
-        own = parser()  # it imports extensions, which may be faulty
+        with faults_reported():  # of installed packages that may be of no concern to the command
+            own = parser()
         argcomplete.autocomplete(own)  # if the shell asks for completions, this prints them and ends
         arguments = own.parse_args(given)
         _require_values(given)

@@ -53,6 +53,7 @@ try:
         cores=workflow.resource_settings.cores,
         is_main_process=workflow.is_main_process,
         arguments=sys.argv,
+        moved=workflow.modifier.path_modifier.replace_prefix,
     )
     require_same_modules(
         MODULES_OF_STUDIES, INPUTS.config["study"], INPUTS.config["modules"]

@@ -8,11 +8,13 @@ variable, so that the processes which a study starts, its scripts and workers, i
 
 import os
 import sys
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Iterator
+from contextlib import contextmanager
 from dataclasses import dataclass, field
 from functools import cache
 from importlib.metadata import EntryPoint, entry_points
 from pathlib import Path
+from threading import Timer
 from types import ModuleType
 from typing import Protocol
 
@@ -23,7 +25,9 @@ GROUP = "accelerated_evaluation"
 VARIABLE = "ACCELERATED_EVALUATION_MODULES"  # paths of the files, separated as in PATH
 LIBRARY = "accelerated_evaluation."
 EXTENSIONS: dict[str, "Extension"] = {}
+SLOW = 5.0  # [s], after which the user is told which module is still being imported
 _being_imported: list["Extension"] = []
+_reported: set[str] | None = None  # extensions whose faults were reported; None if a fault is an error
 
 
 class Members(Protocol):
@@ -98,9 +102,31 @@ def load_known() -> None:
     """Import the extensions of installed packages, and those of the environment variable, once."""
     for entry in _installed():
         name = f"package {entry.dist.name}, entry point {entry.name}"
-        if name not in EXTENSIONS:
+        if name in EXTENSIONS or name in (_reported or ()):
+            continue
+        try:
             _add(Extension(name), entry.load)
+        except InputError as error:
+            if _reported is None:
+                raise
+            _reported.add(name)
+            print(f"warning: {error} The command continues without this package.", file=sys.stderr)
     load_files(map(Path, filter(None, os.environ.get(VARIABLE, "").split(os.pathsep))))
+
+
+@contextmanager
+def faults_reported() -> Iterator[None]:
+    """Report faults of installed packages in a ``with`` block as warnings.
+
+    Outside of such blocks they are errors, because a result must not lack a member of a package that is
+    installed.
+    """
+    global _reported
+    _reported = set()
+    try:
+        yield
+    finally:
+        _reported = None
 
 
 @cache  # because the metadata of all installed packages are read for it, at every look into a registry
@@ -128,6 +154,10 @@ def _add(extension: Extension, load: Callable[[], ModuleType]) -> None:
     """Import an extension; if this fails, no member of it remains."""
     EXTENSIONS[extension.name] = extension  # set first, because the module may look up a member
     _being_imported.append(extension)
+    word = f"importing {extension.name}, which takes more than {SLOW:g} s; Ctrl+C ends it"
+    timer = Timer(SLOW, print, [word], {"file": sys.stderr, "flush": True})
+    timer.daemon = True
+    timer.start()
     try:
         with located(extension.name):
             with running("import", "a module that Python can import", "Correct it, or remove the package."):
@@ -146,6 +176,7 @@ def _add(extension: Extension, load: Callable[[], ModuleType]) -> None:
             registry.remove(name)
         raise
     finally:
+        timer.cancel()
         _being_imported.pop()
 
 

@@ -123,13 +123,24 @@ def names_in_words(names: Sequence[str], wanted: str) -> str:
 def read_parquet(path: str | os.PathLike, named: Mapping[str, str] = MappingProxyType({})) -> pd.DataFrame:
     """Read a Parquet file.
 
-    InputError is raised if it is damaged or lacks one of the columns ``named`` (see `require_columns`).
+    InputError is raised if it is damaged or lacks one of the columns ``named`` (see `require_columns`), or if
+    one of these, or without names any column, is binary.
     """
     try:
         table = pd.read_parquet(path)
     except (OSError, ValueError) as error:  # pyarrow's own errors derive from these
         raise _unreadable(path, error, "a Parquet file") from error
     require_columns(path, list(map(str, table.columns)), named)
+    for name in dict.fromkeys(named.values()) or table.columns:
+        if table[name].dtype == object and table[name].map(type).isin([bytes]).any():
+            from pyarrow.parquet import read_schema  # imported here, because it takes a moment
+
+            raise InputError(
+                f"{path}, column {name!r}",
+                seen=f"the type {read_schema(path).field(name).type}",
+                expected="numbers, or text with numbers",
+                change="Write the column as numbers, such as float64; polars writes float16 as binary.",
+            )
     return table
 
 

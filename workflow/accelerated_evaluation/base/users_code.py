@@ -97,8 +97,8 @@ def guard(kind: type, contracts: Iterable[type], where: str) -> None:
     stay as they are, and so does ``from_content``, whose errors show that a file has another content.
     """
     bases = [*contracts, *filter(is_of_library, kind.__mro__)]
-    own = [each for each in kind.__mro__ if not is_of_library(each)]
-    for each, name, member in [(each, *pair) for each in own for pair in vars(each).items()]:
+    own = (each for each in kind.__mro__ if not is_of_library(each))
+    for owner, name, member in [(each, *pair) for each in own for pair in vars(each).items()]:
         function = getattr(member, "__func__", member)
         base = next((base for base in bases if inspect.isroutine(getattr(base, name, None))), None)
         if not inspect.isfunction(function) or base is None or name.startswith(("_", "from_content")):
@@ -107,7 +107,7 @@ def guard(kind: type, contracts: Iterable[type], where: str) -> None:
         returns = by_hint(base if hint is Self else hint)
         if returns not in (None, NOTHING) and not hasattr(function, "__wrapped__"):
             checked = _called(function, where, replace(returns, change="Correct this function."))
-            setattr(each, name, checked if member is function else type(member)(checked))
+            setattr(owner, name, checked if member is function else type(member)(checked))
 
 
 def _called(function: Callable, where: str, returns: Argument) -> Callable:

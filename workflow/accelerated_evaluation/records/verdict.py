@@ -27,7 +27,8 @@ from accelerated_evaluation.records.segments import NUMBERS
 WIDTH = 100
 FLAG = "--accept"
 KEY = "data.accepted_warnings"
-IN_FULL = ("known records",)  # warnings that say which fault is likely, and what would change without it
+# Warnings that say which fault is likely, and what would change without it.
+IN_FULL = ("known records", "selection", "speed unit")
 
 
 def read_report(path: str | os.PathLike) -> pd.DataFrame:

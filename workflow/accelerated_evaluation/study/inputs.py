@@ -1,7 +1,7 @@
 """The inputs of a study: the checked configuration, the records, and the vehicles with their files."""
 
 import os
-from collections.abc import Iterable, Mapping
+from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass
 from itertools import chain
 from pathlib import Path
@@ -68,14 +68,16 @@ class StudyInputs:
         cores: int | None,
         is_main_process: bool,
         arguments: Iterable[str] = (),
+        moved: Callable[[str], str] = str,
     ) -> Self:
         """Complete and check a configuration, and find all files that it names.
 
         ``config`` is as Snakemake has merged it, and ``paths`` are the configuration files, which are read
         again, because Snakemake accepts repeated keys and reads some numbers as others. Paths of records are
         relative to the working directory or to the folder of the project. ``arguments`` are those of the
-        command line. The processes of jobs, which are not the main process, skip slow checks. StudyError is
-        raised if the configuration is not valid, or if a file or vehicle that it names cannot be used.
+        command line, and ``moved`` returns where the prefix of a module moves a path of a result. The
+        processes of jobs, which are not the main process, skip slow checks. StudyError is raised if the
+        configuration is not valid, or if a file or vehicle that it names cannot be used.
         """
         paths = list(paths)
         if is_main_process:
@@ -96,7 +98,7 @@ class StudyInputs:
         }
         if is_main_process:
             require_cores(cores)
-            require_places(Path("results") / config["study"], Path("figures") / config["study"])
+            require_places(*(Path(moved(f"{folder}/{config['study']}")) for folder in ("results", "figures")))
             require_records(named)
             require_vehicles(named_vehicles)
             require_checks(config["data"]["accepted_warnings"])
@@ -104,7 +106,7 @@ class StudyInputs:
         slow = {label for label, each in named_vehicles.items() if each.is_stored}
         slow |= {UNDER_TEST} if settings["slow"] else set()
         require_plain([*named.files, *chain(*files.values())])
-        limits = Path("results") / config["study"] / "limits.json"
+        limits = Path(moved(f"results/{config['study']}/limits.json"))
         config = without_unused(resolved(config, named.files, limits, trust=not is_main_process), SOURCES)
         accepted = config["data"].pop("accepted_warnings")
         verdicts = [str(project / scenario.verdicts)] if scenario.verdicts else []

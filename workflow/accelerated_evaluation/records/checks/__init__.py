@@ -86,7 +86,7 @@ class Records:
     simulate: Simulate | None = None
     # Records of the same scenario that come with the project; None if there are none.
     known: pd.DataFrame | None = None
-    warnings: Sequence[str] = ()  # texts about units of the source that could not be checked
+    warnings: Sequence[str] = ()  # texts of the source about units and rows that it could not check
 
     @classmethod
     def of(

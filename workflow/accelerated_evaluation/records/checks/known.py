@@ -119,6 +119,11 @@ class Fault:
     corrected: Array  # the points without the fault, shape (n, d)
     unit: str = ""  # the unit of the columns, if it is another one
 
+    @property
+    def is_like_traffic(self) -> bool:
+        """Whether the fault scales one variable, as dense and free traffic do, too."""
+        return self.needed == UNIT and len(self.columns) == 1
+
 
 def _faults(x: Array, units: Mapping[str, str]) -> Iterator[Fault]:
     """Iterate over the likely faults of points, shape (n, d), which follow from the units.
@@ -329,10 +334,17 @@ def known_records(records: Records) -> Finding:
         verdict = STOP if is_certain else WARNING
         others = [fault.text for _, fault in explanations[1:SHOWN]]
         others = f"; less well: {'; '.join(others)}" if others else ""
-        found = f"probably {best.text}: the distance is {left:.2f} without it{others}"
+        is_known = is_certain or not best.is_like_traffic
+        word = "probably" if is_known else "other traffic, which these records do not distinguish from"
+        found = f"{word} {best.text}: the distance is {left:.2f} without it{others}"
         seen = f"{found}. {compared.effect(best)}; {seen}"
         own = " (in a source of your own, convert them there)" if "data.table" in best.remedy else ""
         advice = f"If this is what the columns contain, {best.remedy}{own}. "
+        if not is_known:
+            advice = (
+                "Change nothing unless the description of the records states this unit: dense and free "
+                "traffic differ as much, so that both are possible. "
+            )
     return Finding(
         verdict,
         looked_at,

@@ -9,6 +9,7 @@ from scipy.stats import binom, poisson
 
 from accelerated_evaluation.base.arrays import Array
 from accelerated_evaluation.base.numerals import counted
+from accelerated_evaluation.base.randomness import child_generator
 from accelerated_evaluation.records.checks import (
     CHECKS,
     CUT_INS,
@@ -36,9 +37,17 @@ STEPS = (10.0, 5.0, 1.0, 0.5)
 OFFSETS = sorted({j / 10 for j in range(1, 10)} | {j / 16 for j in range(1, 16)})  # in steps
 DIGITS = 5  # largest number of decimals, minus 1, of values that are on a grid
 NEIGHBOURS = 50  # number of distinct values next to a value that give the expected count or distance
+# Edges beyond which crashes lie. Values that accumulate there are a stop, however few rows have them.
+CRITICAL, SATURATED = (("m/s", "largest"), ("m", "smallest")), 1e-6
 MANY_EQUAL = 0.05  # share of records with the same value, which no smooth law can describe
 MOST_EQUAL = 0.2  # share that is larger than those of road users who stand, so that it is a code or a fault
 TOP = 100  # number of largest values; the standard error of their mean excess is 10 %
+# Number of the largest values whose end is compared: a share of the rows within two limits.
+TOP_SHARE, FEWEST, MOST = 0.01, 30, 500
+# Shape of the generalised Pareto tail with the sharpest end of traffic. Tails of the recorded cut-ins have
+# shapes above -0.1; that of an exponential tail whose top 1 % is missing is about -0.8.
+SHARPEST, SAMPLES = -0.25, 5_000
+SMALLEST, LARGEST_START = 0.01, 0.25  # in recorded cut-ins this quantile is at most 0.1 medians
 EXTREMES = ("inverse_range", "inverse_ttc")  # quantities whose tails the models describe
 
 
@@ -122,7 +131,8 @@ def cut_edges(records: Records) -> Finding:
 
     The cause may be a limit of the export or a saturated sensor. The number of values at the edge is compared
     with the mean number at the `NEIGHBOURS` values next to it, by a Poisson test. Values at 0 are at most a
-    warning, because cars may stand. The number is that of the values at the most conspicuous edge.
+    warning, because cars may stand. Values at the largest speed or the smallest distance are a stop: nothing
+    is known where crashes are. The number is that of the values at the most conspicuous edge.
     """
     found = [(FINE, 0.0, "none", pd.Index([]))]
     for name in records.units:
@@ -139,7 +149,9 @@ def cut_edges(records: Records) -> Finding:
             if p >= LEVEL:
                 continue
             rows = column.index[column == values[edge]]
-            verdict = WARNING if values[edge] == 0 else by_share(len(rows), len(column))
+            is_critical = p < SATURATED and (records.units[name], word) in CRITICAL
+            verdict = STOP if is_critical else by_share(len(rows), len(column))
+            verdict = WARNING if values[edge] == 0 else verdict
             text = f"the {word} {name.replace('_', ' ')}, {values[edge]:g} (p = {p:.2g})"
             found.append((verdict, -p, f"{counted(len(rows), 'row')} at {text}", rows))
     verdict, _, seen, rows = max(found, key=lambda entry: (VERDICTS.index(entry[0]), entry[1]))
@@ -265,4 +277,48 @@ def outliers(records: Records) -> Finding:
         "Inspect these rows one by one. List false rows under data.<source>.outlier_rows; table sensitivity "
         "then shows their influence on the result.",
         rows,
+    )
+
+
+@CHECKS.add("selection")
+@needs(*CUT_INS)
+def selection(records: Records) -> Finding:
+    """Check whether the most critical cut-ins, or all but these, were left out.
+
+    A cut-in is critical by its closing speed v, by 1/TTC = v / R, or by the deceleration v² / (2 R). Records
+    of traffic thin out towards their largest value. If the critical ones were left out, many rows lie just
+    below a sharp end: the mean excess of the largest values over a threshold is then nearly half of the
+    largest excess. It is compared with samples from a generalised Pareto tail of the shape `SHARPEST`, which
+    ends more sharply than tails of traffic do. The verdict is ``stop``, because the tail is missing. If the
+    smallest values are a large part of the median, the others were left out. This is a ``warning``, because
+    the law then describes the selected cut-ins. The number is the smallest p-value of the upper ends.
+    """
+    rows, looked_at = records.closing, "closing speed, TTC^-1 and v²/(2R): a sharp end, or no small values"
+    size = min(max(int(TOP_SHARE * len(rows)), FEWEST), MOST)
+    if len(rows) < 10 * size:
+        return Finding(FINE, looked_at, "not checked: too few rows", 1.0)
+    speed, range_ = rows["closing_speed"], rows["range"]
+    measures = {"closing speed": speed, "TTC^-1": speed / range_, "v²/(2R)": speed**2 / (2 * range_)}
+    uniform = child_generator(0, "selection").random((SAMPLES, size))
+    sharp = (uniform**-SHARPEST - 1) / SHARPEST  # excesses of a generalised Pareto tail
+    by_chance = sharp.mean(axis=1) / sharp.max(axis=1)
+    p_values, starts = {}, {}
+    for name, values in measures.items():
+        threshold, *largest = np.sort(values.to_numpy())[-size - 1 :]
+        excess = np.array(largest) - threshold
+        reached = excess.mean() / excess.max() if excess.max() > 0 else 1.0
+        p_values[name] = len(measures) * (1 + np.count_nonzero(by_chance >= reached)) / (1 + SAMPLES)
+        starts[name] = float(values.quantile(SMALLEST) / values.median())
+    end, start = min(p_values, key=p_values.__getitem__), max(starts, key=starts.__getitem__)
+    is_cut, is_chosen = p_values[end] < LEVEL, starts[start] > LARGEST_START
+    seen = f"{end} {'ends sharply at' if is_cut else 'thins out to'} {measures[end].max():.3g}"
+    seen += f" (p = {min(p_values[end], 1):.2g}); {start} begins at {starts[start]:.2g} of its median"
+    return Finding(
+        STOP if is_cut else WARNING if is_chosen else FINE,
+        looked_at,
+        seen,
+        p_values[end],
+        "Find out how the records were selected, and use all cut-ins. Crashes are predicted from the most "
+        "critical records; and the probability is that of a cut-in like these records.",
+        list(measures[end].sort_values().index[::-1][:NEIGHBOURS]) if is_cut else (),
     )

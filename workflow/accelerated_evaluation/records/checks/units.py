@@ -40,8 +40,7 @@ def invalid_values(records: Records) -> Finding:
         "missing, infinite or non-numeric values; of cut-ins also negative values and speeds above 300 m/s",
         f"{len(rows):,} of {size:,} rows{example and f'; {example}'}",
         len(rows),
-        f"{correction}Correct these rows, or set data.invalid_rows to drop, which leaves them out and counts "
-        "them.",
+        f"{correction}Correct these rows. They are left out only if data.invalid_rows is drop.",
         rows,
     )
 

@@ -24,6 +24,8 @@ RULE = section(  # the section ``rule`` of each source that finds cut-ins in rec
 )
 AGREEMENT = 1.25  # factor by which speeds may differ from changes of position, or from other recorded speeds
 LENGTHS = 2.5, 8.0  # [m]: limits of the median length of cars; in feet the median would be about 15
+TRACKING = "tracking"  # step of the account with rows that repeat the number and the time of another row
+MANY_REPEATED = 0.01  # share of these rows that causes a warning
 LONGEST = 30.0  # [m]: limit of the median length of vehicles, as the longest lorries have 25 m
 
 # The frames of a vehicle in a lane are joined to stays. A short absence from the lane does not end a stay. A
@@ -105,12 +107,22 @@ def finished(
 
     The attributes (``attrs``) are ``account``; ``exposure``, with the ``hours`` and ``kilometres`` that the
     hosts drove while cut-ins could be observed, from milliseconds and micrometres; and ``warnings``, texts
-    about units of the speeds that could not be checked.
+    about units of the speeds that could not be checked, and about many rows that were left out.
     """
     result = cut_ins.set_index(pd.RangeIndex(1, len(cut_ins) + 1, name="row"))
     result.attrs["account"] = account.table().to_dict("records")
     result.attrs["exposure"] = {"hours": milliseconds / 3.6e6, "kilometres": micrometres / 1e9}
+    lines = result.attrs["account"]
+    repeated, read = (
+        sum(each["rows_dropped"] for each in lines if each["step"] == TRACKING),
+        lines[0]["rows_in"],
+    )
     result.attrs["warnings"] = list(warnings)
+    if repeated > MANY_REPEATED * read:
+        result.attrs["warnings"].append(
+            f"{repeated:,} of {read:,} rows of the recordings have the number and the time of another row, "
+            "and were left out; numbers may belong to several vehicles or recordings"
+        )
     return result
 
 

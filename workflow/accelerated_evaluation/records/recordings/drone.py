@@ -39,6 +39,7 @@ MARKS = {
     CROSSINGS: ("trackId", "xCenter"),
 }
 SOURCES_OF = {HIGHD: "highd", EXID: "exid"}
+RECORDING = "recordingId"
 WITHOUT_META = """
     SELECT CAST(min(id) AS VARCHAR), count(*) FROM (SELECT DISTINCT id FROM frames) ANTI JOIN meta USING (id)
 """
@@ -113,7 +114,7 @@ def _read_recording(
     rate = _frame_rate(connection, recording)
     with csv_errors(file):
         own = {form.own.ahead, form.own.gap, form.own.headway, form.own.ttc} & {*header}
-        columns = dict.fromkeys([*form.numbers, *form.texts, *sorted(own)])
+        columns = dict.fromkeys([*form.numbers, *form.texts, *sorted(own | {RECORDING} & {*header})])
         csv_relation(connection, file, form.numbers, form.texts).project(", ".join(columns)).to_view("tracks")
         placeholders = {"rate": rate, "own": form.own.sql(header), "complete": form.complete}
         connection.execute(frames_sql(form.frames, settings["rule"], **placeholders))
@@ -137,6 +138,8 @@ def _read_recording(
             complete=form.complete,
             same_lane=form.same_lane,
         )
+        if RECORDING in header and counts["read"] - counts["incomplete"] > counts["used"]:
+            _require_one_recording(connection, file)
     return candidates.assign(recording=name), counts, warnings
 
 
@@ -194,6 +197,18 @@ def _require_meta(connection: "DuckDBPyConnection", file: Path, meta: Path) -> N
             seen=f"no row for vehicle {first}" + (f" and {count - 1:,} more" if count > 1 else ""),
             expected=f"one row for each vehicle of {file.name}",
             change="Use the complete file that belongs to this recording.",
+        )
+
+
+def _require_one_recording(connection: "DuckDBPyConnection", file: Path) -> None:
+    """Raise InputError if several recordings in one file give the same numbers to different vehicles."""
+    (count,) = connection.execute(f"SELECT count(DISTINCT {RECORDING}) FROM tracks").fetchone()
+    if count > 1:
+        raise InputError(
+            f"{file}, column {RECORDING}",
+            seen=f"{count:,} recordings in one file, in which different vehicles have the same number",
+            expected="one recording",
+            change="Write a file for each recording.",
         )
 
 

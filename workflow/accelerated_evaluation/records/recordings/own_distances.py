@@ -67,8 +67,9 @@ def compared(
 
     ``readings`` maps the name of each reading to the SQL expression of the gap to the vehicle ahead. The
     reading is None if the distances do not distinguish them: if the file has none, or if they are differences
-    of positions, as in highD. A warning says that headways or TTC of the file contradict its positions and speeds. InputError is raised if the distances contradict the
-    positions under all readings, because it is then unknown where a vehicle begins.
+    of positions, as in highD. A warning says that headways or TTC of the file contradict its positions and
+    speeds. InputError is raised if the distances contradict the positions under all readings, because it is
+    then unknown where a vehicle begins.
     """
     to_front = f" + f.{columns.length}"  # the distance may end at the rear of the vehicle ahead, or its front
     gaps = [f"({gap}){more}" for gap in readings.values() for more in ("", to_front)]

@@ -21,6 +21,7 @@ from accelerated_evaluation.base.sections import Schema, listed, number
 from accelerated_evaluation.records.ingest import Account
 from accelerated_evaluation.records.recordings.cut_ins import (
     RULE,
+    TRACKING,
     drop_in_turn,
     finished,
     milliseconds,
@@ -175,7 +176,9 @@ def require_classes(counts: Mapping[Any, float], settings: Mapping[str, Any]) ->
                 f"{settings['path']}, {key}",
                 seen="vehicles of the classes " + ", ".join(f"{name} ({n:,})" for name, n in seen.items()),
                 expected=f"some of the configured classes {', '.join(configured)}",
-                change=f"State the classes of your recordings in {key} of the section of this source.",
+                change="State the class of each vehicle in the recordings."
+                if [*seen] == ["none"]
+                else f"State the classes of your recordings in {key} of the section of this source.",
             )
 
 
@@ -211,7 +214,7 @@ def _account(counts: Mapping[str, float]) -> Account:
     account = Account(read)
     account.enter(incomplete, step="read", reason="a missing or infinite value, or in no lane")
     account.enter(
-        read - incomplete - used, step="tracking", reason="the same vehicle in the same frame once more"
+        read - incomplete - used, step=TRACKING, reason="the same vehicle in the same frame once more"
     )
     account.enter(used - stays, step="lane", reason="no first frame of a vehicle in a lane")
     return account

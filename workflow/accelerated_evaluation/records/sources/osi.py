@@ -104,6 +104,8 @@ def _require_use(where: str, counts: Mapping[str, float], fleet: Fleet) -> None:
     if counts["used"]:
         return
     parts = ", ".join(f"{name} is missing in {n:,}" for name, n in fleet.missing.items() if n)
+    if not counts["read"] and fleet.others:
+        parts = f"{fleet.others:,} are of objects whose type is not VEHICLE, or that have no base"
     if fleet.missing[LANE] and fleet.has_boundaries:
         parts += " (the lanes have boundaries, but no centre lines)"
     raise InputError(
@@ -136,6 +138,7 @@ def _read_trace(connection: "DuckDBPyConnection", file: Path, gap: int) -> Fleet
     fleet, lanes = Fleet(gap), TraceLanes(file)
     for message in _messages(file):
         vehicles = [one for one in message.moving_object if one.type.name == "VEHICLE" and one.base]
+        fleet.others += len(message.moving_object) - len(vehicles)
         fleet.has_boundaries |= bool(message.lane_boundary or message.logical_lane_boundary)
         if vehicles:
             rows += _rows_of(message, vehicles, lanes, fleet)

@@ -16,6 +16,7 @@ from accelerated_evaluation.base.sections import choice, listed, number, section
 from accelerated_evaluation.records.ingest import Account
 from accelerated_evaluation.records.recordings.cut_ins import (
     RULE,
+    TRACKING,
     drop_in_turn,
     finished,
     milliseconds,
@@ -210,8 +211,9 @@ def _work(
     connection: "DuckDBPyConnection", folder: Path, parts: int, settings: Mapping[str, Any]
 ) -> tuple[list[pd.DataFrame], Counter]:
     """Return the changes into the path in each part, and counts and exposure added up over all parts."""
+    place = Path(glob.escape(str(folder)))
     tables = {
-        name: f"read_parquet({literal([f'{glob.escape(str(folder))}/{name}/*/*/*.parquet'])}, hive_partitioning = TRUE)"
+        name: f"read_parquet({literal([place / name / '*/*/*.parquet'])}, hive_partitioning = TRUE)"
         for name in ("targets", "host")
     }
     connection.execute(f"CREATE TEMP TABLE devices AS SELECT DISTINCT device FROM {tables['targets']}")
@@ -268,7 +270,7 @@ def _account(counts: Mapping[str, float]) -> Account:
         ("incomplete", "read", "a missing or infinite value"),
         ("without_range", "read", "range not above 0"),
         ("other_type", "target type", "not of the types in target_types"),
-        ("repeated", "tracking", "the same obstacle at the same time once more"),
+        ("repeated", TRACKING, "the same obstacle at the same time once more"),
     ):
         account.enter(int(counts[name]), step=step, reason=reason)
         used -= counts[name]

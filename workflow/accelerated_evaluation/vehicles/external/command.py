@@ -216,6 +216,8 @@ def _read_outcomes(
     columns = [header.index(name) if name in header else None for name in scenario.outcome_names]
     outcomes = np.empty((len(columns), count))
     for k, row in enumerate(rows[1:]):
+        if len(row) > len(header):
+            raise refuse(f"OUT.csv, row {k + 2}", f"{len(row)} cells", f"{len(header)}, as in the header")
         where = f"OUT.csv, row {k + 2}, column {{}}, {scenario.described(encounters[:, k])}"
         outcomes[:, k] = list(_numbers(row, columns, scenario, where, refuse))
     return outcomes
