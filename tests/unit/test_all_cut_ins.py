@@ -34,7 +34,8 @@ def motion(factor, error, opening, opening_error, high95=3e-6):
     )
 
 
-MOTIONS = {"here": motion(1.2, 0.3, 2e-6, 1e-6), "there": motion(0.4, 0.1, 0.0, 0.0)}
+MOTIONS = {"here": motion(1.2, 0.3, 2e-6, 1e-6), "there": motion(0.4, 0.1, 1e-6, 1e-6)}
+LIMITED = motion(0.4, 0.1, np.nan, 0.0)  # hardly any opening cut-in crashed
 POSTERIOR = Posterior(PROBABILITIES, np.zeros(3, int))
 
 
@@ -96,7 +97,27 @@ def test_the_interval_contains_what_is_not_known_about_motion():
 def test_the_opening_part():
     law = opening_law(2e-6, 1e-6, 0.0)
     assert (law.mean(), law.std()) == pytest.approx((2e-6, 1e-6))
-    assert opening_law(0.0, 0.0, 3e-6).ppf(0.95) == pytest.approx(3e-6, rel=2e-3)
+    assert opening_law(np.nan, 0.0, 3e-6).ppf(0.95) == pytest.approx(3e-6, rel=2e-3)
+
+
+def test_a_limit_enters_upper_ends_only():
+    """Wrong: the law of the limit, whose mean is a third of it, enters the mean and the median of the sum."""
+    exact, limited = (
+        found({"there": each}).xs("closing cut-in", level="per")
+        for each in (motion(0.4, 0.1, 1e-12, 1e-13), LIMITED)
+    )
+    assert limited.loc[["opening", "all"], ["mean", "median", "share"]].isna().all(axis=None)
+    lower, upper = ["low50", "low80", "low95"], ["high50", "high80", "high95", "upper95"]
+    assert limited.loc["all", lower].tolist() == pytest.approx(exact.loc["all", lower].tolist(), rel=0.02)
+    assert (limited.loc["all", upper] > 1.2 * exact.loc["all", upper]).all()
+    assert limited.loc["opening", "upper95"] == pytest.approx(1.5 * 3e-6, rel=0.02)
+    assert limited.loc["closing", "mean"] == pytest.approx(0.4 * PROBABILITIES.mean(), rel=0.02)
+    assert "a limit, only in upper ends" in limited["missing"].iloc[0]
+    both = {"here": MOTIONS["here"], "there": LIMITED}
+    mean = found(both).xs("closing cut-in", level="per").loc["all", "mean"]
+    p = PROBABILITIES.mean()
+    assert mean == pytest.approx((1.2 * p + 1.5 * 2e-6 + 0.4 * p) / 2, rel=0.03)
+    assert mean < (1.2 * p + 1.5 * 2e-6 + 0.4 * p + 1.5 * 1e-6) / 2 / 1.08  # the wrong one
 
 
 def test_the_table_says_what_is_missing():

@@ -42,10 +42,10 @@ def opening_law(moved: float, error: float, limit: float) -> gamma:
     """Return the distribution of the crash probability of an opening cut-in, a frozen gamma distribution.
 
     It has the mean ``moved`` and the standard deviation ``error`` of the estimate (Fay and Feuer 1997,
-    Statistics in Medicine 16, 791-801). If no crash was simulated, it is exponential, with the upper 95 %
-    ``limit`` of the estimate.
+    Statistics in Medicine 16, 791-801). If ``moved`` is NaN because too few crashes were simulated, it is
+    exponential, with the upper 95 % ``limit``. Such a law enters upper ends only.
     """
-    if moved:
+    if moved > 0:
         return gamma((moved / error) ** 2, scale=error**2 / moved)
     return gamma(1.0, scale=limit / NONE)
 
@@ -100,6 +100,9 @@ def all_cut_ins(
         the one-sided 95 % bound ``upper95``, the ``share`` of the mean of all cut-ins, the mean number of
         crashes in the distance of the 100-Car study, and what the records do not give (``missing``).
 
+        A law of motion with which the crashes of opening cut-ins are not known, but for a limit, enters the
+        upper ends of opening and all cut-ins only. If there is no other law, their mean and median are NaN.
+
     Examples
     --------
     >>> rows = {"gap": ["closing", "opening"], "cut_ins": [0.5, 0.5], "moving": [2e-6, 0.0]}
@@ -116,26 +119,44 @@ def all_cut_ins(
         for name, motion in motions.items()
         if (motion.loc[motion["gap"] == "closing", "factor"] > 0).any()
     }
-    parts, missing = {KEEPS: keeps}, [] if found else [NO_MOTION]
+    parts, missing = {KEEPS: (keeps, keeps)}, [] if found else [NO_MOTION]
+    limited = [name for name in found if not motions[name].set_index("gap").loc["opening", "moving"] > 0]
     if found:
         chosen = generator.integers(len(found), size=SIZE)
         factor, opens = (np.choose(chosen, [each[k] for each in found.values()]) for k in (0, 1))
-        parts |= {f"closing, {name}": keeps * each[0] for name, each in found.items()}
-        parts |= {CLOSING: keeps * factor, OPENING: opens, ALL: keeps * factor + opens}
+        least = np.where(np.isin(np.array(list(found))[chosen], limited), 0.0, opens)
+        parts |= {f"closing, {name}": (keeps * each[0],) * 2 for name, each in found.items()}
+        closing = keeps * factor
+        parts |= {
+            CLOSING: (closing, closing),
+            OPENING: (least, opens),
+            ALL: (closing + least, closing + opens),
+        }
         missing += [] if opening >= FEWEST else [NO_RECORDS]
+    if limited:
+        missing.append(f"opening cut-ins with {' and '.join(limited)} (a limit, only in upper ends)")
     missing += [] if rates else [NO_EXPOSURE]
     rows, levels = [], (np.arange(SIZE) + 0.5) / SIZE
     for per, rate in {CLOSING_CUT_IN: None, **rates}.items():
         cut_ins = np.ones(SIZE) if rate is None else generator.permutation(rate.law.ppf(levels))
-        for part, each in parts.items():
-            summary = summarise(Posterior(each * cut_ins, np.zeros(SIZE, dtype=int)))
+        for part, (least, most) in parts.items():
+            is_limit = part in (OPENING, ALL) and len(limited) == len(found)
+            summary = _with_limits(least * cut_ins, most * cut_ins)
             row = {"vehicle": vehicle, "part": part, "per": per, "mean": summary.pop("probability")} | summary
-            row["upper95"] = float(np.quantile(each * cut_ins, CONFIDENCE))
-            row["share"] = each.mean() / parts[ALL].mean() if found else np.nan
+            row["upper95"] = float(np.quantile(most * cut_ins, CONFIDENCE))
+            row["share"] = least.mean() / parts[ALL][0].mean() if found else np.nan
+            if is_limit:
+                row |= dict.fromkeys(("mean", "median", "share"), np.nan)
             if per == "kilometre":
                 row["in_hundred_car"] = row["mean"] * 1e6 * HUNDRED_CAR_MILES * KILOMETRES_PER_MILE
             rows.append(row | {"missing": "; ".join(missing)})
     return pd.DataFrame(rows, columns=COLUMNS)
+
+
+def _with_limits(least: Array, most: Array) -> dict[str, float]:
+    """Return the summary of the lower bounds of n values, with the upper ends of their upper bounds."""
+    low, high = (summarise(Posterior(each, np.zeros(each.size, dtype=int))) for each in (least, most))
+    return low | {name: end for name, end in high.items() if name.startswith("high")}
 
 
 def rates_table(

@@ -14,21 +14,22 @@ where this closing speed, less a few m/s, is probable. Motions are drawn by `law
 The weights are bounded and the draws are independent, so the standard error is that of a mean of independent
 terms.
 
-Opening cut-ins are drawn from recorded ones, with motions drawn in the same way. If none of a few such
-cut-ins crashes, many are drawn without preference, so that the upper limit of the probability is small. If a
-study has no records of opening cut-ins, recorded closing cut-ins with the opposite sign of the closing speed
-are used.
+Opening cut-ins are drawn from recorded ones (`opening_cut_ins`). If a study has no records of opening
+cut-ins, recorded closing cut-ins with the opposite sign of the closing speed are used.
 """
 
 from collections.abc import Iterator, Mapping, Sequence
-from copy import deepcopy
 from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
+from fewruns.weights import effective_number
+from numpy.typing import NDArray
 
 from accelerated_evaluation.answer.answer import Replayed
 from accelerated_evaluation.answer.law_study import LawStudy
+from accelerated_evaluation.answer.opening_cut_ins import opening_terms
+from accelerated_evaluation.answer.posterior import FEWEST
 from accelerated_evaluation.base.arrays import Array
 from accelerated_evaluation.crash_map.lines import CrashLines
 from accelerated_evaluation.crash_map.maps import CrashMap, Intervals
@@ -39,7 +40,7 @@ from accelerated_evaluation.laws.smooth.smooth_hazard import SmoothHazard
 from accelerated_evaluation.methods.problem import Problem
 from accelerated_evaluation.scenarios.cut_in import CUT_IN, SPEED_LIMIT
 from accelerated_evaluation.vehicles.moving import MovingVehicle, simulate_motion, takes_motion
-from accelerated_evaluation.vehicles.protocol import CRASH, RandomVehicle, Vehicle, simulate_inner
+from accelerated_evaluation.vehicles.protocol import CRASH, Outcomes, RandomVehicle, Vehicle, simulate_inner
 
 # [m/s], amounts by which a lead motion may lower the smallest closing speed with a crash; places are drawn
 # preferentially for each of them.
@@ -47,9 +48,6 @@ SHIFTS = (0.0, 1.5, 4.0, 9.0)
 PLACES = 6000  # number of drawn places of closing cut-ins
 FEWER = 5  # so many times fewer places are drawn for each resampled law of lead motion
 STRATA = 25  # number of strata of the closing speed; the last one has a probability of exp(-24)
-OPENING = 60_000  # number of opening cut-ins that are drawn preferentially at short ranges
-PILOT = 20_000  # number of those that decide whether crashes are rare; they are not used otherwise
-RARE = 1_000_000  # number of opening cut-ins that are drawn without preference if the pilot has no crash
 AT_ONCE = 20_000  # number of opening cut-ins that are simulated at once, so that 100 MB of memory are enough
 RESAMPLED = 20  # number of laws of European lead motion that are fitted to resampled profiles
 DRAWS = 500  # number of draws of the law in a study that makes as many simulations as these constants say
@@ -62,10 +60,10 @@ class Means:
     """Estimated crash probabilities with a constant and with a changing lead speed."""
 
     still: float  # crash probability if the lead vehicle keeps its speed
-    moved: float  # crash probability if it changes its speed
+    moved: float  # crash probability if it changes its speed; NaN if too few crashes were simulated
     covariance: Array  # of the two estimates, (2, 2)
-    # One-sided upper 95 % limit of `moved`; without a crash, from the Poisson limit of a count of 0 and the
-    # largest possible weight.
+    # One-sided upper 95 % limit of `moved`; with too few crashes, the Poisson limit of a count of 0 for the
+    # largest possible weight is added to their mean.
     limit: float
 
     @classmethod
@@ -78,8 +76,9 @@ class Means:
         size = terms.shape[1]
         still, moved = terms.mean(axis=1).tolist()
         covariance = np.cov(terms) / size
-        limit = moved + ONE_SIDED * np.sqrt(covariance[1, 1]) if moved else NONE * largest / size
-        return cls(still, moved, covariance, float(limit))
+        if effective_number(terms[1]) < FEWEST:
+            return cls(still, np.nan, covariance, moved + NONE * largest / size)
+        return cls(still, moved, covariance, float(moved + ONE_SIDED * np.sqrt(covariance[1, 1])))
 
     @property
     def error(self) -> float:
@@ -180,8 +179,8 @@ class MovingProblem:
             closing_speed = np.minimum(given.inverse(level), SPEED_LIMIT)
             cut_ins = np.array([drawn.lead_speed, drawn.range_, closing_speed])
             mass = -np.expm1(-width) * np.exp(-least)
-            for term, crash in zip(terms, self._crashes(cut_ins, inputs, inner, motions), strict=True):
-                term += mass * crash
+            for term, found in zip(terms, self._outcomes(cut_ins, inputs, inner, motions), strict=True):
+                term += mass * found.crash
         largest = LARGEST_WEIGHT * len(self._proposals) * place.sum()
         return [Means.of(weights * terms[[0, which]], largest) for which in range(1, len(terms))]
 
@@ -195,66 +194,32 @@ class MovingProblem:
     ) -> list[Means]:
         """Return estimates as those of `opening` for several laws of motion with equally many inputs.
 
-        Recorded cut-ins are drawn with replacement. A pilot decides how, for each law. If it has a crash,
-        cut-ins with short ranges and rare motions are drawn preferentially, and the terms are weighted.
-        Otherwise crashes are so rare that only a limit can be found, and all terms have the same weight,
-        because the limit is proportional to the largest weight. The pilot itself is not used, so that there
-        is no bias. All laws of motion have the same draws, as in `closing_with`.
+        All laws of motion have the same draws, as in `closing_with`; see `opening_terms`.
         """
-        pilot = self._opening_terms(recorded, motions, PILOT, True, generator)
-        is_preferred = (pilot[0].any() | pilot[1:].any(axis=1)).tolist()
-        found = {}
-        for preferred, size, largest in ((True, OPENING, 2 * LARGEST_WEIGHT), (False, RARE, 1.0)):
-            which = [k for k, each in enumerate(is_preferred) if each == preferred]
-            if which:
-                own = [motions[k] for k in which]
-                terms = self._opening_terms(recorded, own, size, preferred, deepcopy(generator))
-                found |= {k: Means.of(terms[[0, row]], largest) for row, k in enumerate(which, 1)}
-        return [found[k] for k in range(len(motions))]
-
-    def _opening_terms(
-        self,
-        recorded: DistinctRecords,
-        motions: Sequence[LeadMotion],
-        size: int,
-        is_preferred: bool,
-        generator: np.random.Generator,
-    ) -> Array:
-        """Return weighted crashes of drawn opening cut-ins, shape (1 + laws, size); see `opening_with`."""
-        nearness, parts = 1 / recorded.range_, []
-        chance = np.full(recorded.size, 1 / recorded.size)
-        if is_preferred:
-            chance = (chance + nearness / nearness.sum()) / 2
-        size = round(self.effort * size)
-        sizes = [part.size for part in np.array_split(np.arange(size), -(-size // AT_ONCE))]
-        for count in sizes:
-            row = generator.choice(recorded.size, count, p=chance)
-            if is_preferred:
-                inputs, weights = draw_wide_inputs(motions[0], count, generator)
-            else:
-                inputs, weights = generator.random((count, motions[0].inputs)), np.ones(count)
-            inner = np.empty((count, 0))
-            if isinstance(self.vehicle, RandomVehicle):
-                inner = self.vehicle.draw_inner(count, generator)
-            parts.append((row, inputs, weights, inner))
-        row, inputs, weights, inner = map(np.concatenate, zip(*parts, strict=True))
         recorded_cut_ins = np.array([recorded.lead_speed, recorded.range_, recorded.closing_speed])
-        crashes = np.empty((1 + len(motions), size))
-        # In the order of the records, because a law of motion is faster for encounters that are repeated.
-        for part in np.array_split(np.argsort(row, kind="stable"), len(sizes)):
-            own = inner[part] if inner.shape[1] else None
-            drawn = recorded_cut_ins[:, row[part]]
-            crashes[:, part] = list(self._crashes(drawn, inputs[part], own, motions))
-        return weights / (recorded.size * chance[row]) * crashes
+        is_random = isinstance(self.vehicle, RandomVehicle)
 
-    def _crashes(
+        def simulate(row: NDArray[np.intp], inputs: Array) -> tuple[Array, Array]:
+            crashes, score = np.empty((1 + len(motions), row.size)), np.empty(row.size)
+            for part in np.array_split(np.arange(row.size), -(-row.size // AT_ONCE)):
+                inner = self.vehicle.draw_inner(part.size, generator) if is_random else None
+                found = list(self._outcomes(recorded_cut_ins[:, row[part]], inputs[part], inner, motions))
+                crashes[:, part], score[part] = [each.crash for each in found], CRASH.score(found[1])
+            return crashes, score
+
+        terms, largest = opening_terms(
+            simulate, recorded, motions, self.effort, generator, concentrates=not is_random
+        )
+        return [Means.of(terms[[0, row]], largest) for row in range(1, len(terms))]
+
+    def _outcomes(
         self, cut_ins: Array, inputs: Array, inner: Array | None, motions: Sequence[LeadMotion]
-    ) -> Iterator[Array]:
-        """Yield whether each cut-in crashes with a constant lead speed, and then with each law of motion."""
-        yield simulate_inner(self.vehicle, tuple(cut_ins), inner).crash
+    ) -> Iterator[Outcomes]:
+        """Yield the outcomes of cut-ins with a constant lead speed, and then with each law of motion."""
+        yield simulate_inner(self.vehicle, tuple(cut_ins), inner)
         for motion in motions:
             speeds = motion.lead_speeds(cut_ins, inputs)
-            yield simulate_motion(self.vehicle, tuple(cut_ins), speeds, inner).crash
+            yield simulate_motion(self.vehicle, tuple(cut_ins), speeds, inner)
 
 
 def with_first_crashes(crash_map: CrashMap) -> CrashMap:

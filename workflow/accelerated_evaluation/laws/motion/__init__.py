@@ -96,9 +96,16 @@ def draw_wide_inputs(motion: LeadMotion, size: int, generator: np.random.Generat
     chosen = np.arange(motion.inputs) == generator.integers(motion.inputs, size=size)[:, None]
     is_wide = generator.random(size) < 0.5
     inputs = np.where(chosen & is_wide[:, None], extreme[:, None], inputs)
+    return inputs, 1 / wide_density(inputs)
+
+
+def wide_density(inputs: Array) -> Array:
+    """Return the density of the inputs of `draw_wide_inputs`, (n, inputs), over that of the law, (n,)."""
+    if not inputs.shape[1]:
+        return np.ones(len(inputs))
     nearest = np.minimum(inputs, 1 - inputs)
     density = np.where(nearest >= RAREST, 0.5 / np.maximum(nearest, RAREST) / -np.log(2 * RAREST), 0.0)
-    return inputs, 1 / (0.5 + 0.5 * density.mean(axis=1))
+    return 0.5 + 0.5 * density.mean(axis=1)
 
 
 @MOTIONS.add("constant")

@@ -116,7 +116,12 @@ def motion_of(all_cut_ins: pd.DataFrame) -> str:
     rows = own.set_index("part")
     if ALL not in rows.index:
         return UNKNOWN
-    before, after = (readable(rows.loc[part, "median"], DIGITS) for part in (KEEPS, ALL))
+    before, after, limit = (
+        readable(rows.loc[part, name], DIGITS)
+        for part, name in ((KEEPS, "median"), (ALL, "median"), (ALL, "upper95"))
+    )
+    if pd.isna(rows.loc[ALL, "median"]):
+        after = f"a number that is not known, below {limit} (95 %)"
     missing = rows.loc[ALL, "missing"]
     return f"median {before} becomes {after}" + (f"; missing: {missing}" if pd.notna(missing) else "")
 
