@@ -44,6 +44,7 @@ rule compare_record_variants:
         data_quality=result("laws", "data_quality.csv"),
         choices=result("laws", "choices.csv"),
         far_records=result("laws", "far_records.csv"),
+        host_limit=result("laws", "host_limit.csv"),
         near_miss_answer=result("laws", "near_miss_answer.csv"),
         margins=result("laws", "margins.csv"),
     log:

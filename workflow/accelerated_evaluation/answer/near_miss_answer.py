@@ -39,8 +39,8 @@ Crashes = Callable[[Array], NDArray[np.bool_]]
 def record_margins(problem: Problem, records: Array) -> Array:
     """Return the margins of records, shape (n, d), for the vehicle of a problem; all 0 if they have none.
 
-    There are no margins if crashes are no upper set in any variable of the scenario, or if the vehicle crashes by
-    chance. Margins need some million simulations, so they are not computed for slow vehicles.
+    There are no margins if crashes are no upper set in any variable of the scenario, or if the vehicle
+    crashes by chance. Margins need some million simulations, so they are not computed for slow vehicles.
     """
     if not problem.upper_set or problem.deterministic is False:
         return np.zeros(len(records))

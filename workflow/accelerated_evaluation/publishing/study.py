@@ -80,6 +80,8 @@ TABLES = {
     "near_misses": "laws/near_misses.csv",
     # Crash probability for other choices of laws, weights, priors and splines.
     "choices": "laws/choices.csv",
+    # Probabilities of crashes and impacts with and without a limit to the speed of the host.
+    "host_limit": "laws/host_limit.csv",
     # Crash probability from near misses alone, by the number of the largest margins that are fitted.
     "near_miss_answer": "laws/near_miss_answer.csv",
     # The largest margins of the records to a crash, and the distribution that is fitted to them.

@@ -70,6 +70,9 @@ extrapolation_table = result_table("extrapolation", digits=DIGITS, digest=withou
 # The answer for other choices of laws, weights, priors and splines.
 choices_table = result_table("choices", digits=DIGITS, digest=with_intervals)
 
+# Crashes and impacts with and without a limit to the speed of the host.
+host_limit_table = result_table("host_limit", digits=DIGITS, digest=with_intervals)
+
 # The answer from near misses alone.
 near_miss_answer_table = result_table("near_miss_answer", digits=DIGITS, digest=with_intervals)
 
