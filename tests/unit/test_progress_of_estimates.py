@@ -1,6 +1,9 @@
 """What `estimate` prints while it simulates."""
 
-from accelerated_evaluation.answer.estimation import _progress
+import warnings
+
+import pytest
+from accelerated_evaluation.answer.estimation import _progress, _remarks
 from fewruns import Estimate
 
 REASON = "the estimate begins again"
@@ -20,3 +23,20 @@ def test_an_interval_that_is_lost_is_told_once(capsys):
         show(known(10, 0.0, 1.0), None)
         show(known(20, 0.1, 0.2), None)
     assert "simulations: " not in capsys.readouterr().err
+
+
+def warned():
+    """Return the remarks of three warnings."""
+    with _remarks() as remarks:
+        for _ in range(2):
+            warnings.warn("The vehicle is treated as one with random outcomes.", stacklevel=1)
+        warnings.warn("overflow", RuntimeWarning, stacklevel=1)
+    return remarks
+
+
+def test_warnings_of_the_library_become_remarks_of_the_answer():
+    """Once each, and without path and source line; warnings of other kinds stay warnings."""
+    with pytest.warns(RuntimeWarning, match="overflow") as shown:
+        remarks = warned()
+    assert remarks == ["The vehicle is treated as one with random outcomes."]
+    assert len(shown) == 1

@@ -100,8 +100,9 @@ def all_cut_ins(
         the one-sided 95 % bound ``upper95``, the ``share`` of the mean of all cut-ins, the mean number of
         crashes in the distance of the 100-Car study, and what the records do not give (``missing``).
 
-        A law of motion with which the crashes of opening cut-ins are not known, but for a limit, enters the
-        upper ends of opening and all cut-ins only. If there is no other law, their mean and median are NaN.
+        If only a limit of the crashes of opening cut-ins is known with a law of motion, the limit enters upper
+        ends only. The mean and the median of opening cut-ins are then NaN, and so are those of all cut-ins if
+        there is no other law.
 
     Examples
     --------
@@ -140,7 +141,7 @@ def all_cut_ins(
     for per, rate in {CLOSING_CUT_IN: None, **rates}.items():
         cut_ins = np.ones(SIZE) if rate is None else generator.permutation(rate.law.ppf(levels))
         for part, (least, most) in parts.items():
-            is_limit = part in (OPENING, ALL) and len(limited) == len(found)
+            is_limit = limited and (part == OPENING or (part == ALL and len(limited) == len(found)))
             summary = _with_limits(least * cut_ins, most * cut_ins)
             row = {"vehicle": vehicle, "part": part, "per": per, "mean": summary.pop("probability")} | summary
             row["upper95"] = float(np.quantile(most * cut_ins, CONFIDENCE))

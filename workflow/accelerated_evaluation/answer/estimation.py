@@ -3,6 +3,7 @@
 import json
 import math
 import sys
+import warnings
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
@@ -89,6 +90,7 @@ class Estimated:
     request: Request
     evidence: Evidence
     criteria: Sequence[Criterion] = ()
+    remarks: Sequence[str] = ()  # warnings during the estimate, such as that of random outcomes
 
     def __repr__(self) -> str:
         """Return the estimate in words."""
@@ -147,6 +149,7 @@ class Estimated:
             *(f"warning: {doubt}" for doubt in self.evidence.doubts),
             *(self._not_converged(number) for number, each in enumerate(self.answers) if not each.converged),
             *self._summary(ratios),
+            *(f"note: {remark}" for remark in self.remarks),
             *self._unseen(),
             *(
                 line
@@ -202,7 +205,7 @@ class Estimated:
         rows = {name: json.loads(table.to_json(orient="records")) for name, table in tables.items()}
         return rows | {
             "warnings": [*self.evidence.doubts, *self.verdict.lines()],
-            "notes": self._unseen(),
+            "notes": [*self.remarks, *self._unseen()],
         }
 
     def _lines_of(self, number: int, answer: Answer, *, verbose: bool) -> Iterator[str]:
@@ -282,7 +285,7 @@ def estimate_event(settings: Settings, request: Request) -> Estimated:
     for other in request.compare:  # before the simulations, which would otherwise be in vain
         require_estimate(other)
     verdicts: list[Verdict] = []
-    with settings.vehicle.loaded() as vehicle, _progress() as (begin, show):
+    with _remarks() as remarks, settings.vehicle.loaded() as vehicle, _progress() as (begin, show):
         begin("reading and checking the records")
         records = records_of(
             scenario,
@@ -318,7 +321,8 @@ def estimate_event(settings: Settings, request: Request) -> Estimated:
             own = Problem(scenario, other, settings.event), draws, records, settings.many, settings.grid
             compared[name] = reference_answer(*own, settings.laws.streams("references", name))
     slow = vehicle if isinstance(vehicle, SlowVehicle) else None
-    return Estimated(answers, records, verdicts[0], slow, compared, request, evidence, settings.criteria)
+    own = answers, records, verdicts[0], slow, compared, request, evidence, settings.criteria
+    return Estimated(*own, remarks)
 
 
 def _verdict(records: Records, name: str, law: str, accepted: Sequence[str]) -> Verdict:
@@ -344,6 +348,20 @@ def reference_answer(
     if grid is not None:
         way = Map(map_crashes(problem.vehicle, grid, [problem.event], generator), records)
     return evaluate(problem, draws, way, generator=generator)
+
+
+@contextmanager
+def _remarks() -> Iterator[list[str]]:
+    """Yield a list, which contains the warnings of the library afterwards, so that the answer states them."""
+    remarks: list[str] = []
+    with warnings.catch_warnings(record=True) as caught:
+        warnings.simplefilter("always", UserWarning)
+        yield remarks
+    for each in caught:
+        if each.category is UserWarning:
+            remarks += [str(each.message)] if str(each.message) not in remarks else []
+        else:
+            warnings.warn_explicit(each.message, each.category, each.filename, each.lineno)
 
 
 @contextmanager
