@@ -34,6 +34,7 @@ RESULTS = {
             "per": "closing cut-in",
             "part": ["closing, lead keeps its speed", "all"],
             "median": [2e-6, 5e-6],
+            "upper95": [np.nan, 9e-6],
             "missing": "records of opening cut-ins",
         }
     ),
@@ -46,6 +47,8 @@ RESULTS = {
             "verdict": ["met under the models", "not known"],
             "encounters": ["all cut-ins", np.nan],
             "probability": 0.97,
+            "weakest_choice": ["equal weights", np.nan],
+            "weakest_probability": [0.96, np.nan],
             "upper95": 7e-7,
             "beyond": 0.96,
             "replayed_upper95": np.nan,

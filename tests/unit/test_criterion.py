@@ -16,6 +16,7 @@ from accelerated_evaluation.answer.criterion import (
     criterion_of,
     crude_runs,
     judge,
+    under,
 )
 from accelerated_evaluation.answer.deciding import (
     assurance,
@@ -145,8 +146,8 @@ def test_encounters_without_the_event():
     assert encounters_needed(impossible) == np.inf
 
 
-def test_the_promise_of_more_records_holds():
-    """In simulated later posteriors, half of the records decide less often than promised."""
+def test_the_promise_of_more_simulations_holds():
+    """In simulated later posteriors, half of the simulations decide less often than promised."""
     generator, distance, data, kept = np.random.default_rng(5), 0.3, 0.5, 0.005
     factor = factor_needed(distance, data, kept)
 
@@ -172,6 +173,7 @@ def test_the_table_of_what_would_decide():
     assert variances["choice of law"] == 0
     table = deciding_table(judged, variances, 1_000, None, exposure).set_index("effort")
     assert list(table.index) == ["records", "encounters without the event", "kilometres without the event"]
+    assert np.isnan(table.loc["records", "needed"])  # how fast the choice of law would shrink is not known
     ratio = (
         table.loc["kilometres without the event", "needed"]
         / table.loc["encounters without the event", "needed"]
@@ -227,6 +229,66 @@ def test_a_rate_of_all_encounters_is_judged_if_it_is_known():
     assert (closing["verdict"], closing["encounters"]) == (SHOWN[True], "closing cut-ins")
     assert (whole["verdict"], whole["encounters"]) == (UNDECIDED, "all cut-ins")
     assert np.isnan(whole["replayed_upper95"])
+
+
+def row_of(choice, median, sigma):
+    """Return a row of the table of choices of a lognormal probability."""
+    levels = {"median": 0.5} | {
+        f"{end}{each}": 0.5 + sign * each / 200
+        for each in (50, 80, 95)
+        for end, sign in (("low", -1), ("high", 1))
+    }
+    return {"choice": choice} | {name: median * np.exp(sigma * norm.ppf(at)) for name, at in levels.items()}
+
+
+def test_a_posterior_under_another_choice():
+    """The ratio of the quantiles of two lognormal rows makes one posterior the other, also if shuffled."""
+    rows, shuffle = (row_of("a", 1e-6, 0.5), row_of("b", 3e-7, 0.8)), np.random.default_rng(1).permutation(K)
+    own = lognormal(1e-6, 0.5).probabilities[shuffle]
+    moved = under(Posterior(own, np.zeros(K, int)), *rows).probabilities
+    at = np.array([0.05, 0.25, 0.5, 0.9, 0.95])
+    np.testing.assert_allclose(np.quantile(moved, at), 3e-7 * np.exp(0.8 * norm.ppf(at)), rtol=0.03)
+    assert np.array_equal(np.argsort(moved), np.argsort(own))
+    wrong = under(Posterior(own, np.zeros(K, int)), *rows[::-1]).probabilities
+    assert np.median(wrong) > 2e-6
+
+
+@pytest.mark.parametrize(
+    ("limit", "alone", "weakest"),
+    [
+        (3e-6, BY_MODELS[True], "high"),  # met with P = .986, and with P = .5 under the choice "high"
+        (3e-7, BY_MODELS[False], "low"),  # the same with the choice "low", whose median is the limit
+        (1e-5, BY_MODELS[True], None),  # met under all choices
+        (1e-6, UNDECIDED, None),
+    ],
+)
+def test_the_weakest_verdict_under_all_choices_is_the_verdict(limit, alone, weakest):
+    choices = [row_of("as in the answer", 1e-6, 0.5), row_of("low", 3e-7, 0.5), row_of("high", 3e-6, 0.5)]
+    given = [of(f"{limit} per cut-in")], lognormal(1e-6, 0.5), None, Basis(), 100, UNKNOWN, {}, {}
+    assert criteria_tables(*given)["criteria"]["verdict"][0] == alone
+    tables = criteria_tables(*given, choices=pd.DataFrame(choices))
+    row = tables["criteria"].iloc[0]
+    assert row["verdict"] == (UNDECIDED if weakest else alone)
+    if weakest:
+        assert row["weakest_choice"] == weakest
+        assert row["weakest_probability"] == pytest.approx(0.5, abs=0.02)
+        assert f"under the choice '{weakest}'" in criterion_in_words(row)
+    assert tables["deciding"].empty == (limit != 1e-6)  # efforts are for the choices of the answer
+
+
+def test_injuries_and_all_encounters_change_with_the_choice():
+    own = lognormal(1e-6, 0.5)
+    choices = pd.DataFrame([row_of("as in the answer", 1e-6, 0.5), row_of("tenfold", 1e-5, 0.5)])
+    injured = {"MAIS3+": 0.1 * own.probabilities[:, None]}
+    exposed = {"kilometres": 1000.0, "hours": None}
+    criteria = [of("3e-7 MAIS3+ per cut-in", ("MAIS3+",)), of("3e-5 per cut-in"), of("1 x human")]
+    every = lognormal(1e-5, 0.5), Basis()
+    table = criteria_tables(
+        criteria, own, None, Basis(), 100, exposed, {"human": own}, injured, every, choices
+    )["criteria"]
+    same = norm.cdf(np.log(0.3) / 0.5)
+    assert table["weakest_probability"][:2].tolist() == pytest.approx([same, same], abs=0.01)
+    assert table["weakest_choice"].tolist() == ["tenfold", "tenfold", ""]  # a ratio has no other choices
 
 
 def test_no_verdict_without_an_estimate():

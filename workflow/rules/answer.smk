@@ -24,6 +24,7 @@ OTHERS = [
 ]
 OWN_TABLES = ["answer_draws", "vehicle", *(["risks"] if WITH_INJURIES else [])]
 JUDGED_BY = ["answer_draws", "extrapolation", *(["risks"] if WITH_INJURIES else [])]
+JUDGED_BY += ["choices"] if "maps" in STAGES and not SLOW else []
 OF_WAY = (
     OF_FEW_RUNS if SLOW else OF_MAPS if OWN_MAP else ["crash_shares", "impact_speeds"]
 )

@@ -8,16 +8,19 @@ it is a verdict under the models. The commands and the studies all use the verdi
 """
 
 import re
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field, replace
+from operator import itemgetter
 from typing import Any, Self
 
 import numpy as np
 import pandas as pd
+from scipy.stats import rankdata
 
 from accelerated_evaluation.answer.comparison import ratios
 from accelerated_evaluation.answer.extrapolation import ALL, RECORDED, exact_interval
 from accelerated_evaluation.answer.injuries.curves import LEVELS
+from accelerated_evaluation.answer.posterior import LEVELS as INTERVALS
 from accelerated_evaluation.answer.posterior import Posterior
 from accelerated_evaluation.answer.rates import UNITS, Rate
 from accelerated_evaluation.base.arrays import Array
@@ -44,6 +47,7 @@ NO_ESTIMATE = "there is no estimate, or the replayed records contradict it"
 ENCOUNTER = "encounter"
 RATES = 25  # number of equally likely values that represent the posterior of the rate of encounters
 COLUMNS = ["criterion", "verdict", "encounters", "probability", "median", "lower95", "upper95", "beyond"]
+COLUMNS += ["weakest_choice", "weakest_probability"]
 COLUMNS += ["runs_without_event", "replayed_low95", "replayed_upper95", "reason"]
 FORM = re.compile(
     r"(?P<limit>[-+.\deE]+)\s+(?:(?P<harm>(?!per\b|x\b)\S+)\s+)?(?:per\s+(?P<per>.+)|x\s+(?P<reference>\S+))",
@@ -139,6 +143,8 @@ class Judged:
     draws: Array  # equally likely values for each of K draws of the law, shape (K, m)
     events: Array  # probability of the event in an encounter that belongs to each value, shape (K, m)
     basis: Basis = Basis()
+    # Probability that the criterion is met under other choices (`choices.choice_table`), by their names.
+    choices: Mapping[str, float] = field(default_factory=dict)
 
     @property
     def probability_met(self) -> float:
@@ -157,12 +163,31 @@ class Judged:
 
     @property
     def verdict(self) -> str:
-        """The verdict: one of `SHOWN` or `BY_MODELS`, with a probability of at least 95 %, or `UNDECIDED`."""
-        if 1 - CONFIDENCE < self.probability_met < CONFIDENCE:
-            return UNDECIDED
+        """The verdict: one of `SHOWN` or `BY_MODELS`, with a probability of at least 95 %, or `UNDECIDED`.
+
+        The criterion has to be decided in the same way under all choices.
+        """
         is_met, (low, high) = self.probability_met >= CONFIDENCE, self.basis.replayed
+        if self.weakest[1] < CONFIDENCE if is_met else self.weakest[1] > 1 - CONFIDENCE:
+            return UNDECIDED
         agrees = high <= self.criterion.limit if is_met else low > self.criterion.limit
         return (SHOWN if agrees and self.basis.beyond <= LITTLE else BY_MODELS)[is_met]
+
+    @property
+    def is_open(self) -> bool:
+        """Whether the criterion is not decided under the choices of the answer."""
+        return 1 - CONFIDENCE < self.probability_met < CONFIDENCE
+
+    @property
+    def weakest(self) -> tuple[str, float]:
+        """Choice under which the verdict of the answer is least probable, and the probability that it is met.
+
+        If the answer does not decide the criterion, or is itself the weakest, the name is empty.
+        """
+        if self.is_open:
+            return "", self.probability_met
+        least = min if self.probability_met >= CONFIDENCE else max
+        return least({"": self.probability_met, **self.choices}.items(), key=lambda item: item[1])
 
     def row(self) -> dict[str, Any]:
         """Return the row of `criteria_table`."""
@@ -171,6 +196,7 @@ class Judged:
         row |= {"lower95": self.lower, "upper95": self.upper, "beyond": self.basis.beyond, "reason": ""}
         if self.criterion.per == ENCOUNTER and not self.criterion.harm and 0 < self.upper < 1:
             row["runs_without_event"] = crude_runs(self.upper)
+        row |= dict(zip(("weakest_choice", "weakest_probability"), self.weakest, strict=True))
         return row | dict(zip(("replayed_low95", "replayed_upper95"), self.basis.replayed, strict=True))
 
     def met_after(self, encounters: float) -> float:
@@ -242,6 +268,38 @@ def judge(
     return Judged(criterion, _flat(values[:, :, None] * rates), _flat(events), basis)
 
 
+def under(posterior: Posterior, answer: Mapping[str, float], other: Mapping[str, float]) -> Posterior:
+    """Return a posterior as it would be under another choice, from two rows of `choices.choice_table`.
+
+    ``answer`` is the row of the answer. Each draw is multiplied by the ratio of the quantiles of the two rows
+    at its rank, which is interpolated between the stated quantiles in logarithms and constant beyond them.
+    """
+    ends = [(f"low{100 * each:.0f}", (1 - each) / 2) for each in INTERVALS]
+    ends += [("median", 0.5)] + [(f"high{100 * each:.0f}", (1 + each) / 2) for each in INTERVALS]
+    names, at = zip(*sorted(ends, key=itemgetter(1)), strict=True)
+    logs = [np.log(other[name] / answer[name]) for name in names]
+    values = posterior.probabilities
+    rank = (rankdata(values) - 0.5) / values.size
+    return replace(posterior, probabilities=values * np.exp(np.interp(rank, at, logs)))
+
+
+def under_choices(
+    judged_by: Callable[[Posterior], "Judged | str"], posterior: Posterior, choices: pd.DataFrame
+) -> dict[str, float]:
+    """Return the probability that a criterion is met under each other choice of a table, by its name.
+
+    ``judged_by`` judges the criterion by a posterior. The first row of the table is the answer. Rows without
+    positive quantiles are left out.
+    """
+    answer, *others = choices.to_dict("records")
+    met = {}
+    for row in others:
+        found = judged_by(under(posterior, answer, row)) if min(row["low95"], answer["low95"]) > 0 else ""
+        if not isinstance(found, str):
+            met[row["choice"]] = found.probability_met
+    return met
+
+
 def _flat(values: Array) -> Array:
     return values.reshape(len(values), -1)
 
@@ -252,8 +310,10 @@ def criteria_table(criteria: Sequence[Criterion], judged: Sequence[Judged | str]
     The columns are the ``criterion``; its ``verdict``; the ``encounters`` whose rate is judged, empty if
     those of all kinds; ``probability``, that the criterion is met; the median and the one-sided 95 % bounds
     ``lower95`` and ``upper95`` of the rate; ``beyond``, the share of the upper bound that rests on predicted
-    events unlike any record (`extrapolation`); ``runs_without_event``, the number of encounters without the
-    event that would show the same upper bound without a model, for rates per encounter only;
+    events unlike any record (`extrapolation`); ``weakest_choice``, the other choice of the statistician under
+    which the verdict is least probable, empty if it is the answer itself, and ``weakest_probability``, that
+    the criterion is met under it; ``runs_without_event``, the number of encounters without the event that
+    would show the same upper bound without a model, for rates per encounter only;
     ``replayed_low95`` and ``replayed_upper95``, the exact one-sided bounds that follow from the replayed
     records without a model; and the ``reason`` why a verdict is not known.
     """
@@ -282,7 +342,10 @@ def criterion_in_words(row: Mapping[str, Any]) -> str:
     scope = f", for {row['encounters']}" if row["encounters"] else ""
     met = row["probability"]
     met = "above 0.99" if met > SURE else "below 0.01" if met < 1 - SURE else f"{met:.2g}"
-    parts = [f"met with probability {met}", f"one-sided 95% upper bound {row['upper95']:.2g}"]
+    parts = [f"met with probability {met}"]
+    if choice := row["weakest_choice"]:
+        parts.append(f"with probability {row['weakest_probability']:.2g} under the choice '{choice}'")
+    parts += [f"one-sided 95% upper bound {row['upper95']:.2g}"]
     if not np.isnan(row["beyond"]):
         parts.append(f"{in_percent(row['beyond'])} of it extrapolated beyond the records")
     if not np.isnan(row["replayed_upper95"]):

@@ -1,12 +1,13 @@
-"""What would decide a criterion: more records, encounters without the event, or more simulations.
+"""What would decide a criterion: encounters without the event, or more simulations.
 
-The logarithm of the limited rate is treated as normal. Its variance is divided among the sources of the
-uncertainty. More records reduce the parts of the data and of the rate of encounters in proportion to their
-number, and more simulations reduce that of the sampling. The part of the choice of law is assumed to stay,
-because nobody knows how fast records of the same kind would reduce it.
+How many records would decide a criterion is not computed. More records also change the weights of the laws,
+and nobody knows how fast. For more simulations, the logarithm of the limited rate is treated as normal, and
+they reduce the part of its variance that is from sampling.
 """
 
 from collections.abc import Callable, Mapping, Sequence
+from dataclasses import replace
+from functools import partial
 
 import numpy as np
 import pandas as pd
@@ -18,13 +19,13 @@ from accelerated_evaluation.answer.criterion import (
     CONFIDENCE,
     ENCOUNTER,
     NO_ESTIMATE,
-    UNDECIDED,
     Basis,
     Criterion,
     Judged,
     criteria_table,
     criterion_in_words,
     judge,
+    under_choices,
 )
 from accelerated_evaluation.answer.posterior import Posterior, log_variances
 from accelerated_evaluation.answer.rates import JEFFREYS, UNITS
@@ -32,7 +33,6 @@ from accelerated_evaluation.base.arrays import Array
 
 ASSURANCE = 0.8  # probability that the criterion is decided, one way or the other, by what the table promises
 LARGEST = 1e4  # factor of the present number up to which an effort is searched
-SOURCES_OF_RECORDS = ("data", "rate of encounters")  # parts of the variance that records reduce
 COLUMNS = ["criterion", "effort", "now", "needed", "chance"]
 
 
@@ -123,26 +123,21 @@ def deciding_table(
     -------
     pandas.DataFrame
         One row for each ``effort``: its amount ``now``; the amount ``needed``, infinite if this effort alone
-        decides nothing; and ``chance``. For records and simulations this is the probability that the
-        criterion is then decided, met or not. For encounters without the event it is the probability that so
-        many encounters end without it; the criterion is then met.
+        decides nothing, and NaN for records, of which it is not computed; and ``chance``. For simulations
+        this is the probability that the criterion is then decided, met or not. For encounters without the
+        event it is the probability that so many encounters end without it; the criterion is then met.
     """
-    if judged.verdict != UNDECIDED:
+    if not judged.is_open:
         return pd.DataFrame(columns=COLUMNS)
     # The distance at which, in the normal approximation, the criterion is met with the draws' probability.
     rows, total = [], sum(variances.values())
     distance = float(ndtri(judged.probability_met) * np.sqrt(total))
-    efforts: dict[str, tuple[float | None, tuple[str, ...]]] = {
-        "records": (size, SOURCES_OF_RECORDS),
-        "simulations": (simulations, ("sampling",)),
-    }
-    for effort, (now, sources) in efforts.items():
-        if now is None:
-            continue
-        reduced = sum(value for name, value in variances.items() if name in sources)
-        kept = total - reduced
-        factor = factor_needed(distance, reduced, kept) if reduced > 0 else np.inf
-        rows.append((effort, now, now * factor, ASSURANCE if np.isfinite(factor) else np.nan))
+    rows.append(("records", size, np.nan, np.nan))
+    if simulations is not None:
+        reduced = variances["sampling"]
+        factor = factor_needed(distance, reduced, total - reduced) if reduced > 0 else np.inf
+        chance = ASSURANCE if np.isfinite(factor) else np.nan
+        rows.append(("simulations", simulations, simulations * factor, chance))
     free = encounters_needed(judged)
     chance = judged.chance_without_event(free) if np.isfinite(free) else np.nan
     per: dict[str, Callable[[float], float]] = {f"{ENCOUNTER}s without the event": float}
@@ -165,12 +160,17 @@ def criteria_tables(
     others: Mapping[str, Posterior | None],
     injured: Mapping[str, Array],
     every: tuple[Posterior, Basis] | None = None,
+    choices: pd.DataFrame | None = None,
 ) -> dict[str, pd.DataFrame]:
     """Return the tables ``criteria`` (`criteria_table`) and ``deciding`` (`deciding_table`) of an answer.
 
     ``own`` is the posterior of the event, None if it is not known, and ``simulations`` the number of
     simulations, None if the event was not sampled. ``every`` is the posterior for encounters of all kinds per
     recorded encounter, by which rates of the event are judged if it is known. For the others see `judge`.
+
+    With the table ``choices`` (`choices.choice_table`), each criterion but a ratio is also judged under every
+    other choice. The number of injured persons in a crash, and the ratio of the crashes of all encounters to
+    the recorded ones, are taken to be the same under all choices.
     """
     judged: list[Judged | str] = []
     tables = [pd.DataFrame(columns=COLUMNS)]
@@ -179,8 +179,11 @@ def criteria_tables(
             judged.append(NO_ESTIMATE)
             continue
         found = recorded = judge(criterion, own, size, exposure, others, injured, basis)
+        judged_by, whole = partial(_with_injured, criterion, own, size, exposure, injured), own
         if every is not None and not criterion.harm and not criterion.reference:
-            found = judge(criterion, every[0], size, exposure, basis=every[1])
+            found, whole = judge(criterion, every[0], size, exposure, basis=every[1]), every[0]
+        if choices is not None and not criterion.reference and not isinstance(found, str):
+            found = replace(found, choices=under_choices(judged_by, whole, choices))
         judged.append(found)
         if isinstance(found, str) or isinstance(recorded, str) or not np.all(recorded.draws > 0):
             continue
@@ -192,6 +195,22 @@ def criteria_tables(
         tables.append(deciding_table(found, variances, size, simulations, exposure))
     deciding = pd.concat([table for table in tables if len(table)] or tables, ignore_index=True)
     return {"criteria": criteria_table(criteria, judged), "deciding": deciding}
+
+
+def _with_injured(
+    criterion: Criterion,
+    own: Posterior,
+    size: int,
+    exposure: Mapping[str, float | None],
+    injured: Mapping[str, Array],
+    other: Posterior,
+) -> Judged | str:
+    """Judge a criterion by another posterior, with as many injured persons in an event as before."""
+    scaled = {}
+    if criterion.harm:
+        ratio = np.nan_to_num(other.probabilities / own.probabilities)[:, None]
+        scaled = {level: numbers * ratio for level, numbers in injured.items()}
+    return judge(criterion, other, size, exposure, injured=scaled)
 
 
 def criteria_in_words(tables: Mapping[str, pd.DataFrame]) -> list[str]:
@@ -206,7 +225,9 @@ def criteria_in_words(tables: Mapping[str, pd.DataFrame]) -> list[str]:
 def _efforts_in_words(table: pd.DataFrame) -> list[str]:
     lines = []
     for row in table.to_dict("records"):
-        if not np.isfinite(row["needed"]):
+        if np.isnan(row["needed"]):
+            lines.append(f"  {row['effort']}: the number that would decide it is not computed")
+        elif not np.isfinite(row["needed"]):
             lines.append(f"  {row['effort']}: no number would decide this criterion by itself")
         elif row["effort"].endswith("the event"):
             lines.append(

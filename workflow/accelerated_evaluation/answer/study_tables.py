@@ -187,7 +187,7 @@ def study_criteria(
     """Return the tables ``criteria`` and ``deciding`` of the vehicle under test (`criteria_tables`).
 
     ``made`` are tables of the study: ``vehicle_draws`` and ``extrapolation``, and those of ``answer_draws``,
-    ``risks`` and ``all_cut_ins`` that the study has.
+    ``risks``, ``choices`` and ``all_cut_ins`` that the study has.
     """
     posteriors = {str(name): posterior_of(rows) for name, rows in made["vehicle_draws"].groupby("vehicle")}
     own, basis = posteriors.get(UNDER_TEST), Basis.of(made["extrapolation"], scenario.scope)
@@ -202,6 +202,7 @@ def study_criteria(
         posteriors,
         injured_by_level(own, made.get("risks")),
         None if every is None else (every, basis.of_every(scenario.noun)),
+        made.get("choices"),
     )
 
 
