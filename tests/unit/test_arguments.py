@@ -3,15 +3,18 @@
 import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
+from functools import cache
 from pathlib import Path
 from typing import Any
 
+import accelerated_evaluation as ae
 import numpy as np
 import pytest
 from accelerated_evaluation.base.arguments import a_number, by_name, described, one_of
 from accelerated_evaluation.base.checking import checked
 from accelerated_evaluation.base.errors import InputError
 from accelerated_evaluation.base.randomness import A_GENERATOR
+from fewruns.errors import InputError as FewRunsError
 from numpy.typing import NDArray
 
 CAPITALS = {"fr": b"Paris", "it": b"Rome"}
@@ -180,3 +183,34 @@ def test_an_argument_that_does_not_fit_its_type_hint_is_refused(name, given, exp
 def test_a_wrong_name_of_an_argument_is_refused():
     with pytest.raises(InputError, match=r"Part: seen .*'nme'; expected Part\(share, name\)\. Correct"):
         Part(1, nme="a")
+
+
+GRID = {"lead_speed_min": 5, "lead_speed_max": 35, "range_max": 75, "lead_speed_cells": 6, "range_cells": 8}
+GRID |= {"refinement": 4, "closing_speed_max": 60, "closing_speed_points": 40}
+
+
+@cache
+def law():
+    return ae.choose_draws("independent_variables", ae.read_records("left_turn")).law
+
+
+@pytest.mark.parametrize(
+    "call",
+    [
+        *(
+            lambda x=x: law().log_density(x)
+            for x in (5, None, [1.0, 2.0], np.zeros(3), np.zeros((2, 4)), "x")
+        ),
+        *(lambda x=x: law().from_normal_scores(x) for x in (5, None, np.zeros((2, 2)), "x", b"x")),
+        *(lambda n=n: law().draw(n, ae.child_generator(1)) for n in (-1, 1.5, None, "x")),
+        *(lambda v=v: ae.Grid(**GRID | {"lead_speed_min": v}) for v in (math.inf, 50.0, 35.0, -1, "x", None)),
+        *(lambda v=v: ae.Stopping(maximum_simulations=v) for v in (-1, math.inf, "x", None)),
+        *(lambda p=p: ae.read_law(p) for p in (5, None, b"law.json", [])),
+        *(lambda s=s: ae.child_generator(s) for s in (-1, 1.5, "x")),
+        *(lambda c=c: ae.compare(c, None) for c in (5, "x", {})),
+    ],
+)
+def test_a_wrong_value_at_the_python_door_is_one_sentence(call):
+    with pytest.raises((InputError, FewRunsError), match=r"seen .*; expected ") as error:
+        call()
+    assert "\n" not in str(error.value)

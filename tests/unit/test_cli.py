@@ -397,3 +397,23 @@ def test_a_log_contains_no_progress_bars(call, bars):
         [sys.executable, "-c", code], check=True, capture_output=True, text=True, env=environment
     )
     assert ("a bar" in done.stderr) == bool(bars)
+
+
+@pytest.mark.parametrize(
+    "other",
+    [
+        {"scenario": "left_turn", "name": "acc_aeb", "parameters": {"a": 1}},
+        {"scenario": "pedestrian", "name": "acc_aeb", "parameters": {}},
+        {"scenario": "left_turn", "name": "mine.py:Car", "parameters": {}},
+    ],
+)
+def test_an_estimate_does_not_replace_that_of_another_vehicle(tmp_path, monkeypatch, capsys, other):
+    monkeypatch.chdir(tmp_path)
+    folder = tmp_path / "results/left_turn/estimate"
+    folder.mkdir(parents=True)
+    (folder / "vehicle.json").write_text(json.dumps(other, indent=1))
+    assert cli.main(["estimate", "--scenario", "left_turn"]) == 2
+    reported = capsys.readouterr().err
+    assert reported.startswith("error: results/left_turn/estimate: seen the estimate of another vehicle: {")
+    assert "Give this vehicle a study of its own, with the key study." in reported
+    assert [path.name for path in folder.iterdir()] == ["vehicle.json"]

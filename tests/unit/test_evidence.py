@@ -104,6 +104,20 @@ def test_the_p_value_is_that_of_the_most_surprising_stratum_or_of_all_events():
     assert found.p_value(0.5) == 1
 
 
+@pytest.mark.parametrize("is_slow", [False, True])
+def test_too_few_events_contradict_an_answer_that_is_too_high(is_slow):
+    """By the binomial distribution of the records, or of the stratum that was sampled least."""
+    found = replayed(lambda x: x[0] < 1e-4, is_slow=is_slow)
+    events, sampled = (found.events[-1], found.sampled[-1]) if is_slow else (found.happened, SIZE)
+    for lower in (1e-5, 1e-3, 0.2):
+        inside = min(lower * SIZE / found.records[-1], 1)
+        tests = len(found.records) + 2
+        assert found.p_value(1.0, lower) == pytest.approx(min(tests * binom.cdf(events, sampled, inside), 1))
+    assert found.p_value(1.0, 0.2) < LEVEL < found.p_value(1.0, 2e-4 if is_slow else 1e-5)
+    (doubt,) = Evidence("crash", 1.0, found, None, lower=0.2).doubts
+    assert "expected at least 4e+03 in all 20,000 records" in doubt
+
+
 @pytest.mark.parametrize("where", ["everywhere", "far", "near"])
 def test_the_share_that_replays_can_have_missed_covers_the_true_one(where):
     """The events are anywhere, or only among the records that are farthest from or nearest to the event."""

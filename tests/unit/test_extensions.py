@@ -463,6 +463,13 @@ def test_a_module_may_contain_a_vehicle_that_is_named_by_its_class(tmp_path):
     assert [type(each) for each in loaded] == [VEHICLES["other_car"]] * 2
 
 
+@pytest.mark.parametrize("file", sorted(TOYS.glob("*.py")), ids=lambda file: file.stem)
+def test_the_guide_shows_a_file_of_each_kind_that_the_tests_run(file):
+    guide = (TOYS.parents[2] / "docs/extensions.md").read_text()
+    assert f"`{file.name}`, a" in guide
+    assert f"```python\n{file.read_text()}```\n" in guide
+
+
 def test_a_shape_and_a_joint_law_of_a_user_are_candidates(tmp_path):
     (tmp_path / "main.py").write_text(
         "from accelerated_evaluation.laws.smooth.family import members_at\n"

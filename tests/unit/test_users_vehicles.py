@@ -1,5 +1,7 @@
 """Vehicles from a user's own file: loading them, and what they may give."""
 
+import warnings
+
 import numpy as np
 import pytest
 from accelerated_evaluation import InputError, Vehicle, load_vehicle
@@ -108,6 +110,7 @@ class Unreliable:
             "state": self.calls,
             "size": n,
             "place": np.arange(n),
+            "late place": 1.0 * (np.arange(n) > 19),
             "neighbours": np.cumsum(range_),
         }[self.how]
         never = np.zeros(n, dtype=bool)
@@ -178,6 +181,20 @@ def test_users_vehicle_that_gives_other_outcomes_again(user_file, how, n):
     vehicle.deterministic = True
     with pytest.raises(InputError, match=message):
         vehicle.simulate(*encounters)
+
+
+def test_a_place_in_a_batch_that_is_ten_times_as_large_is_tested_again(user_file):
+    vehicle = load_vehicle(f"{user_file}:Unreliable", how="late place")
+    sound = load_vehicle(f"{user_file}:Unreliable", how="none")
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        for size in (1, 10, 11, 200):
+            sound.simulate(np.full(size, 20.0), np.linspace(10, 90, size), np.full(size, 5.0))
+        vehicle.simulate([20.0], [10.0], [5.0])
+    with pytest.warns(UserWarning, match="when simulated again in another batch"):
+        vehicle.simulate(np.full(50, 20.0), np.linspace(10, 90, 50), np.full(50, 5.0))
+    assert vehicle.deterministic is False
+    assert sound.vehicle.simulated == 1 + 10 + 11 + 200 + 2 + 8 + 8
 
 
 @pytest.mark.parametrize("how", ["none", "rounding"])

@@ -43,7 +43,7 @@ class Stopping:
             ("alpha", 0.0, 1.0),
             ("beta", 0.0, math.inf),
             ("minimum_events", -1, math.inf),
-            ("maximum_simulations", -math.inf, math.inf),
+            ("maximum_simulations", -1, math.inf),
         ):
             value = getattr(self, name)
             if not isinstance(value, Real) or not least < value < most:

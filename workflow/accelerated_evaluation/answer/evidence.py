@@ -35,6 +35,7 @@ class Evidence:
     difference: str | None  # how a run differs when it is repeated in another process; None if all agree
     crashed: pd.DataFrame = field(default_factory=pd.DataFrame)  # the replayed records with the event
     examples: Sequence[str] = ()  # the first of these records in words
+    lower: float = 0.0  # smallest probability that the estimate allows
 
     @property
     def doubts(self) -> list[str]:
@@ -82,7 +83,11 @@ class Evidence:
         The table ``extrapolation`` receives the number of records with the event, or, if only a sample was
         replayed, the upper limit of their share.
         """
-        found = {**tables, "replays": self.replays.table(self.upper), "replayed_events": self.crashed}
+        found = {
+            **tables,
+            "replays": self.replays.table(self.upper, self.lower),
+            "replayed_events": self.crashed,
+        }
         if len(known := tables.get("extrapolation", ())):
             count, total = self._counts()
             name, value = ("recorded", self.replays.happened)
@@ -102,10 +107,18 @@ class Evidence:
         return self.replays.replayed, int(self.replays.records.sum())
 
     def _contradiction(self) -> str | None:
-        p_value = self.replays.p_value(self.upper)
+        p_value = self.replays.p_value(self.upper, self.lower)
         if p_value >= LEVEL:
             return None
         count, total = self._counts()
+        if p_value < self.replays.p_value(self.upper):
+            return (
+                f"the records contradict the estimate (p = {p_value:.1g}, level {LEVEL:g}): {self.event} "
+                f"in {self.replays.happened:,} of {count:,} replayed records; expected at least "
+                f"{self.lower * total:.2g} in all {total:,} records. The estimate cannot be trusted: outcomes"
+                " may depend on the other encounters of a batch, or the law does not describe the records. "
+                "Simulate some encounters of runs.csv with the event one by one."
+            )
         return (
             f"the records contradict the estimate (p = {p_value:.1g}, level {LEVEL:g}): {self.event} "
             f"in {self.replays.happened:,} of {count:,} replayed records; expected at most "
@@ -153,9 +166,10 @@ def checked_answers(
         evaluate(problem, draws, way, events, generator=streams(f"replicate {number}"))
         for number in range(replicates)
     ]
-    ends = [answer_row(each.posterior)["high95"] for each in answers if each.posterior is not None]
-    upper = min(max(ends, default=1.0), 1.0)
-    evidence = evidence_on(watched, replays, problem.event, upper)
+    rows = [answer_row(each.posterior) for each in answers if each.posterior is not None]
+    upper = min(max((row["high95"] for row in rows), default=1.0), 1.0)
+    lower = min((row["low95"] for row in rows), default=0.0)
+    evidence = evidence_on(watched, replays, problem.event, upper, lower)
     if evidence.doubts:
         answers = [replace(each, converged=False) for each in answers]
     return answers, evidence
@@ -178,10 +192,12 @@ def known_runs(
     return Predecessor(z, flags)
 
 
-def evidence_on(vehicle: WatchedVehicle, replays: Replays, event: Event, upper: float) -> Evidence:
+def evidence_on(
+    vehicle: WatchedVehicle, replays: Replays, event: Event, upper: float, lower: float = 0.0
+) -> Evidence:
     """Repeat the runs of an estimate elsewhere, and compare the estimate with the replays.
 
-    ``upper`` is the upper end of the widest interval of the estimate.
+    ``upper`` and ``lower`` are the ends of the widest interval of the estimate.
     """
     found = None
     if not vehicle.differed:  # otherwise the sampler knows that the outcomes vary
@@ -195,4 +211,5 @@ def evidence_on(vehicle: WatchedVehicle, replays: Replays, event: Event, upper: 
         None if found is None else str(found),
         pd.DataFrame(crashed, columns=list(scenario.names)),
         [scenario.described(each) for each in crashed[:SHOWN]],
+        lower,
     )

@@ -73,20 +73,24 @@ class Replays:
         """
         return float(upper * self.records.sum() * np.max(self.sampled / self.records))
 
-    def p_value(self, upper: float) -> float:
-        """Return the probability of so many events if the event has at most the probability ``upper``.
+    def p_value(self, upper: float, lower: float = 0.0) -> float:
+        """Return the p-value of the hypothesis that the event has a probability from ``lower`` to ``upper``.
 
         All events of the law may lie in one stratum, so the probability in a stratum is at most that of all
         records times the inverse share of the stratum. All events in the replayed records are at most those
         in all records, however the replayed ones were chosen. The smallest p-value is multiplied by the
-        number of tests.
+        number of tests. If there is a lower limit, so few events are compared with it, too: all events of the
+        law may lie in the stratum that shows them worst.
         """
         most = upper * self.records.sum()
         inside = np.minimum(most / self.records, 1.0)
         tests = [*binom.sf(self.events - 1, self.sampled, inside), poisson.sf(self.happened - 1, most)]
+        if lower > 0:
+            expected = np.minimum(lower * self.records.sum() / self.records, 1.0)
+            tests.append(binom.cdf(self.events, self.sampled, expected).max())
         return float(min(1.0, min(tests) * len(tests)))
 
-    def table(self, upper: float) -> pd.DataFrame:
+    def table(self, upper: float, lower: float = 0.0) -> pd.DataFrame:
         """Return a row for each stratum, and one for all replays, with the p-value."""
         ends = np.cumsum(self.records)
         strata = [f"{end - size + 1} to {end}" for size, end in zip(self.records, ends, strict=True)]
@@ -100,7 +104,7 @@ class Replays:
         )
         is_last = np.arange(len(table)) == len(strata)
         expected = np.where(is_last, upper * self.records.sum(), np.nan)
-        p_value = np.where(is_last, self.p_value(upper), np.nan)
+        p_value = np.where(is_last, self.p_value(upper, lower), np.nan)
         return table.assign(estimated_at_most=expected, p_value=p_value)
 
 

@@ -201,6 +201,11 @@ def without_addresses(text: str) -> str:
     return re.sub(r"<\S*?(\w+) object at 0x\w+>", r"\1", text)
 
 
+def begins_in(path: str | os.PathLike) -> str:
+    """Return in words in which folder a path begins that does not exist, for the advice of a message."""
+    return "" if Path(path).is_absolute() else f" Its path begins in the working folder {Path.cwd()}."
+
+
 def project_file(path: str | os.PathLike, project: Path = PROJECT) -> Path:
     """Return a path that exists as it is, and otherwise the file of the project with this path, if any."""
     own = project / path

@@ -13,7 +13,7 @@ import numpy as np
 import pandas as pd
 
 from accelerated_evaluation.base.errors import InputError
-from accelerated_evaluation.base.files import atomic_path, is_number
+from accelerated_evaluation.base.files import atomic_path, begins_in, is_number
 
 CLUSTER = "cluster"  # column of records that names the driver or device that made them
 SHOWN = 5  # number of column names that a message shows
@@ -33,6 +33,7 @@ def require_file(path: str | os.PathLike, change: str) -> None:
     path = Path(path)
     if not path.is_file():
         seen = "a folder" if path.is_dir() else "a device or a pipe" if path.exists() else "no such file"
+        change += "" if path.exists() else begins_in(path)
         raise InputError(str(path), seen=seen, expected="a file to read", change=change)
 
 

@@ -15,6 +15,7 @@ from typing import Any, Self, get_type_hints
 
 from accelerated_evaluation.base.arguments import Argument, described
 from accelerated_evaluation.base.errors import InputError, StudyError, located
+from accelerated_evaluation.base.files import begins_in
 from accelerated_evaluation.base.hints import NOTHING, by_hint
 
 FOLDER: dict[str, str] = {}
@@ -133,7 +134,10 @@ def import_file(path: Path, where: str) -> ModuleType:
     """
     if not path.is_file():
         raise InputError(
-            where, seen=f"no file {path}", expected="a Python file", change="Correct the path of the file."
+            where,
+            seen=f"no file {path}",
+            expected="a Python file",
+            change=f"Correct the path of the file.{begins_in(path)}",
         )
     name = f"accelerated_evaluation_user_{path.stem}_{zlib.crc32(str(path.resolve()).encode()):x}"
     spec = importlib.util.spec_from_file_location(name, path)

@@ -43,7 +43,7 @@ class Intervals:
 
 
 @checked(
-    lead_speed_min=a_number(0),
+    lead_speed_min=a_number(0, 1e9),
     lead_speed_max=POSITIVE,
     range_max=POSITIVE,
     lead_speed_cells=COUNT,
@@ -100,6 +100,15 @@ class Grid:
     closing_speed_points: int
     reference_inverse_range: float = 0.025
     reference_inverse_ttc: float = 0.05
+
+    def __post_init__(self) -> None:
+        if self.lead_speed_min >= self.lead_speed_max:
+            raise InputError(
+                "Grid",
+                seen=f"lead speeds from {self.lead_speed_min:g} to {self.lead_speed_max:g} m/s",
+                expected="lead_speed_min below lead_speed_max",
+                change="Correct the arguments.",
+            )
 
     def cells(self, parts: NDArray[np.int_]) -> "Cells":
         """Return the cells of the grid after dividing the sides of each initial cell into parts.

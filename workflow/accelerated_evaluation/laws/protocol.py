@@ -139,6 +139,18 @@ RETURNED: Mapping[str, Callable[..., tuple[int, ...]]] = {
 }
 
 
+def _with_points(method: Callable[..., Array]) -> Callable[..., Array]:
+    """Return the method of a law of this library, which takes n points, with a check of their shape."""
+
+    @wraps(method)
+    def with_checks(self: Law, x: Array) -> Array:
+        points = np.asarray(x)
+        require_points(points, self.box.names, f"{self.kind}.{method.__name__}")
+        return method(self, points)
+
+    return with_checks
+
+
 def _checked_method(method: Callable[..., Array], shape_of: Callable[..., tuple[int, ...]]) -> Callable:
     """Return the method of a user's law with a check of the array that it returns."""
 
@@ -191,11 +203,14 @@ class Law(ABC):
     description: str
 
     def __init_subclass__(cls, **more: Any) -> None:  # noqa: ANN401
-        """Check what the methods of a user's law return."""
+        """Check what the methods of a user's law return, and the points that those of this library take."""
         super().__init_subclass__(**more)
-        for name in () if is_of_library(cls) else RETURNED:
-            if isfunction(vars(cls).get(name)):
-                setattr(cls, name, _checked_method(vars(cls)[name], RETURNED[name]))
+        for name, shape_of in RETURNED.items():
+            method = vars(cls).get(name)
+            if isfunction(method) and not is_of_library(cls):
+                setattr(cls, name, _checked_method(method, shape_of))
+            elif isfunction(method) and name != "draw":
+                setattr(cls, name, _with_points(method))
 
     @property
     def dimension(self) -> int:

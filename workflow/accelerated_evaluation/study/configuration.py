@@ -112,7 +112,7 @@ def load_modules(config: Mapping[str, Any], paths: Iterable[str | os.PathLike]) 
                 "modules",
                 seen=f"no file {name} in {' or '.join(dict.fromkeys(map(str, folders)))}",
                 expected="a Python file, relative to the configuration file",
-                change="Correct the path.",
+                change=f"Correct the path. The working folder . is {Path.cwd()}.",
             )
         files.append(found[0])
     load_files(files)

@@ -10,7 +10,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from accelerated_evaluation.base.errors import InputError, StudyError
-from accelerated_evaluation.base.files import is_disk_full
+from accelerated_evaluation.base.files import begins_in, is_disk_full
 from accelerated_evaluation.base.tables import names_in_words
 
 if TYPE_CHECKING:  # DuckDB is imported only when recordings are read, because the import takes a moment
@@ -60,7 +60,10 @@ def recording_files(folder: str, pattern: str, key: str) -> list[Path]:
     """
     if not Path(folder).is_dir():
         raise InputError(
-            str(folder), seen="no such folder", expected="a folder of recordings", change=f"Correct {key}."
+            str(folder),
+            seen="no such folder",
+            expected="a folder of recordings",
+            change=f"Correct {key}.{begins_in(folder)}",
         )
     files = sorted(path for path in Path(folder).glob(pattern) if path.is_file())
     if not files:

@@ -14,6 +14,7 @@ from tqdm import tqdm
 
 from accelerated_evaluation.base.arrays import Array
 from accelerated_evaluation.base.errors import InputError, StudyError
+from accelerated_evaluation.base.files import begins_in
 from accelerated_evaluation.records.recordings import trajectories
 from accelerated_evaluation.records.recordings.cut_ins import (
     milliseconds,
@@ -94,7 +95,7 @@ def _files(folder: str) -> list[Path]:
             str(folder),
             seen="no file *.mcap or *.osi" if is_folder else "no such folder",
             expected="a folder of OSI traces",
-            change="Correct data.osi.path.",
+            change="Correct data.osi.path." + ("" if is_folder else begins_in(folder)),
         )
     return files
 

@@ -60,9 +60,10 @@ class CheckedVehicle:
     """A user's vehicle whose inputs and outcomes are checked against the interface of a vehicle.
 
     Unless the vehicle is known to be random, at most four encounters of the first batch are simulated again,
-    each twice, in another order and in a batch of another size. This takes at most eight simulations for each
-    vehicle that is loaded. The repetition detects a vehicle whose outcomes usually differ. If outcomes differ
-    in only one run out of a hundred, the many repeats of the sampler are needed to detect this.
+    each twice, in another order and in a batch of another size; and so are those of the next batch that is
+    more than ten times as large. Each repetition takes at most eight simulations. The repetition detects a
+    vehicle whose outcomes usually differ. If outcomes differ in only one run out of a hundred, the many
+    repeats of the sampler are needed to detect this.
     """
 
     vehicle: Vehicle
@@ -73,6 +74,7 @@ class CheckedVehicle:
     deterministic: bool | None = field(default=None, repr=False, compare=False)
     # Whether encounters were simulated again; it is set to True if the repetition is done elsewhere.
     was_repeated: bool = field(default=False, init=False, repr=False, compare=False)
+    _repeated_in: int = field(default=0, init=False, repr=False, compare=False)  # size of the batch
     elsewhere: Callable[[Array], Any] | None = field(default=None, init=False, repr=False, compare=False)
 
     def __post_init__(self) -> None:
@@ -91,8 +93,9 @@ class CheckedVehicle:
         """
         encounters = self.scenario.checked(*columns)
         outcomes = self._outcomes(encounters)
-        if not self.was_repeated and encounters.shape[1] > 0:
-            self.was_repeated = True
+        size = encounters.shape[1]
+        if size > 0 and (not self.was_repeated or 0 < 10 * self._repeated_in < size):
+            self.was_repeated, self._repeated_in = True, size
             self.deterministic = after_repetition(
                 self._outcomes,
                 encounters,

@@ -15,6 +15,7 @@ import numpy as np
 
 from accelerated_evaluation.base.arrays import ACCELERATION, LENGTH, SPEED
 from accelerated_evaluation.base.errors import InputError
+from accelerated_evaluation.base.files import begins_in
 from accelerated_evaluation.base.users_code import error_in_words
 
 # For each quantity, the factors of the possible units to the SI unit; the SI unit is the first one.
@@ -255,7 +256,8 @@ def _read(file: str) -> Any:  # noqa: ANN401
 
     if not Path(file).is_file() or not zipfile.is_zipfile(file):
         seen = "a file that is no ZIP archive" if Path(file).is_file() else "no such file"
-        raise error(seen, "an FMU", "Correct vehicle.parameters.file.")
+        begun = "" if Path(file).is_file() else begins_in(file)
+        raise error(seen, "an FMU", f"Correct vehicle.parameters.file.{begun}")
     with zipfile.ZipFile(file) as archive:
         size = sum(part.file_size for part in archive.infolist())
     if size > LARGEST:
