@@ -32,7 +32,7 @@ MADE = sorted(
 def files_of_result(name):
     """Paths of a result; a name with {method} represents those of all methods with a search."""
     path = result(name)
-    return expand(path, method=SEARCHING) if "{method}" in path else [path]
+    return list(dict.fromkeys(path.replace("{method}", each) for each in SEARCHING))
 
 
 def is_made(name):

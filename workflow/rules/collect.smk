@@ -11,7 +11,7 @@ COLLECTED = {
         "estimates_runs": estimates_of("runs"),
     },
     "coverage": {
-        "coverage": expand(rules.study_coverage.output.coverage, judged=JUDGED)
+        "coverage": [result("coverage", f"{judged}.csv") for judged in JUDGED]
     },
 }
 
