@@ -41,7 +41,7 @@ $(EXTRAS): $(ENVIRONMENT) tests/environment.txt
 
 environment: $(ENVIRONMENT) ## make the environment .venv and nothing else; then: source .venv/bin/activate
 
-extras: $(EXTRAS) ## add to it what the study does not need: recordings, FMUs, OSI, clusters, crates, scenario files, tests
+extras: $(EXTRAS) ## add to it what the study does not need: recordings, FMUs, OSI, clusters, crates, scenario files, simulators, tests
 
 study: $(ENVIRONMENT) ## run the study: make study [CONFIG=my_study.yaml] [CORES=2]
 	$(SNAKEMAKE)
@@ -124,7 +124,7 @@ format: $(EXTRAS) ## format the sources for the linters
 
 lock: $(EXTRAS) ## resolve the locks again from pyproject.toml
 	$(RESOLVE) --extra study --output-file environment.txt
-	$(RESOLVE) --extra recordings --extra fmu --extra cluster --extra provenance --extra scenarios --extra osi --extra dev \
+	$(RESOLVE) --extra recordings --extra fmu --extra cluster --extra provenance --extra scenarios --extra osi --extra simulators --extra dev \
 	  --constraint environment.txt --output-file tests/environment.txt
 	$(RESOLVE) --extra peers --constraint environment.txt --output-file benchmarks/environment.txt
 	$(RESOLVE) --extra world --constraint environment.txt --output-file benchmarks/motorway/environment.txt

@@ -56,6 +56,13 @@ def test_three_parts_have_twelve_chapters_of_at_most_a_thousand_words():
     }
 
 
+def test_the_workflow_parses_with_a_storage(project, tmp_path):
+    pytest.importorskip("snakemake_storage_plugin_fs", reason="the storage plugin fs is not installed")
+    storage = ("--default-storage-provider", "fs", "--default-storage-prefix", str(tmp_path))
+    done = project.run("--dry-run", "--quiet", *storage)
+    assert done.returncode == 0, done.stderr
+
+
 def test_every_rule_has_been_measured_for_the_cluster(project):
     listing = project.run("--list", config="config/config.yaml").stdout
     rules = set(re.findall(r"^(\w+)(?: \(|$)", listing, re.MULTILINE)) - {"all", "figures", "tables"}
@@ -72,7 +79,10 @@ def test_every_rule_has_been_measured_for_the_cluster(project):
     ("lock", "extras"),
     [
         ("environment.txt", ("study",)),
-        ("tests/environment.txt", ("recordings", "fmu", "cluster", "provenance", "scenarios", "dev")),
+        (
+            "tests/environment.txt",
+            ("recordings", "fmu", "cluster", "provenance", "scenarios", "simulators", "dev"),
+        ),
         ("benchmarks/environment.txt", ("peers",)),
     ],
 )

@@ -52,6 +52,7 @@ GUIDES = {
         "formats_of_recordings",
         "records_from_europe",
         "your_vehicle",
+        "your_simulator",
         "staying_program",
         "vehicle_reference",
         "the_explorer",
