@@ -100,8 +100,8 @@ def all_cut_ins(
         the one-sided 95 % bound ``upper95``, the ``share`` of the mean of all cut-ins, the mean number of
         crashes in the distance of the 100-Car study, and what the records do not give (``missing``).
 
-        If only a limit of the crashes of opening cut-ins is known with a law of motion, the limit enters upper
-        ends only. The mean and the median of opening cut-ins are then NaN, and so are those of all cut-ins if
+        If only a limit of the crashes of opening cut-ins is known with a law of motion, it enters upper ends
+        only. The mean and the median of opening cut-ins are then NaN, and so are those of all cut-ins if
         there is no other law.
 
     Examples

@@ -10,7 +10,7 @@ from accelerated_evaluation.answer.by_few_runs import crashes_table
 from accelerated_evaluation.answer.comparison import draws_table
 from accelerated_evaluation.answer.extrapolation import extrapolation
 from accelerated_evaluation.answer.fitted_records import FittedRecords
-from accelerated_evaluation.answer.posterior import Posterior
+from accelerated_evaluation.answer.posterior import PartlyKnown, Posterior
 from accelerated_evaluation.answer.rates import exposure_table
 
 RATE_DRAWS = 1000  # number of equally likely values of a probability from which rates are computed
@@ -51,8 +51,9 @@ def exposure_of(posteriors: Mapping[str, Posterior | None], records: FittedRecor
     """Return rates per kilometre and hour of events, by their names; see `exposure_table`."""
     levels = (np.arange(RATE_DRAWS) + 0.5) / RATE_DRAWS
     known = {name: own.whole for name, own in posteriors.items() if own is not None}
+    member = np.zeros(RATE_DRAWS, int)  # the lowest draws are unknown, if any
     thinned = {
-        name: Posterior(np.quantile(own.probabilities, levels), np.zeros(RATE_DRAWS, int))
+        name: PartlyKnown(np.quantile(own.probabilities, levels), member, levels < np.mean(own.unknown))
         for name, own in known.items()
     }
     return exposure_table(thinned, records.size, records.exposure)

@@ -14,6 +14,7 @@ from accelerated_evaluation.base.arrays import Array
 UNITS = {"kilometres": "kilometre", "hours": "hour"}
 JEFFREYS = 0.5  # added to the count, from Jeffreys' prior
 CUT_IN = "cut-in"
+EVERY = Posterior(np.ones(1), np.zeros(1, int))  # probability of a cut-in in a cut-in
 TINY = 1e-9  # tail probability outside the interval in which a quantile is searched
 
 
@@ -52,15 +53,18 @@ class Rate:
 
         return float(np.exp(brentq(excess, *np.log(ends), xtol=1e-12)))
 
-    def summary(self, probabilities: Array) -> dict[str, float]:
+    def summary(self, posterior: Posterior) -> dict[str, float]:
         """Return mean, median and interval ends ``low50`` to ``high95`` of the rate of an event.
 
-        ``probabilities`` are draws of its probability in an encounter, such as that of a crash in a cut-in.
+        ``posterior`` is its probability in an encounter, such as that of a crash in a cut-in. Unknown draws
+        count as 0 for the lower ends.
         """
-        row = {"mean": self.mean(probabilities), "median": self.quantile(0.5, probabilities)}
+        known, row = posterior.probabilities, dict.fromkeys(("mean", "median"), np.nan)
+        if not np.isnan(posterior.probability):
+            row = {"mean": self.mean(known), "median": self.quantile(0.5, known)}
         for level in LEVELS:
-            for end, at in (("low", (1 - level) / 2), ("high", (1 + level) / 2)):
-                row[f"{end}{100 * level:.0f}"] = self.quantile(at, probabilities)
+            row[f"low{100 * level:.0f}"] = self.quantile((1 - level) / 2, posterior.least)
+            row[f"high{100 * level:.0f}"] = self.quantile((1 + level) / 2, known)
         return row
 
 
@@ -77,6 +81,8 @@ def exposure_table(
         if (size := exposure.get(key)) is None:
             continue
         rate = Rate(cut_ins, size)
-        draws = {CUT_IN: np.ones(1)} | {event: own.probabilities for event, own in posteriors.items()}
-        rows += [{"event": event, "per": unit} | rate.summary(values) for event, values in draws.items()]
-    return pd.DataFrame(rows, columns=["event", "per", *Rate(1, 1.0).summary(np.ones(1))])
+        rows += [
+            {"event": event, "per": unit} | rate.summary(own)
+            for event, own in {CUT_IN: EVERY, **posteriors}.items()
+        ]
+    return pd.DataFrame(rows, columns=["event", "per", *Rate(1, 1.0).summary(EVERY)])

@@ -174,7 +174,7 @@ def injuries_table(
             summary = summarise(found.pooled)
             rows.append(row | summary | {"per": PER_ENCOUNTER, "mean": summary["probability"]})
             for per, rate in rates.items():
-                summary = rate.summary(found.pooled.probabilities)
+                summary = rate.summary(found.pooled)
                 rows.append(row | {name: DISTANCES * value for name, value in summary.items()} | {"per": per})
     return pd.DataFrame(rows, columns=COLUMNS)
 
