@@ -120,7 +120,7 @@ class CrossEntropyMethod(Method):
         if proposals is None:
             searches = {name: self.search(problem, name, generator) for name in problem.law.strata}
             proposals = Proposals.of(searches)
-            limit -= proposals.total
+            limit = max(limit - proposals.total, 0)
         weights, converged_at = run_to_convergence(
             problem,
             proposals.factors,
