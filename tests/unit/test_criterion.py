@@ -1,11 +1,22 @@
 """Criteria: verdicts and what would decide them, against closed forms and wrong variants."""
 
+from pathlib import Path
 from types import SimpleNamespace
 
+import accelerated_evaluation as ae
 import numpy as np
 import pandas as pd
 import pytest
 from accelerated_evaluation import InputError, Posterior, SampledPosterior
+from accelerated_evaluation.answer.counted_crashes import (
+    HUNDRED_CAR_CRASHES,
+    HUNDRED_CAR_MOST,
+    LANE_CHANGE,
+    STRUCK,
+    count_events,
+    count_of,
+    read_events,
+)
 from accelerated_evaluation.answer.criterion import (
     BY_MODELS,
     SHOWN,
@@ -30,6 +41,7 @@ from accelerated_evaluation.answer.extrapolation import exact_interval
 from scipy.special import ndtri
 from scipy.stats import gamma, norm
 
+ROOT = Path(__file__).parents[2]
 WHERE, K = "criteria", 4_000
 UNKNOWN = {"kilometres": None, "hours": None}
 
@@ -116,6 +128,49 @@ def test_ratios_share_their_draws():
     assert "was not compared" in judge(of("0.6 x nobody"), own, 100, UNKNOWN, others={"cc_human": other})
     never = Posterior(np.zeros(K), own.member)
     assert "no event" in judge(of("0.6 x cc_human"), own, 100, UNKNOWN, others={"cc_human": never})
+
+
+def test_a_ratio_to_counted_crashes():
+    """The ratio of two rates with Jeffreys' prior, by draws; more crashes are easier to fall below."""
+    own, size = lognormal(2e-6, 0.5, 400), 150_000
+    exposed = {"kilometres": 3.3e6, "hours": None}
+    generator = np.random.default_rng(3)
+    drawn = generator.choice(own.probabilities, 200_000) * generator.gamma(size + 0.5, 1 / 3.3e6, 200_000)
+    met = {}
+    for events, shares in ((0, ""), (1, ""), (1, " with 0.3 to 0.6 reported")):
+        criterion = of(f"1 x {events} counted in 3.2e6 km{shares}")
+        assert criterion.reference == ""
+        rate = generator.gamma(events + 0.5, 1 / 3.2e6, 200_000)
+        rate /= np.exp(generator.uniform(np.log(0.3), np.log(0.6), 200_000)) if shares else 1
+        met[events, shares] = judge(criterion, own, size, exposed).probability_met
+        assert met[events, shares] == pytest.approx(np.mean(drawn <= rate), abs=0.02)
+    assert met[0, ""] + 0.1 < met[1, ""] < met[1, " with 0.3 to 0.6 reported"] - 0.05
+    of_drivers = of("1 x counted")
+    assert (of_drivers.counted.events, round(of_drivers.counted.exposure)) == (0, 3_218_688)
+    assert "in how many hours" in judge(of("1 x 2 counted in 1e4 hours"), own, size, exposed)
+    with pytest.raises(InputError, match=r"0\.5 x counted"):
+        of("1 x 2 counted in 0 km")
+    with pytest.raises(InputError, match=r"0\.5 x counted"):
+        of("1 x 2 counted in 10 km with 0.5 to 0.3 reported")
+    assert criterion_of("1 x counted", WHERE, "left turn").counted is None  # no counts are known
+
+
+def test_the_counts_of_the_100_car_study():
+    counts = count_events(read_events(ROOT / "data/crash_counts/hundred_car_events.tsv.gz"))
+    assert count_of(counts, STRUCK, "crash") == HUNDRED_CAR_CRASHES
+    assert count_of(counts, LANE_CHANGE, "crash") == HUNDRED_CAR_MOST
+
+
+def test_references_that_counts_contradict_are_marked():
+    """At .05 cut-ins a kilometre, 1e-4 are 16 crashes in two million miles, and 1e-6 are .16."""
+    own, basis = lognormal(1e-6, 0.1), Basis(ae.CUT_IN.scope)
+    exposed = {"kilometres": 2000.0, "hours": None}
+    others = {"cc_human": lognormal(1e-4, 0.1), "careful": lognormal(1e-6, 0.1)}
+    given = own, None, basis, 100, exposed, others, {}
+    table = criteria_tables([of("0.5 x cc_human"), of("2 x careful")], *given)["criteria"]
+    assert "contradicted by counts: 13 crashes" in table["reason"][0]
+    assert "contradicted by counts" in criterion_in_words(table.iloc[0])
+    assert table["reason"][1] == ""
 
 
 def test_injuries_per_event():

@@ -17,6 +17,8 @@ from accelerated_evaluation.base.errors import InputError
 KILOMETRES_PER_MILE = 1.609344
 HUNDRED_CAR = "100-Car"
 HUNDRED_CAR_MILES = 2.0  # [million miles], Neale and others 2005, paper 05-0400, abstract
+HUNDRED_CAR_CRASHES = 0  # in which the subject struck a car that had cut in in front of it (`STRUCK`)
+HUNDRED_CAR_MOST = 1  # crashes by the definition of a cut-in that includes the most (`LANE_CHANGE`)
 LEVEL = 0.95  # confidence level of all limits
 SIGNIFICANT = 0.05  # probability below which a count contradicts a prediction
 # Near-crashes of cut-ins in SHRP 2 that a driver model of UN R157 replayed, and its crashes: Olleja, Markkula
@@ -173,6 +175,20 @@ def predicted_rows(vehicles: pd.DataFrame, cut_ins_per_km: float | None, counted
             "comparable": "with the 100-Car rows, if cut-ins are as frequent and as severe there",
             "reference": "this study",
         }
+    )
+
+
+def contradiction(probability: float, cut_ins_per_km: float) -> str:
+    """Return in words that the counts contradict a vehicle, or an empty text if they do not.
+
+    ``probability`` is the lower end of the 95 % interval of its crash probability in a closing cut-in.
+    """
+    expected = HUNDRED_CAR_MILES * 1e6 * KILOMETRES_PER_MILE * cut_ins_per_km * probability
+    if poisson.cdf(HUNDRED_CAR_MOST, expected) >= SIGNIFICANT:
+        return ""
+    return (
+        f"contradicted by counts: {expected:.2g} crashes or more are predicted for it in two million miles, "
+        f"in which drivers had {HUNDRED_CAR_MOST} at most"
     )
 
 

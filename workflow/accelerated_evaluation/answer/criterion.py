@@ -15,25 +15,33 @@ from typing import Any, Self
 
 import numpy as np
 import pandas as pd
-from scipy.stats import rankdata
+from scipy.stats import betaprime, rankdata
 
 from accelerated_evaluation.answer.comparison import ratios
+from accelerated_evaluation.answer.counted_crashes import (
+    HUNDRED_CAR_CRASHES,
+    HUNDRED_CAR_MILES,
+    KILOMETRES_PER_MILE,
+    contradiction,
+)
 from accelerated_evaluation.answer.extrapolation import ALL, RECORDED, exact_interval
 from accelerated_evaluation.answer.injuries.curves import LEVELS
 from accelerated_evaluation.answer.posterior import LEVELS as INTERVALS
 from accelerated_evaluation.answer.posterior import Posterior
-from accelerated_evaluation.answer.rates import UNITS, Rate
+from accelerated_evaluation.answer.rates import JEFFREYS, UNITS, Rate
 from accelerated_evaluation.base.arrays import Array
 from accelerated_evaluation.base.errors import InputError
 from accelerated_evaluation.base.percent import in_percent
 from accelerated_evaluation.base.sections import TEXT, listed
+from accelerated_evaluation.scenarios.cut_in import CUT_IN
 from accelerated_evaluation.scenarios.protocol import Scenario
 
 CRITERIA = listed(
     [],
     TEXT,
     "Upper limits on which the answer is judged, such as 1e-7 per hour, 1e-9 per kilometre, 1e-6 per cut-in, "
-    "1e-8 MAIS3+ per hour, or 0.5 x cc_human for a share of the crash probability of another vehicle.",
+    "1e-8 MAIS3+ per hour, 0.5 x counted for a share of the rate of counted crashes (or "
+    "0.5 x 3 counted in 2e6 km), or 0.5 x cc_human for a share of the crash probability of another vehicle.",
     fewest=0,
     uniqueItems=True,
 )
@@ -45,25 +53,51 @@ SHOWN = {True: "shown to be met", False: "shown not to be met"}
 BY_MODELS = {True: "met under the models", False: "not met under the models"}
 NO_ESTIMATE = "there is no estimate, or the replayed records contradict it"
 ENCOUNTER = "encounter"
+COUNTED = "counted"  # reference that stands for the cut-ins of the 100-Car study
+SHARES = 5  # number of equally likely shares of reported crashes
 RATES = 25  # number of equally likely values that represent the posterior of the rate of encounters
 COLUMNS = ["criterion", "verdict", "encounters", "probability", "median", "lower95", "upper95", "beyond"]
 COLUMNS += ["weakest_choice", "weakest_probability"]
 COLUMNS += ["runs_without_event", "replayed_low95", "replayed_upper95", "reason"]
 FORM = re.compile(
-    r"(?P<limit>[-+.\deE]+)\s+(?:(?P<harm>(?!per\b|x\b)\S+)\s+)?(?:per\s+(?P<per>.+)|x\s+(?P<reference>\S+))",
+    r"(?P<limit>[-+.\deE]+)\s+(?:(?P<harm>(?!per\b|x\b)\S+)\s+)?(?:per\s+(?P<per>.+)|x\s+"
+    r"(?:(?P<events>\d+)\s+counted\s+in\s+(?P<length>[.\deE+]+)\s+(?P<unit>km|kilometres|h|hours)"
+    r"(?:\s+with\s+(?P<low>[.\d]+)\s+to\s+(?P<high>[.\d]+)\s+reported)?|(?P<reference>\S+)))",
     re.ASCII,
 )
 
 
 @dataclass(frozen=True)
+class Counted:
+    """Crashes that were counted on roads, in the same role and of the same type as those judged."""
+
+    events: int
+    exposure: float  # distance [km] or time [h] in which they were counted
+    unit: str  # ``kilometres`` or ``hours``
+    reported: tuple[float, float] = (1.0, 1.0)  # smallest and largest share of the crashes that is counted
+
+    def ratios(self, size: int, exposure: float) -> Array:
+        """Return equally likely ratios of the rate of recorded encounters to the rate of crashes.
+
+        ``size`` encounters were recorded in the distance or time ``exposure``. The rates have Jeffreys'
+        prior, and the share of the reported crashes is uniform in its logarithm.
+        """
+        at = (np.arange(RATES) + 0.5) / RATES
+        law = betaprime(size + JEFFREYS, self.events + JEFFREYS, scale=self.exposure / exposure)
+        low, high = self.reported
+        return np.outer(law.ppf(at), low * (high / low) ** at[:: RATES // SHARES]).ravel()
+
+
+@dataclass(frozen=True)
 class Criterion:
-    """An upper limit of a rate, or of a ratio to another vehicle."""
+    """An upper limit of a rate, or of a ratio to another vehicle or to counted crashes."""
 
     text: str
     limit: float
     per: str = ""  # ``encounter``, ``kilometre`` or ``hour``; empty for a ratio
     reference: str = ""  # name of the vehicle to which a ratio refers; empty for a rate
     harm: str = ""  # level of injury, such as MAIS3+; empty if the event itself is counted
+    counted: Counted | None = None  # crashes to whose rate a ratio refers
 
 
 def criterion_of(text: str, where: str, noun: str, levels: Sequence[str] = ()) -> Criterion:
@@ -79,7 +113,9 @@ def criterion_of(text: str, where: str, noun: str, levels: Sequence[str] = ()) -
     except ValueError:
         limit = np.nan
     units = {ENCOUNTER, *UNITS.values(), ""}
+    counted = _counted(parts, noun)
     known = 0 < limit < np.inf and (limit <= 1 or per != ENCOUNTER)  # no probability exceeds 1
+    known &= counted is None or (counted.exposure > 0 and 0 < counted.reported[0] <= counted.reported[1] <= 1)
     if not known or per not in units or (parts["harm"] and parts["harm"] not in levels):
         injuries = (
             f", with a level of injury ({', '.join(levels)}) after the number if asked" if levels else ""
@@ -88,10 +124,26 @@ def criterion_of(text: str, where: str, noun: str, levels: Sequence[str] = ()) -
             where,
             seen=repr(text),
             expected="a positive limit and what it refers to, for example '1e-7 per hour', "
-            f"'1e-9 per kilometre', '1e-6 per {noun}' (at most 1) or '0.5 x cc_human'{injuries}",
+            f"'1e-9 per kilometre', '1e-6 per {noun}' (at most 1), '0.5 x counted', "
+            f"'0.5 x 3 counted in 2e6 km with 0.3 to 0.6 reported' or '0.5 x cc_human'{injuries}",
             change="Write the criterion in one of these forms.",
         )
-    return Criterion(str(text).strip(), limit, per, parts["reference"].strip(), parts["harm"])
+    reference = "" if counted else parts["reference"].strip()
+    return Criterion(str(text).strip(), limit, per, reference, parts["harm"], counted)
+
+
+def _counted(parts: Mapping[str, str], noun: str) -> Counted | None:
+    """Return the counted crashes that the parts of a text name; None if it names none, or none are known."""
+    if parts.get("events"):
+        unit = {"km": "kilometres", "h": "hours"}.get(parts["unit"], parts["unit"])
+        try:
+            length, low, high = (float(parts[name] or 1) for name in ("length", "low", "high"))
+        except ValueError:
+            length, low, high = np.nan, np.nan, np.nan
+        return Counted(int(parts["events"]), length, unit, (low, high))
+    if parts.get("reference") == COUNTED and noun == CUT_IN.noun:
+        return Counted(HUNDRED_CAR_CRASHES, HUNDRED_CAR_MILES * 1e6 * KILOMETRES_PER_MILE, "kilometres")
+    return None
 
 
 def criteria_of(texts: Sequence[str], scenario: Scenario, where: str = "criteria") -> list[Criterion]:
@@ -145,6 +197,7 @@ class Judged:
     basis: Basis = Basis()
     # Probability that the criterion is met under other choices (`choices.choice_table`), by their names.
     choices: Mapping[str, float] = field(default_factory=dict)
+    note: str = ""  # on the reference of a ratio
 
     @property
     def probability_met(self) -> float:
@@ -193,7 +246,12 @@ class Judged:
         """Return the row of `criteria_table`."""
         row = {"criterion": self.criterion.text, "verdict": self.verdict, "encounters": self.basis.encounters}
         row |= {"probability": self.probability_met, "median": float(np.median(self.draws))}
-        row |= {"lower95": self.lower, "upper95": self.upper, "beyond": self.basis.beyond, "reason": ""}
+        row |= {
+            "lower95": self.lower,
+            "upper95": self.upper,
+            "beyond": self.basis.beyond,
+            "reason": self.note,
+        }
         if self.criterion.per == ENCOUNTER and not self.criterion.harm and 0 < self.upper < 1:
             row["runs_without_event"] = crude_runs(self.upper)
         row |= dict(zip(("weakest_choice", "weakest_probability"), self.weakest, strict=True))
@@ -247,7 +305,11 @@ def judge(
         values = ratios(posterior, other)[-1]
         events = posterior.probabilities[:, None] / posterior.noise
         events = np.broadcast_to(events[:, :, None], values.shape)
-        return Judged(criterion, _flat(values), _flat(events), basis.times(np.nan))
+        note, kilometres = "", exposure.get("kilometres")
+        if kilometres is not None and basis.encounters == CUT_IN.scope:
+            note = contradiction(other.interval(0.95)[0], size / kilometres)
+        note = f"the reference is {note}" if note else ""
+        return Judged(criterion, _flat(values), _flat(events), basis.times(np.nan), note=note)
     values = own = posterior.with_sampling + posterior.unseen_lapses
     if criterion.harm:
         if criterion.harm not in (injured or {}):
@@ -258,9 +320,14 @@ def judge(
         own = _flat(np.broadcast_to(own[:, :, None], (*own.shape, numbers.shape[1])))
     if criterion.per == ENCOUNTER:
         return Judged(criterion, values, own, basis)
-    name = next(name for name, unit in UNITS.items() if unit == criterion.per)
+    counted = criterion.counted
+    name = counted.unit if counted else next(name for name, unit in UNITS.items() if unit == criterion.per)
     if (length := exposure.get(name)) is None:
         return f"it is not stated in how many {name} the records were made"
+    if counted:
+        rates = counted.ratios(size, length)
+        events = np.broadcast_to(own[:, :, None], (*own.shape, rates.size))
+        return Judged(criterion, _flat(values[:, :, None] * rates), _flat(events), basis.times(np.nan))
     law = Rate(size, length).law
     rates = law.ppf((np.arange(RATES) + 0.5) / RATES)
     events = np.broadcast_to(own[:, :, None], (*own.shape, RATES))
@@ -315,7 +382,7 @@ def criteria_table(criteria: Sequence[Criterion], judged: Sequence[Judged | str]
     the criterion is met under it; ``runs_without_event``, the number of encounters without the event that
     would show the same upper bound without a model, for rates per encounter only;
     ``replayed_low95`` and ``replayed_upper95``, the exact one-sided bounds that follow from the replayed
-    records without a model; and the ``reason`` why a verdict is not known.
+    records without a model; and the ``reason`` why a verdict is not known, or why its reference is doubtful.
     """
     rows = [
         {"criterion": criterion.text, "verdict": UNKNOWN, "reason": own}
@@ -350,4 +417,5 @@ def criterion_in_words(row: Mapping[str, Any]) -> str:
         parts.append(f"{in_percent(row['beyond'])} of it extrapolated beyond the records")
     if not np.isnan(row["replayed_upper95"]):
         parts.append(f"replays of records alone allow {row['replayed_upper95']:.2g}")
+    parts += [row["reason"]] if row["reason"] else []
     return f"criterion {row['criterion']}: {verdict}{scope} ({'; '.join(parts)})"

@@ -96,7 +96,8 @@ def variances_of(judged: Judged, member: NDArray[np.intp], sampling: float, size
         else 0.0
     }
     rest = logs.var(axis=1).mean() - parts["sampling"] - parts["rate of encounters"]
-    return parts | {"choice of curve": max(float(rest), 0.0) if judged.criterion.harm else 0.0}
+    is_more = judged.criterion.harm or judged.criterion.counted
+    return parts | {"choice of curve, or counted crashes": max(float(rest), 0.0) if is_more else 0.0}
 
 
 def deciding_table(

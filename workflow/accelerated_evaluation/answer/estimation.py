@@ -26,6 +26,7 @@ from accelerated_evaluation.answer.comparison import (
     require_estimate,
     require_same_law,
 )
+from accelerated_evaluation.answer.counted_crashes import contradiction
 from accelerated_evaluation.answer.criterion import Basis, Criterion
 from accelerated_evaluation.answer.deciding import criteria_in_words, criteria_tables
 from accelerated_evaluation.answer.estimate_tables import estimate_tables
@@ -67,6 +68,7 @@ from accelerated_evaluation.methods.surrogate import (
 )
 from accelerated_evaluation.records.checks import Records
 from accelerated_evaluation.records.verdict import Verdict, verdict_on
+from accelerated_evaluation.scenarios.cut_in import CUT_IN
 from accelerated_evaluation.vehicles.external.slow import SlowVehicle
 
 
@@ -149,7 +151,7 @@ class Estimated:
             *(f"warning: {doubt}" for doubt in self.evidence.doubts),
             *(self._not_converged(number) for number, each in enumerate(self.answers) if not each.converged),
             *self._summary(ratios),
-            *(f"note: {remark}" for remark in self.remarks),
+            *(f"note: {remark}" for remark in (*self.remarks, *self._contradicted())),
             *self._unseen(),
             *(
                 line
@@ -161,6 +163,17 @@ class Estimated:
             self.evidence.in_words,
             *(self._simulated() if verbose or (self.vehicle and self.vehicle.lost) else []),
             *self.verdict.warning_lines(),
+        ]
+
+    def _contradicted(self) -> list[str]:
+        """Return the references that counted crashes contradict, in words."""
+        if self.records.per_km is None or self.records.scenario.name != CUT_IN.name:
+            return []
+        posteriors = {name: other.posterior for name, other in self.references.items()}
+        return [
+            f"the reference {name} is {words}"
+            for name, posterior in posteriors.items()
+            if posterior and (words := contradiction(posterior.interval(0.95)[0], self.records.per_km))
         ]
 
     def _summary(self, ratios: Sequence[Mapping[str, Any]]) -> list[str]:

@@ -63,7 +63,7 @@ files written to results/STUDY/estimate/:
 
 examples: the answer and its ratio to a careful human; under another law and for a near miss; the ratio to an
 earlier version, whose runs save simulations; another scenario, with its default vehicle and records
-  accelerated-evaluation estimate --config my_vehicle.yaml --reference cc_human
+  accelerated-evaluation estimate --config my_vehicle.yaml --criterion '0.5 x counted'
   accelerated-evaluation estimate --config my_vehicle.yaml --law 'two kinds 0.95' --event min_ttc=1
   accelerated-evaluation estimate --config new.yaml --compare results/OLD/estimate \\
       --predecessor results/OLD/estimate/runs.csv
@@ -179,7 +179,7 @@ class EstimateAlone:
             default=[],
             dest="criteria",
             help="upper limit by which the answer is judged, such as '1e-7 per hour', '1e-9 per kilometre', "
-            "'1e-6 per cut-in', '1e-8 MAIS3+ per hour' or '1 x cc_human'; may be given several times, in "
+            "'1e-6 per cut-in', '1e-8 MAIS3+ per hour' or '0.5 x counted'; may be given several times, in "
             "addition to the criteria of the configuration",
         )
         command.add_argument(

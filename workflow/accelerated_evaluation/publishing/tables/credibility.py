@@ -128,7 +128,7 @@ def motion_of(all_cut_ins: pd.DataFrame) -> str:
 
 def judged_of(criteria: pd.DataFrame) -> str:
     """Return the verdicts on the criteria of the configuration, in words."""
-    rows = criteria.fillna({"encounters": "", "weakest_choice": ""}).to_dict("records")
+    rows = criteria.fillna({"encounters": "", "weakest_choice": "", "reason": ""}).to_dict("records")
     lines = [criterion_in_words(row) for row in rows]
     return "; ".join(line.removeprefix("criterion ") for line in lines) or "the configuration states none"
 
