@@ -5,7 +5,7 @@ PYTHON ?= python3
 STUDY ?= spmd
 ENVIRONMENT := .venv/.installed
 EXTRAS := .venv/.extras
-SNAKEMAKE := snakemake --cores $(or $(CORES),2) --configfile $(or $(CONFIG),config/config.yaml)
+SNAKEMAKE := snakemake --cores $(or $(CORES),2) --configfile $(patsubst %,'%',$(or $(CONFIG),config/config.yaml))
 RULES := Snakefile workflow benchmarks/samplers/Snakefile benchmarks/samplers/vehicles.smk \
   benchmarks/worlds/Snakefile benchmarks/claims/Snakefile benchmarks/motorway/Snakefile
 SAMPLERS := snakemake --snakefile benchmarks/samplers/Snakefile --cores $(CORES)
