@@ -1,10 +1,13 @@
 """The posterior of a probability from estimates under draws of the law: what the sampling adds to it."""
 
 from dataclasses import replace
+from types import SimpleNamespace
 
+import accelerated_evaluation as ae
 import numpy as np
 import pytest
 from accelerated_evaluation.answer.posterior import SampledPosterior, counted_posterior, shrunk_estimates
+from accelerated_evaluation.vehicles.protocol import CRASH
 from scipy.stats import norm
 
 
@@ -88,6 +91,27 @@ def test_a_part_of_an_event_is_never_above_it():
     assert coherent.whole.interval(0.95)[1] <= event.whole.interval(0.95)[1]
     rare = replace(part, probabilities=1e-3 * part.probabilities)  # nothing to limit
     assert replace(rare, within=event).with_sampling == pytest.approx(rare.with_sampling)
+
+
+def test_an_answer_limits_the_parts_of_an_event():
+    """A faster impact is a part of a slower one. An unknown event has the limits of the next larger one."""
+    crash, slow, fast = CRASH, ae.CUT_IN.event("impact_speed", 5.0), ae.CUT_IN.event("impact_speed", 10.0)
+    near = ae.CUT_IN.event("min_range", 1.0)
+    event = partly_known()
+    larger = replace(event, probabilities=2 * event.probabilities)
+    smaller = replace(event, probabilities=0.1 * event.probabilities)
+    problem = SimpleNamespace(event=crash, scenario=ae.CUT_IN)
+    answer = ae.Answer(problem, None, {crash: event, fast: larger, slow: smaller, near: larger})
+    assert answer.posteriors[fast].probabilities == pytest.approx(smaller.probabilities)
+    assert answer.posteriors[fast].within.probabilities == pytest.approx(smaller.probabilities)
+    assert answer.posteriors[near].probabilities == pytest.approx(larger.probabilities)
+    unknown = ae.Answer(problem, None, {crash: event, fast: None, slow: smaller, near: None})
+    table = unknown.table().set_index("event")
+    upper, lower = ["high50", "high80", "high95"], ["low50", "low80", "low95"]
+    assert table.loc["impact above 10 m/s", upper].tolist() == table.loc["impact above 5 m/s", upper].tolist()
+    assert table.loc["impact above 10 m/s", lower].tolist() == [0, 0, 0]
+    assert np.isnan(table.loc["impact above 10 m/s", ["probability", "median"]].astype(float)).all()
+    assert table.loc["range at most 1 m", ["median", *upper]].isna().all()  # no part
 
 
 def test_few_weighted_occurrences_are_no_estimate():
