@@ -13,7 +13,6 @@ from accelerated_evaluation.answer.moving_problem import (
     FEWER,
     PLACES,
     RESAMPLED,
-    Means,
     MovingProblem,
     moving_problems,
 )
@@ -58,8 +57,10 @@ def motion_table(
     speed, ``exact`` (from the crash map, only for closing cut-ins, see `MovingProblem.exact`) and
     ``constant`` (estimated); with a changing lead speed, ``moving``;
     ``factor``, moving divided by constant; and ``factor_half``, the factor if all changes of speed are
-    halved, which is known for `Ngsim` only. ``factor_error`` is the standard error of the factor. It contains
-    the error of the simulation and, for closing cut-ins, the spread of the factors of the resampled laws.
+    halved, which is known for closing cut-ins and `Ngsim` only. With too few crashes of opening cut-ins,
+    ``moving`` is NaN, and only its one-sided 95 % limit ``high95`` is known. ``factor_error`` is the standard
+    error of the factor. It contains the error of the simulation and, for closing cut-ins, the spread of the
+    factors of the resampled laws.
     """
     rows = []
     for name, problem in problems.items():
@@ -69,7 +70,10 @@ def motion_table(
         share, recorded = ratio / (1 + ratio), opening if has_opening else mirrored(records)
         exacts = {"closing": problem.exact}
         motions = [Ngsim(), Ngsim(0.5)] if motion is None else [motion]
-        wholes, *halves = _kinds(problem, motions, recorded, share, deepcopy(generator))
+        stream = deepcopy(generator)
+        whole, *halves = problem.closing_with(motions, stream)
+        opens = problem.opening(recorded, motions[0], stream)
+        wholes = {"closing": whole, "opening": opens, "all": whole.together(opens, share)}
         fewer = PLACES // FEWER  # the spread of the factors is larger than their errors
         spread = problem.closing_with(resampled, deepcopy(generator), fewer) if resampled else []
         factors = [each.factor()[0] for each in spread]
@@ -79,25 +83,9 @@ def motion_table(
             factor, error = found.factor()
             if factors and gap == "closing":
                 error = float(np.hypot(error, np.std(factors, ddof=1)))
-            half = halves[0][gap].factor()[0] if halves else np.nan
+            half = halves[0].factor()[0] if halves and gap == "closing" else np.nan
             rows.append((name, gap, *own, factor, error, half))
     return pd.DataFrame(rows, columns=COLUMNS)
-
-
-def _kinds(
-    problem: MovingProblem,
-    motions: Sequence[LeadMotion],
-    recorded: DistinctRecords,
-    share: float,
-    generator: np.random.Generator,
-) -> list[dict[str, Means]]:
-    """Return the estimates for closing, opening and all cut-ins, for each law of motion."""
-    closing = problem.closing_with(motions, generator)
-    opening = problem.opening_with(recorded, motions, generator)
-    return [
-        {"closing": one, "opening": other, "all": one.together(other, share)}
-        for one, other in zip(closing, opening, strict=True)
-    ]
 
 
 def motion_budget(moving: pd.DataFrame, vehicle: str, together: float) -> pd.DataFrame:
