@@ -26,6 +26,7 @@ from accelerated_evaluation.answer.criterion import (
     criterion_in_words,
     criterion_of,
     crude_runs,
+    exit_status,
     judge,
     under,
 )
@@ -355,3 +356,18 @@ def test_bounds_without_a_model():
     assert crude_runs(1e-2) == pytest.approx(298.07, abs=0.01)  # the engineer's 299 runs
     assert exact_interval(0, 299, 0.9)[1] == pytest.approx(1 - 0.05 ** (1 / 299))
     assert exact_interval(3, 3, 0.9)[1] == 1
+
+
+@pytest.mark.parametrize(
+    ("verdicts", "status"),
+    [
+        ((), 0),
+        (("shown to be met", "met under the models"), 0),
+        (("shown to be met", "not decided"), 1),
+        (("shown not to be met",), 1),
+        (("not met under the models",), 1),
+        (("not known",), 1),
+    ],
+)
+def test_a_release_can_depend_on_the_exit_status(verdicts, status):
+    assert exit_status(verdicts) == status

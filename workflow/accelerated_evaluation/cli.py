@@ -29,7 +29,7 @@ def main(argv: Sequence[str] | None = None) -> int:
     Returns
     -------
     int
-        Exit status: 0, 2 after bad input, or 130 if the command was stopped from the keyboard.
+        Exit status: 0, or 1 for the results that a command names, 2 after bad input, or 130 if the command was stopped from the keyboard.
     """
     given = sys.argv[1:] if argv is None else argv
     if argv is None and not sys.stderr.isatty():
@@ -40,7 +40,7 @@ def main(argv: Sequence[str] | None = None) -> int:
         argcomplete.autocomplete(own)  # if the shell asks for completions, this prints them and ends
         arguments = own.parse_args(given)
         _require_values(given)
-        arguments.run(arguments)
+        return int(arguments.run(arguments) or 0)
     except (StudyError, OSError) as error:
         print("error:", *str(unusable(error)).split(), file=sys.stderr)
         return 2

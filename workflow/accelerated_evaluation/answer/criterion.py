@@ -268,6 +268,11 @@ class Judged:
         return float(np.exp(-self.events * encounters).mean())
 
 
+def exit_status(verdicts: Iterable[str]) -> int:
+    """Return the exit status of a command that judges criteria: 0 if all of them are met, otherwise 1."""
+    return int(any(verdict not in (SHOWN[True], BY_MODELS[True]) for verdict in verdicts))
+
+
 def judge(
     criterion: Criterion,
     posterior: Posterior,

@@ -131,7 +131,7 @@ def opening_terms(
         sizes.append(size)
         weights = np.zeros(row.size)
         shown = crashes.any(axis=0)
-        shown[np.argpartition(score, min(CLOSEST, row.size - 1))[:CLOSEST]] = True
+        shown[np.argsort(score, kind="stable")[:CLOSEST]] = True  # as below, also where many scores are equal
         densities = [each.density(row[shown], inputs[shown]) for each in laws]
         weights[shown] = 1 / np.average(densities, axis=0, weights=sizes)
         return weights * crashes

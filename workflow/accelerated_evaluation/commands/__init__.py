@@ -42,7 +42,7 @@ class Subcommand(Protocol):
         """Add the arguments of the subcommand to its parser."""
 
     @staticmethod
-    def run(arguments: argparse.Namespace) -> None:
+    def run(arguments: argparse.Namespace) -> int | None:
         """Run the subcommand.
 
         If it cannot continue, it raises StudyError or OSError, whose message is printed for the user.

@@ -61,7 +61,10 @@ files written to results/STUDY/estimate/:
   encounters.parquet  the encounter table to which the law was fitted
   vehicle.json    scenario and vehicle; the estimate of another vehicle needs another name of the study
 
-examples: the answer and its ratio to a careful human; under another law and for a near miss; the ratio to an
+With --criterion, the exit status is 0 if all criteria are met, shown or under the models, and 1 if one is not
+met, not decided or not known, so that a release can depend on it.
+
+examples: the answer judged by counted crashes; under another law and for a near miss; the ratio to an
 earlier version, whose runs save simulations; another scenario, with its default vehicle and records
   accelerated-evaluation estimate --config my_vehicle.yaml --criterion '0.5 x counted'
   accelerated-evaluation estimate --config my_vehicle.yaml --law 'two kinds 0.95' --event min_ttc=1
@@ -194,10 +197,11 @@ class EstimateAlone:
         add_accept(command)
 
     @staticmethod
-    def run(arguments: argparse.Namespace) -> None:
+    def run(arguments: argparse.Namespace) -> int:
         """Estimate the probability of the event, write the tables, and print the answer."""
         if sys.stderr.isatty():  # the imports take seconds; the first step is then written over this line
             print("loading the libraries ...", end="\r", file=sys.stderr, flush=True)
+        from accelerated_evaluation.answer.criterion import exit_status
         from accelerated_evaluation.answer.estimation import estimate_event
         from accelerated_evaluation.answer.settings import Request, Settings
         from accelerated_evaluation.study.configuration import load, resolved
@@ -234,3 +238,4 @@ class EstimateAlone:
         else:
             lines = [*found.lines(compared, verbose=arguments.verbose), f"tables: {folder}"]
             print(*coloured(lines, sys.stdout), sep="\n")
+        return exit_status(found.tables["criteria"]["verdict"]) if "criteria" in found.tables else 0

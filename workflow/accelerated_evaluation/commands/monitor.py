@@ -1,0 +1,127 @@
+"""The subcommand ``monitor``, which compares the crashes of a fleet in service with the prediction."""
+
+import argparse
+from pathlib import Path
+
+from accelerated_evaluation.base.errors import InputError
+from accelerated_evaluation.commands import COMMANDS, csv_file
+
+DESCRIPTION = """\
+Compare the crashes of a fleet in service with the prediction of a finished study.
+
+FLEET.csv has a row for each period, such as a month, in the order of time. The column kilometres (or hours,
+with --per hour) has what was driven in the period, and crashes the number of crashes of the scenario, in the
+role of the study, that were counted in it. The study predicts all crashes of the scenario, so state with
+--reported which share of them is counted.
+
+Two things are printed. First, the predicted rate before and after these counts, which are taken as Poisson
+counts. If the counts contradict the prediction, this is said instead. Second, whether there are more crashes
+than predicted: an e-value for each period, which may be looked at after every period. If the prediction is
+right, it ever exceeds 20 with a probability of at most 5 %; an e-value of 20 or more is an alarm.
+
+Run it in the folder in which the study ran, for example
+  accelerated-evaluation monitor spmd fleet.csv --reported 0.4 0.8
+
+The exit status is 1 if there is an alarm."""
+
+
+@COMMANDS.add("monitor")
+class Monitor:
+    """Compare the crashes of a fleet in service with the prediction."""
+
+    help = "compare the crashes and kilometres of a fleet in service with the predicted rate, at any time"
+    description = DESCRIPTION
+
+    @staticmethod
+    def add_arguments(command: argparse.ArgumentParser) -> None:
+        """Add the study, the table of the fleet, the unit, the share of reported crashes and the tables."""
+        command.add_argument(
+            "study",
+            metavar="STUDY[=RATE]",
+            help="name of a study, and its number of encounters per kilometre or hour if it does not know it",
+        )
+        command.add_argument("fleet", metavar="FLEET.csv", type=Path, help="what was driven and counted")
+        command.add_argument(
+            "--per", choices=("kilometre", "hour"), default="kilometre", help="unit (default: %(default)s)"
+        )
+        command.add_argument(
+            "--reported",
+            nargs=2,
+            type=float,
+            default=(1.0, 1.0),
+            metavar=("LOW", "HIGH"),
+            help="limits of the share of the crashes that are counted; all values between them are equally "
+            "likely (default: 1 1)",
+        )
+        command.add_argument(
+            "--target",
+            metavar="OUT.csv",
+            type=csv_file,
+            default=Path("results/monitor.csv"),
+            help="table of the periods to write (default: %(default)s)",
+        )
+
+    @staticmethod
+    def run(arguments: argparse.Namespace) -> int:
+        """Print the rate before and after the counts and the e-values, and write them."""
+        import numpy as np
+        import pandas as pd
+
+        from accelerated_evaluation.answer.in_service import FALSE_ALARMS, InService, in_service_table
+        from accelerated_evaluation.answer.rates import UNITS
+        from accelerated_evaluation.base.errors import StudyError
+        from accelerated_evaluation.base.files import write_csv
+        from accelerated_evaluation.base.tables import column_of_numbers, read_csv, require_file
+        from accelerated_evaluation.commands.total import study_rates
+
+        low, high = arguments.reported
+        if not 0 < low <= high <= 1:
+            raise InputError(
+                "--reported",
+                seen=f"{low:g} {high:g}",
+                expected="two shares above 0 and at most 1, the smaller one first",
+                change="Correct the shares.",
+            )
+        key = next(name for name, unit in UNITS.items() if unit == arguments.per)
+        require_file(arguments.fleet, "Correct the path of the table.")
+        table = read_csv(arguments.fleet, {"monitor --help": key, "--help": "crashes"})
+        found = pd.DataFrame()
+        for name in (key, "crashes"):
+            where = f"{arguments.fleet}, row {{}}"
+            found[name] = column_of_numbers(table[name], lambda row: where.format(row + 2), "Correct it.")  # noqa: B023
+        wrong = (found < 0).any(axis=1) | (found["crashes"] % 1 != 0)
+        if wrong.any() or not found[key].sum() > 0:
+            row = int(np.argmax(wrong.to_numpy())) if len(found) else 0
+            raise InputError(
+                f"{arguments.fleet}, row {row + 2}",
+                seen=", ".join(f"{name} {found[name].iloc[row]:g}" for name in found)
+                if len(found)
+                else "no row",
+                expected=f"{key} of 0 or more, in all above 0, and a whole number of crashes",
+                change="Correct the table.",
+            )
+        rates, basis = study_rates(arguments.study, arguments.per)
+        reported = np.linspace(low, high, len(rates))
+        # Rates have a random order, so that these pairs are independent.
+        counts = InService(found[key].cumsum().to_numpy(), found["crashes"].cumsum().to_numpy())
+        e_values = counts.e_values(rates * reported)
+        found = found.assign(
+            expected=(rates * reported).mean() * counts.exposure, counted=counts.events, e_value=e_values
+        )
+        write_csv(arguments.target, found)
+        print(f"crashes per {arguments.per}, for {basis.encounters}")
+        try:
+            updated = in_service_table(rates, reported, counts)
+            print(updated.drop(columns="probability").to_string(index=False, float_format="{:.3g}".format))
+        except StudyError as error:
+            print(f"warning: {error}")
+        alarms = np.flatnonzero(e_values >= 1 / FALSE_ALARMS)
+        last = (
+            f"e-value {e_values[-1]:.3g} after {counts.exposure[-1]:,.0f} {key}, largest {e_values.max():.3g}"
+        )
+        if alarms.size:
+            print(f"ALARM since row {alarms[0] + 2}: more crashes than predicted ({last})")
+        else:
+            print(f"no alarm: {last}; an alarm needs {1 / FALSE_ALARMS:g}")
+        print(arguments.target)
+        return int(alarms.size > 0)
