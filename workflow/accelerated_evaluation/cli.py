@@ -29,7 +29,8 @@ def main(argv: Sequence[str] | None = None) -> int:
     Returns
     -------
     int
-        Exit status: 0, or 1 for the results that a command names, 2 after bad input, or 130 if the command was stopped from the keyboard.
+        Exit status: 0, 1 for a result that the command names, 2 after bad input, or 130 if the command was
+        stopped from the keyboard.
     """
     given = sys.argv[1:] if argv is None else argv
     if argv is None and not sys.stderr.isatty():
