@@ -95,7 +95,7 @@ def test_a_driver_who_brakes_at_once_stops_in_the_distance_of_the_textbook(closi
 def test_the_largest_deceleration_is_the_needed_one_or_that_of_the_driver():
     human, row = Human(hard_braking=4.0), driver(braking=8.0)
     _, calm = human.braking_given([20.0], [60.0], [8.0], row)
-    left = 60.0 - 8.0 * response(8 / 60) - 2.0
+    left = 60.0 - 8.0 * response(8 / 60) - human.margin
     assert calm[0] == pytest.approx(64 / (2 * left))
     _, hard = human.braking_given([20.0], [25.0], [10.0], row)
     assert hard[0] == pytest.approx(8.0)

@@ -62,9 +62,11 @@ class Human:
     latest_drift: float = 1.75
     lane_width: float = 3.5  # m, as for the reference drivers
     car_width: float = 1.9  # m, of both cars
-    # Range at which the approach ends if the driver brakes as hard as is needed [m]: 2 m, as in FSM, but at
-    # most half of the initial range. This is an assumption.
-    margin: float = zero_or_more(2.0)
+    # Range at which the approach ends if the driver brakes as hard as is needed [m], but at most half of the
+    # initial range. This is an assumption. FSM has a margin of 2 m. Here it is larger, because most
+    # approaches end exactly at the margin, and the probability of an event such as "range at most 2 m" must
+    # not depend on their last digits.
+    margin: float = zero_or_more(2.5)
     # If the needed deceleration is at least this [m/s^2], the driver brakes with the largest deceleration
     # that this driver uses. The default is .32 g, which 95 % of the drivers exceed in emergency braking
     # (Koppa, Fambro and Zimmer 1996, abstract). It is an assumption that drivers distinguish hard from other

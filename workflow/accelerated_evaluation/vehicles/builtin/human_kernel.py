@@ -1,8 +1,7 @@
 """Compiled simulation of cut-ins with a human driver: response, braking and swerving.
 
 The time is 0 when the other car crosses the lane marking. The range is the distance of the bumpers. Until the
-driver responds, speeds are constant, so this part is computed without steps. As soon as the driver brakes
-exactly as hard as is needed, the outcomes are known, and the simulation ends.
+driver responds, the host keeps its speed.
 
 In all functions ``numbers`` are the parameters that all drivers share (`HumanNumbers`), ``traits`` are the
 traits of the driver, shape (traits,), and ``range_`` [m] and ``closing`` [m/s] are range and closing speed.
@@ -26,7 +25,6 @@ from accelerated_evaluation.scenarios.parameters import compiled
 TRAITS = RESPONSE, NOTICE, DURATION, BRAKING, JERK, SWERVE, SWERVE_WIDTH = range(7)
 STEP = 0.1  # [s], as for the other vehicles
 STEPS = 348  # number of steps, for 34.8 s as for the reference drivers
-ENOUGH = 1e-9  # [m/s^2], tolerance with which a deceleration is regarded as the needed one
 
 
 class HumanNumbers(NamedTuple):
@@ -94,79 +92,20 @@ def overlap(numbers: HumanNumbers, traits: NDArray, time: float, since_response:
 
 
 @compiled
-def follow(
-    numbers: HumanNumbers, encounter: NDArray, traits: NDArray, outcome: NDArray, course: NDArray
-) -> int:
-    """Simulate one encounter, and return the number of states that were written to ``course``.
-
-    ``outcome``, shape (5,), receives crash, smallest range [m], smallest time to collision [s], impact speed
-    [m/s] and largest deceleration [m/s^2]. ``course``, shape (states, 5), receives time [s], range [m],
-    closing speed [m/s], deceleration [m/s^2] and lateral distance [m]. If it has no rows, nothing is written,
-    and the simulation ends as soon as the outcomes are known.
-    """
-    range_, closing = encounter[1], encounter[2]
-    margin = min(numbers.margin, range_ / 2.0)
-    onset = response_time(numbers, traits, range_, closing) - head_start(numbers, traits)
-    braking = min(traits[JERK] * max(-onset, 0.0), wanted(numbers, traits, margin, range_, closing))
-    outcome[0], outcome[1], outcome[2], outcome[3], outcome[4] = 0.0, range_, np.inf, 0.0, braking
-    if closing > 0.0:
-        outcome[2] = range_ / closing
-    time, target, written, recorded = 0.0, 0.0, 0, course.shape[0] > 0
-    for _ in range(STEPS):
-        if recorded:
-            sideways = numbers.car_width - overlap(numbers, traits, time, time - onset)
-            course[written] = (time, range_, closing, braking, sideways)
-            written += 1
-        if closing <= 0.0:
-            break
-        # Once begun, hard braking continues until the approach ends.
-        target = max(wanted(numbers, traits, margin, range_, closing), target) if time >= onset else 0.0
-        settled = time >= onset and abs(braking - target) <= ENOUGH and target < traits[BRAKING]
-        if settled and not recorded:
-            _settle(margin, closing, braking, outcome)
-            break
-        step = STEP
-        if time < onset:
-            step = min(STEP, onset - time) if recorded else onset - time
-        ahead = min(braking + traits[JERK] * step, target)
-        rise = max(ahead - braking, 0.0) / traits[JERK]  # time during which the deceleration increases
-        mean = ahead - (ahead - braking) * rise / (2.0 * step)
-        if mean * step >= closing:  # the approach ends within the step
-            step = closing / mean
-        new_closing = max(closing - mean * step, 0.0)
-        travelled = (closing + new_closing) / 2.0 * step
-        if travelled >= range_:
-            share = range_ / travelled
-            time += share * step
-            closing += share * (new_closing - closing)
-            hit = overlap(numbers, traits, time, time - onset) > 0.0
-            outcome[4] = max(outcome[4], ahead)
-            if hit:
-                outcome[0], outcome[1], outcome[2], outcome[3] = 1.0, 0.0, min(outcome[2], STEP), closing
-            if recorded:
-                course[written] = (time, 0.0, closing, ahead, 0.0)
-                written += 1
-            break
-        time, range_, closing, braking = time + step, range_ - travelled, new_closing, ahead
-        outcome[1], outcome[4] = min(outcome[1], range_), max(outcome[4], braking)
-        if closing > 0.0:
-            outcome[2] = min(outcome[2], range_ / closing)
-    return written
-
-
-@compiled
 def lead_at(lead_speeds: NDArray, time: float) -> float:
     """Return the lead speed [m/s] at a time [s], interpolated between the speeds at 0, 0.1, ... s.
 
-    After the last of these times, the lead speed is constant.
+    After the last of these times, the lead speed is constant. A single speed is that of a lead vehicle that
+    keeps its speed.
     """
-    place = min(max(time / STEP, 0.0), lead_speeds.size - 1.0)
-    before = min(int(place), lead_speeds.size - 2)
-    return lead_speeds[before] + (place - before) * (lead_speeds[before + 1] - lead_speeds[before])
+    last = lead_speeds.size - 1
+    place = min(max(time / STEP, 0.0), float(last))
+    before = int(place)
+    return lead_speeds[before] + (place - before) * (lead_speeds[min(before + 1, last)] - lead_speeds[before])
 
 
 @compiled
-def follow_motion(
+def follow(
     numbers: HumanNumbers,
     encounter: NDArray,
     lead_speeds: NDArray,
@@ -174,11 +113,16 @@ def follow_motion(
     outcome: NDArray,
     course: NDArray,
 ) -> int:
-    """Simulate one encounter with a changing lead speed; return the number of states written to ``course``.
+    """Simulate one encounter, and return the number of states that were written to ``course``.
 
     A driver who has responded keeps watching the lead vehicle, and brakes again if a new approach begins.
-    With a constant lead speed the driver does the same as in `follow`. After the last of the ``lead_speeds``
-    [m/s] at 0, 0.1, ... s, the lead vehicle keeps its speed.
+    After the last of the ``lead_speeds`` [m/s] at 0, 0.1, ... s, the lead vehicle keeps its speed. The
+    simulation ends when the approach has ended and no change of the lead speed is left to be seen, or after
+    34.8 s, when a very slow approach may still go on.
+
+    ``outcome``, shape (5,), receives crash, smallest range [m], smallest time to collision [s], impact speed
+    [m/s] and largest deceleration [m/s^2]. ``course``, shape (states, 5), receives time [s], range [m],
+    closing speed [m/s], deceleration [m/s^2] and lateral distance [m], unless it has no rows.
     """
     range_, speed, closing = encounter[1], encounter[0] + encounter[2], encounter[2]
     margin = min(numbers.margin, range_ / 2.0)
@@ -228,20 +172,6 @@ def follow_motion(
 
 
 @compiled
-def _settle(margin: float, closing: float, braking: float, outcome: NDArray) -> None:
-    """Write the outcomes of an approach that ends at the margin with a constant deceleration a.
-
-    During the approach with closing speed c, the time to collision is margin / c + c / (2 a). It is smallest
-    at c = sqrt(2 a margin).
-    """
-    speed = min(closing, math.sqrt(2.0 * braking * margin))
-    if speed > 0.0:
-        outcome[2] = min(outcome[2], margin / speed + speed / (2.0 * braking))
-    outcome[1] = min(outcome[1], margin)
-    outcome[4] = max(outcome[4], braking)
-
-
-@compiled
 def follow_all(
     numbers: HumanNumbers, encounters: NDArray, lead_speeds: NDArray, traits: NDArray, outcomes: NDArray
 ) -> None:
@@ -253,8 +183,5 @@ def follow_all(
     """
     nothing, outcome = np.empty((0, 5)), np.empty(5)
     for i in range(encounters.shape[1]):
-        if lead_speeds.shape[1] > 1:
-            follow_motion(numbers, encounters[:, i], lead_speeds[i], traits[i], outcome, nothing)
-        else:
-            follow(numbers, encounters[:, i], traits[i], outcome, nothing)
+        follow(numbers, encounters[:, i], lead_speeds[i], traits[i], outcome, nothing)
         outcomes[:, i] = outcome

@@ -91,13 +91,11 @@ def trace_human(
     The column "emergency" is 1 while the driver brakes.
     """
     outcome, course = np.empty(5), np.empty((human_kernel.STEPS + 1, 5))
-    if lead_speeds is None:
-        count = human_kernel.follow(numbers, encounter[:, 0], traits, outcome, course)
-    else:
-        count = human_kernel.follow_motion(numbers, encounter[:, 0], lead_speeds, traits, outcome, course)
+    speeds = encounter[0] if lead_speeds is None else lead_speeds
+    count = human_kernel.follow(numbers, encounter[:, 0], speeds, traits, outcome, course)
     rows = []
     for time, range_, closing, braking, sideways in course[:count]:
-        lead = encounter[0, 0] if lead_speeds is None else human_kernel.lead_at(lead_speeds, time)
+        lead = human_kernel.lead_at(speeds, time)
         ttc = range_ / closing if closing > 0 and range_ > 0 else np.inf
         rows.append((time, range_, sideways, lead, lead + closing, -braking, range_, ttc, braking > 0))
     return _table(rows, is_moving=lead_speeds is not None)
