@@ -332,7 +332,8 @@ def test_what_a_vehicle_prints_is_not_part_of_the_answer(monkeypatch, capfd, tmp
     def estimated(config, request):
         print("from the vehicle")
         subprocess.run([sys.executable, "-c", "print('from a worker')"], check=True)
-        return SimpleNamespace(write=lambda folder: None, content=lambda compared: {"answer": []})
+        answer = {"answer": []}
+        return SimpleNamespace(write=lambda folder: None, content=lambda compared: answer, tables={})
 
     monkeypatch.chdir(tmp_path)
     monkeypatch.setattr(estimation, "estimate_event", estimated)
