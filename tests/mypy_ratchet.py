@@ -10,8 +10,18 @@ from pathlib import Path
 ROOT = Path(__file__).resolve().parents[1]
 LIBRARY = "workflow/accelerated_evaluation"
 # Modules and packages without an error. A new one is added here as soon as its last error is mended.
-CLEAN = ()
-ELSEWHERE = 809  # errors in all other modules
+CLEAN = (
+    f"{LIBRARY}/__init__.py",
+    f"{LIBRARY}/answer/answer.py",
+    f"{LIBRARY}/answer/law_study.py",
+    f"{LIBRARY}/base",
+    f"{LIBRARY}/laws/draws.py",
+    f"{LIBRARY}/laws/protocol.py",
+    f"{LIBRARY}/methods",
+    f"{LIBRARY}/scenarios",
+    f"{LIBRARY}/study/door.py",
+)
+ELSEWHERE = 652  # errors in all other modules
 
 
 def errors_of(output: str) -> Counter[str]:

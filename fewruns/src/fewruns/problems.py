@@ -48,9 +48,17 @@ class ScoreProblem(Protocol):
     True
     """
 
-    dimension: int
-    fingerprint: str
-    deterministic: bool | None
+    @property
+    def dimension(self) -> int:
+        """Number d of normal scores."""
+
+    @property
+    def fingerprint(self) -> str:
+        """A text that identifies the problem."""
+
+    @property
+    def deterministic(self) -> bool | None:
+        """Whether the same normal scores always give the same outcome; None if this is unknown."""
 
     def evaluate(self, z: Array) -> Response:
         """Run the system at normal scores z, shape (n, d); return happened and score, shape (n,).

@@ -162,10 +162,11 @@ class Answer:
         """Limit the probability of each event by that of an event which contains it, in every draw."""
         coherent = dict(self.posteriors)
         for event in sorted(coherent, key=lambda each: len(self._containing(each))):
-            within = [coherent[each] for each in self._containing(event)[-1:]]
-            if within and isinstance(own := coherent[event], SampledPosterior):
-                known = np.minimum(own.probabilities, within[0].probabilities)
-                coherent[event] = replace(own, probabilities=known, within=within[0])
+            own, containing = coherent[event], self._containing(event)
+            within = coherent[containing[-1]] if containing else None
+            if within is not None and isinstance(own, SampledPosterior):
+                known = np.minimum(own.probabilities, within.probabilities)
+                coherent[event] = replace(own, probabilities=known, within=within)
         object.__setattr__(self, "posteriors", coherent)
 
     def _containing(self, event: Event) -> list[Event]:
@@ -199,6 +200,8 @@ class Answer:
     @property
     def crash_weights(self) -> Array:
         """Probability of each crash under each draw, shape (K, m); a row sums to that of the draw."""
+        if self.crashes is None or self.posterior is None:
+            return np.empty((self.draws.size, 0))
         weights = self.crashes.weights
         with np.errstate(divide="ignore", invalid="ignore"):
             scale = self.posterior.probabilities / weights.sum(axis=1)  # sampled: without control variates
@@ -214,7 +217,7 @@ class Answer:
         """
         rows = []
         for event, posterior in self.posteriors.items():
-            row = {"event": self.problem.scenario.event_in_words(event)}
+            row: dict[str, Any] = {"event": self.problem.scenario.event_in_words(event)}
             row |= answer_row(posterior, self._limits(event))
             rate = np.nan if events_per_km is None else row["probability"] * events_per_km
             contains = "" if posterior is None else ", ".join(posterior.sources)
@@ -327,7 +330,7 @@ def evaluate(
     by: Way,
     events: Sequence[Event | str] = (),
     *,
-    generator: np.random.Generator | int,
+    generator: np.random.Generator,
 ) -> Answer:
     """Return the probability of an event under all draws of the law.
 

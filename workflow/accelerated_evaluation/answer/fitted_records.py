@@ -85,6 +85,18 @@ class FittedRecords:
         return self.data.support
 
     @property
+    def distinct(self) -> DistinctRecords:
+        """The records as cut-ins to which smooth laws can be fitted; InputError for other records."""
+        if isinstance(self.data, ClusteredRecords):
+            raise InputError(
+                f"the records of the scenario {self.scenario.name}",
+                seen="records in clusters, whose candidates are joint laws",
+                expected="cut-ins with the limits of smooth laws",
+                change="Use records of cut-ins, or a function for all records.",
+            )
+        return self.data
+
+    @property
     def size(self) -> int:
         """Number of records."""
         return len(self.x)

@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 from accelerated_evaluation.answer.cut_in_family import added_candidates, added_family
 from accelerated_evaluation.answer.family_file import fit_or_read
 from accelerated_evaluation.answer.fitted_records import FittedRecords
-from accelerated_evaluation.answer.joint_family import JointFamily, Respond
+from accelerated_evaluation.answer.joint_family import ClusteredRecords, JointFamily, Respond
 from accelerated_evaluation.answer.law_weights import bootstrapped_weights
 from accelerated_evaluation.answer.smooth_family import SmoothFamily
 from accelerated_evaluation.base.arguments import Argument, a_number, one_of
@@ -44,9 +44,17 @@ STREAMS = Argument(
 class Family(Protocol):
     """Candidate laws that are fitted to the same records, with scores on held-out records."""
 
-    names: tuple[str, ...]  # of the M candidates
-    scores: Array  # log score of each candidate on each unit (a record, or a cluster of records), (M, units)
-    resampled: NDArray[np.bool_]  # the units that the Bayesian bootstrap resamples, shape (units,)
+    @property
+    def names(self) -> tuple[str, ...]:
+        """Names of the M candidates."""
+
+    @property
+    def scores(self) -> Array:
+        """Log score of each candidate on each unit (a record, or a cluster of records), (M, units)."""
+
+    @property
+    def resampled(self) -> NDArray[np.bool_]:
+        """The units that the Bayesian bootstrap resamples, shape (units,)."""
 
     def law(self, name: str) -> Law:
         """Return the law of one candidate, fitted to all records."""
@@ -96,7 +104,7 @@ class LawStudy:
         cls,
         records: FittedRecords,
         size: int,
-        streams: Callable[[str], np.random.Generator] | int,
+        streams: Callable[[str], np.random.Generator],
         store: Path | None = None,
         closing_speed_max: float = math.inf,
     ) -> Self:
@@ -117,14 +125,14 @@ class LawStudy:
         closing_speed_max
             Cap on the closing speed of laws of cut-ins [m/s].
         """
-        if records.support is None:
-            family = JointFamily.of(records.data, _responder(records.scenario), streams("fit"))
-            return cls.of_family(family, size, streams("weigh"))
-        family, others = _smooth_family(records, store, closing_speed_max), None
+        data, others = records.data, None
+        if isinstance(data, ClusteredRecords):
+            joint = JointFamily.of(data, _responder(records.scenario), streams("fit"))
+            return cls.of_family(joint, size, streams("weigh"))
         if candidates := added_candidates():
-            others = added_family(
-                records.data, records.table["lead_speed"], candidates, closing_speed_max, streams("fit")
-            )
+            lead_speeds = records.table["lead_speed"]
+            others = added_family(data, lead_speeds, candidates, closing_speed_max, streams("fit"))
+        family = _smooth_family(records, store, closing_speed_max)
         return cls.of_family(family, size, streams("weigh"), others)
 
     @classmethod
@@ -154,6 +162,8 @@ class LawStudy:
     @property
     def smooth(self) -> SmoothFamily:
         """The smooth laws among the candidates for cut-ins; a study of other records has none."""
+        if not isinstance(self.family, SmoothFamily):
+            raise AttributeError("the records of this study have no smooth laws")
         return self.family
 
     @property
@@ -184,7 +194,7 @@ class LawStudy:
         return self.family.law(self.without_added.heaviest)
 
     @checked(generator=A_GENERATOR)
-    def draws(self, generator: np.random.Generator | int) -> Draws:
+    def draws(self, generator: np.random.Generator) -> Draws:
         """Draw K laws from the posterior: a candidate by its weight in each draw, and then its parameters.
 
         The uniform numbers that choose the candidates are stratified, one in each of K equal intervals, so
@@ -195,9 +205,8 @@ class LawStudy:
         chosen = np.minimum((u[:, None] > ends).sum(axis=1), len(self.names) - 1)
         first = len(self.family.names)
         own, others = chosen[chosen < first], chosen[chosen >= first] - first
-        parts = [
-            family.draws(k, generator) for family, k in ((self.family, own), (self.added, others)) if k.size
-        ]
+        pairs = (self.family, own), (self.added, others)
+        parts = [family.draws(k, generator) for family, k in pairs if family is not None and k.size]
         return reduce(operator.add, parts)
 
     @checked()
@@ -249,7 +258,8 @@ def _smooth_family(
     records: FittedRecords, store: Path | None, closing_speed_max: float = math.inf
 ) -> SmoothFamily:
     """Return the smooth laws of cut-ins, fitted or read from the file ``store``."""
-    family = SmoothFamily.of(records.data) if store is None else fit_or_read(store, records.data)
+    data = records.distinct
+    family = SmoothFamily.of(data) if store is None else fit_or_read(store, data)
     return replace(family, encounters=records.table, closing_speed_max=closing_speed_max)
 
 

@@ -60,7 +60,7 @@ def described(value: object) -> str:
         return f"an array of shape {value.shape}{' with NaN' * bool(has_nan)}"
     name = value.__name__ if inspect.isclass(value) or inspect.isroutine(value) else type(value).__name__
     kind = "the class" if inspect.isclass(value) else "the function" if inspect.isroutine(value) else "a"
-    columns = f" with the columns {', '.join(map(str, value))}" if hasattr(value, "columns") else ""
+    columns = f" with the columns {', '.join(map(str, value.columns))}" if hasattr(value, "columns") else ""
     return f"{kind} {name}{columns}"[:LONGEST]
 
 
@@ -100,7 +100,7 @@ A_FUNCTION = Argument("a function", _function)
 def a_choice(names: Sequence[str]) -> Argument:
     """Return an argument that is one of a few names."""
 
-    def take(value: object) -> str:
+    def take(value: object) -> object:
         if value not in names:
             raise ValueError
         return value

@@ -1,7 +1,7 @@
 """The decorator that checks the arguments of public functions and classes at their call."""
 
 import inspect
-import math
+import sys
 from collections.abc import Callable, Mapping, Sequence
 from functools import cache, wraps
 from typing import Any, TypeVar, get_type_hints
@@ -20,24 +20,27 @@ def checked(**arguments: Argument) -> Callable[[Target], Target]:
     (`base.hints`). The default of an argument is left as it is.
     """
 
-    def decorate(target: Target) -> Target:
-        function = target.__init__ if inspect.isclass(target) else target
+    def decorate(target: Any) -> Any:  # noqa: ANN401
+        is_class = inspect.isclass(target)
+        function = target.__init__ if is_class else target
         signature, name = inspect.signature(function), target.__qualname__
 
         @cache  # and not before the first call, because a hint may name a class that is defined later
-        def all_arguments() -> list[tuple[float, str, Any, Argument]]:
+        def all_arguments() -> list[tuple[int, str, Any, Argument]]:
             hints, found = get_type_hints(target), []
             for number, (key, each) in enumerate(signature.parameters.items()):
                 is_single = each.kind not in (each.VAR_POSITIONAL, each.VAR_KEYWORD)
                 argument = arguments.get(key) or (by_hint(hints[key]) if is_single and key in hints else None)
                 if argument is not None:
-                    place = math.inf if each.kind is each.KEYWORD_ONLY else number
+                    place = sys.maxsize if each.kind is each.KEYWORD_ONLY else number
                     found.append((place, key, each.default, argument))
             return found
 
         @wraps(function)
         def with_checks(*given: Any, **named: Any) -> Any:  # noqa: ANN401
             values = list(given)
+            group: Any
+            at: Any
             for place, key, default, argument in all_arguments():
                 group, at = (values, place) if place < len(values) else (named, key)
                 if (group is values or key in named) and group[at] is not default:
@@ -48,7 +51,7 @@ def checked(**arguments: Argument) -> Callable[[Target], Target]:
                 _require_fit(name, signature, given, named)
                 raise
 
-        if not inspect.isclass(target):
+        if not is_class:
             return with_checks
         target.__init__ = with_checks
         return target

@@ -3,11 +3,12 @@
 from collections.abc import Callable
 from functools import cache
 from pathlib import Path
+from typing import Any
 
 from numba import njit
 
 
-def cached_njit(**options: bool | str) -> Callable[[Callable], Callable]:
+def cached_njit(**options: Any) -> Callable[[Callable], Callable]:  # noqa: ANN401
     """Return a decorator that compiles with numba, and caches on disk if numba finds a writable folder."""
 
     def compiled(function: Callable) -> Callable:

@@ -6,7 +6,7 @@ from typing import Any
 
 
 @contextmanager
-def own_settings(changes: Mapping[str, Any]) -> Iterator[None]:
+def own_settings(changes: Mapping[Any, Any]) -> Iterator[None]:
     """Draw within a ``with`` block with the defaults of Matplotlib and the given ``changes``.
 
     The user's settings (``matplotlibrc``) would give other figures, or none, if they ask for LaTeX and it is

@@ -40,7 +40,7 @@ def missing_packages(project: Path = PROJECT) -> list[str]:
         return []
     known = tomllib.loads(file.read_text(encoding="utf-8"))["project"]
     needed = [*known["dependencies"], *known["optional-dependencies"]["study"]]
-    names = [re.match(r"[\w.-]+", each)[0] for each in needed]
+    names = [re.split(r"[^\w.-]", each)[0] for each in needed]
     return [name for name in names if not (_is_installed(name) or (project / name / "src").is_dir())]
 
 

@@ -90,8 +90,9 @@ def forbidden(path: str) -> InputError:
 
 def explained(error: Exception) -> Exception:
     """Return an `InputError` that explains a missing file permission; return any other error unchanged."""
-    is_forbidden = isinstance(error, OSError) and error.errno in FORBIDDEN and error.filename
-    return forbidden(error.filename) if is_forbidden else error
+    if isinstance(error, OSError) and error.errno in FORBIDDEN and error.filename:
+        return forbidden(error.filename)
+    return error
 
 
 def unusable(error: Exception) -> Exception:

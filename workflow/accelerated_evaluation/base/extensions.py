@@ -11,10 +11,12 @@ import sys
 from collections.abc import Callable, Iterable, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass, field
-from functools import cache
+from functools import cache, partial
 from importlib.metadata import EntryPoint, entry_points
+from inspect import getfile
 from pathlib import Path
 from threading import Timer
+from traceback import walk_stack
 from types import ModuleType
 from typing import Protocol
 
@@ -69,9 +71,8 @@ def current() -> Extension | None:
     While an extension is imported, it may import modules of the library for the first time. Their members are
     not its own. The innermost frame of a module shows whose code registers a member.
     """
-    frame = sys._getframe(1)
-    while _being_imported and frame.f_code.co_name != "<module>":
-        frame = frame.f_back
+    stack = (frame for frame, _ in walk_stack(sys._getframe(1)))
+    frame = next(each for each in stack if not _being_imported or each.f_code.co_name == "<module>")
     is_ours = frame.f_globals["__name__"].split(".")[0] == LIBRARY.rstrip(".")
     return _being_imported[-1] if _being_imported and not is_ours else None
 
@@ -93,7 +94,7 @@ def load_files(paths: Iterable[Path]) -> None:
         if str(path) not in EXTENSIONS:
             extension = Extension(str(path), [path], is_checked=str(path) in known)
             with located("modules"):
-                _add(extension, lambda path=path: import_file(path, "import"))
+                _add(extension, partial(import_file, path, "import"))
         if str(path) not in known:
             os.environ[VARIABLE] = os.pathsep.join([*filter(None, known), str(path)])
 
@@ -101,7 +102,7 @@ def load_files(paths: Iterable[Path]) -> None:
 def load_known() -> None:
     """Import the extensions of installed packages, and those of the environment variable, once."""
     for entry in _installed():
-        name = f"package {entry.dist.name}, entry point {entry.name}"
+        name = f"package {entry.dist and entry.dist.name}, entry point {entry.name}"
         if name in EXTENSIONS or name in (_reported or ()):
             continue
         try:
@@ -147,7 +148,7 @@ def module_of(path: Path) -> ModuleType | None:
     Such a file may contain a vehicle that is named by its class, and cannot be imported twice.
     """
     extension = known().get(str(path.resolve()))
-    return extension and extension.module
+    return None if extension is None else extension.module
 
 
 def _add(extension: Extension, load: Callable[[], ModuleType]) -> None:
@@ -183,4 +184,4 @@ def _add(extension: Extension, load: Callable[[], ModuleType]) -> None:
 def _files_of(module: ModuleType) -> list[Path]:
     """Return the Python files of a module, or of all modules of a package."""
     folders = [Path(folder) for folder in getattr(module, "__path__", [])]
-    return sorted(file for folder in folders for file in folder.rglob("*.py")) or [Path(module.__file__)]
+    return sorted(file for folder in folders for file in folder.rglob("*.py")) or [Path(getfile(module))]

@@ -23,8 +23,8 @@ def by_hint(hint: Any) -> Argument | None:  # noqa: ANN401
     if isinstance(hint, type) and hint in SIMPLE:
         return SIMPLE[hint]
     if origin in (Union, UnionType):
-        found = [by_hint(part) for part in parts]
-        return None if None in found else _any_of(found)
+        found = [argument for part in parts if (argument := by_hint(part)) is not None]
+        return _any_of(found) if len(found) == len(parts) else None
     if origin is np.ndarray:
         return _an_array(np.dtype(*get_args(parts[1])).kind)
     if origin in GROUPS:

@@ -161,7 +161,7 @@ def missing_of(member: object, contract: type) -> tuple[str, str] | None:
     whole = f"{contract.__module__}.{contract.__qualname__}"
     if getattr(contract, "_is_protocol", False):
         needed = {name for base in contract.__mro__ for name in (*vars(base), *_annotated(base))}
-    elif issubclass(member, contract) if is_class else isinstance(member, contract):
+    elif issubclass(member, contract) if isinstance(member, type) else isinstance(member, contract):
         declared = [(name, kind) for base in contract.__mro__ for name, kind in _annotated(base).items()]
         needed = {*getattr(member, "__abstractmethods__", ())}
         needed |= {name for name, kind in declared if "ClassVar" in str(kind)} if is_class else set()

@@ -67,8 +67,8 @@ def restored(value: Any, read: Any) -> Any:  # noqa: ANN401
         known = read if isinstance(read, dict) else {}
         return {key: restored(part, known.get(key)) for key, part in value.items()}
     if isinstance(value, list):
-        known = read if isinstance(read, list) and len(read) == len(value) else [None] * len(value)
-        return [restored(*pair) for pair in zip(value, known, strict=True)]
+        parts = read if isinstance(read, list) and len(read) == len(value) else [None] * len(value)
+        return [restored(*pair) for pair in zip(value, parts, strict=True)]
     if isinstance(value, date):
         return value.isoformat()
     is_number = isinstance(read, float) and isinstance(value, str) and POWER.match(value)

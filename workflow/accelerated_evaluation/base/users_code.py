@@ -10,8 +10,8 @@ from contextlib import contextmanager
 from dataclasses import replace
 from functools import partial, wraps
 from pathlib import Path
-from types import ModuleType
-from typing import Any, Self, get_type_hints
+from types import ModuleType, SimpleNamespace
+from typing import Any, NoReturn, Self, get_type_hints
 
 from accelerated_evaluation.base.arguments import Argument, described
 from accelerated_evaluation.base.errors import InputError, StudyError, located
@@ -34,7 +34,7 @@ def kept_alive() -> Iterator[None]:
     streams = sys.stdin, sys.stdout, sys.stderr
     os.chdir(FOLDER.get("user's code", folder))
 
-    def refuse(status: int) -> None:
+    def refuse(status: int) -> NoReturn:
         if os.getpid() != own:
             leave(status)
         raise SystemExit(f"os._exit({status!r})")
@@ -104,11 +104,19 @@ def guard(kind: type, contracts: Iterable[type], where: str) -> None:
         base = next((base for base in bases if inspect.isroutine(getattr(base, name, None))), None)
         if not inspect.isfunction(function) or base is None or name.startswith(("_", "from_content")):
             continue
-        hint = get_type_hints(getattr(base, name)).get("return", Any)
+        hint = _returned(getattr(base, name))
         returns = by_hint(base if hint is Self else hint)
         if returns not in (None, NOTHING) and not hasattr(function, "__wrapped__"):
             checked = _called(function, where, replace(returns, change="Correct this function."))
             setattr(owner, name, checked if member is function else type(member)(checked))
+
+
+def _returned(function: Callable) -> Any:  # noqa: ANN401
+    """Return the type hint of what a function returns; other hints may be known to type checkers only."""
+    own = SimpleNamespace(
+        __annotations__={"return": getattr(function, "__annotations__", {}).get("return", Any)}
+    )
+    return get_type_hints(own, vars(sys.modules[function.__module__]))["return"]
 
 
 def _called(function: Callable, where: str, returns: Argument) -> Callable:

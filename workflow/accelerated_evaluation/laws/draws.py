@@ -9,7 +9,7 @@ from abc import ABC, abstractmethod
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
-from typing import Any, ClassVar, Protocol, Self
+from typing import TYPE_CHECKING, Any, Protocol, Self
 
 import numpy as np
 import pandas as pd
@@ -69,15 +69,24 @@ class Draws(ABC):
     True
     """
 
-    has_draws: ClassVar[bool] = True
-    proposal: Law
-    names: tuple[str, ...]
-    laws: Sequence[Any]
+    if TYPE_CHECKING:  # a field or a property of each class of draws
+
+        @property
+        def proposal(self) -> Law:
+            """The law under which encounters are drawn."""
+
+        @property
+        def names(self) -> tuple[str, ...]:
+            """Name of the candidate from which each draw was made, of length K."""
+
+        @property
+        def laws(self) -> Sequence[Any]:
+            """The law of each draw, of length K; of smooth laws, that of the closing speed."""
 
     @property
+    @abstractmethod
     def law(self) -> Law:
         """The law that a law file contains: the proposal with the draws."""
-        return self
 
     @property
     def size(self) -> int:
@@ -154,7 +163,7 @@ class Draws(ABC):
 
     def content_as_part(self) -> dict[str, Any]:
         """Return the content of the draws as a part of others."""
-        return nested_content(self)
+        return nested_content(self.law)
 
     @abstractmethod
     def subset(self, chosen: NDArray[np.intp]) -> "Draws":
@@ -199,7 +208,7 @@ class OneLaw(Draws):
         return self.proposal
 
     @property
-    def names(self) -> tuple[str]:
+    def names(self) -> tuple[str, ...]:
         """The name of the candidate, or the description of the law."""
         return (self.name or self.proposal.description,)
 
@@ -277,6 +286,11 @@ class DrawnLaws(Draws, Law):
         x = draws.draw_from_mean(POINTS, generator)
         proposal = TruncatedNormalMixture.fit(x, laws[0].box, generator, components=COMPONENTS)
         return replace(draws, own=proposal)
+
+    @property
+    def law(self) -> Law:
+        """The draws themselves, with their proposal."""
+        return self
 
     @cached_property
     def proposal(self) -> Law:
@@ -360,8 +374,8 @@ class DrawnLaws(Draws, Law):
 
     def mapped(self, change: Callable[[Law], Law]) -> Self:
         """Return single laws, and their own proposal, each replaced by a function of it."""
-        parts = [replace(part, proposal=change(part.proposal)) for part in self.parts]
-        return replace(self, parts=parts, own=change(self.own))
+        parts = [OneLaw(change(law), name) for law, name in zip(self.laws, self.names, strict=True)]
+        return replace(self, parts=parts, own=None if self.own is None else change(self.own))
 
     def subset(self, chosen: NDArray[np.intp]) -> Self:
         """Return the draws with the given indices, shape (k,), in their order; an index may be repeated."""
@@ -384,7 +398,7 @@ class DrawnLaws(Draws, Law):
     def from_content(cls, content: Mapping[str, Any], box: Box, records: pd.DataFrame | None) -> Self:
         """Build the draws from the content of their file, their limits, and the records."""
         laws = [(nested_law(part, records), part.get("name")) for part in content["draws"]]
-        parts = [law if name is None else OneLaw(law, name) for law, name in laws]
+        parts = [as_draws(law) if name is None else OneLaw(law, name) for law, name in laws]
         own = nested_law(content["proposal"], records) if "proposal" in content else None
         return cls(parts, own, content["description"])
 
@@ -401,4 +415,4 @@ def as_draws(law: Law | Draws) -> Draws:
     >>> ae.as_draws(law).size
     1
     """
-    return law if law.has_draws else OneLaw(law)
+    return law if isinstance(law, Draws) else OneLaw(law)

@@ -11,7 +11,7 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import wraps
 from inspect import isfunction
-from typing import Any, ClassVar, Protocol, Self, runtime_checkable
+from typing import TYPE_CHECKING, Any, ClassVar, Protocol, Self, runtime_checkable
 
 import numpy as np
 import pandas as pd
@@ -96,7 +96,7 @@ class Box:
     def contains(self, x: Array) -> NDArray[np.bool_]:
         """Return whether each of n points x, shape (n, d), is in the box; the result has shape (n,)."""
         require_points(x, self.names, "Box.contains, argument x")
-        return ((x >= self.lower) & (x <= self.upper)).all(axis=1)
+        return np.all((x >= self.lower) & (x <= self.upper), axis=1)
 
     def require(self, x: Array, where: str) -> None:
         """Raise InputError, which names the table ``where``, if a row of x, shape (n, d), is outside."""
@@ -198,9 +198,13 @@ class Law(ABC):
 
     kind: ClassVar[str]
     needs_records: ClassVar[bool] = False  # whether all laws of this kind take values from the records
-    has_draws: ClassVar[bool] = False  # whether the law is the proposal of draws, which come with it
-    box: Box
     description: str
+
+    if TYPE_CHECKING:  # a field or a property of each kind of law
+
+        @property
+        def box(self) -> Box:
+            """The variables and their limits."""
 
     def __init_subclass__(cls, **more: Any) -> None:  # noqa: ANN401
         """Check what the methods of a user's law return, and the points that those of this library take."""

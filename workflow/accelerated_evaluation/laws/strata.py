@@ -24,7 +24,7 @@ from accelerated_evaluation.base.arrays import Array
 from accelerated_evaluation.base.checking import checked
 from accelerated_evaluation.base.files import value_digest
 from accelerated_evaluation.base.randomness import DRAWING
-from accelerated_evaluation.laws.distributions import Distribution, Empirical
+from accelerated_evaluation.laws.distributions import Empirical, Tiltable
 from accelerated_evaluation.laws.protocol import Box, Law
 
 VARIABLES = ("lead_speed", "range", "closing_speed")
@@ -37,8 +37,8 @@ class Factors:
     One instance describes the law f, and further instances describe proposals f*.
     """
 
-    first: Distribution
-    second: Distribution
+    first: Tiltable
+    second: Tiltable
 
     def logpdf(self, first: Array, second: Array) -> Array:
         """Return the joint log density of n pairs of coordinates; arguments and result have shape (n,)."""

@@ -2,15 +2,17 @@
 
 from abc import ABC, abstractmethod
 from collections.abc import Mapping
-from typing import Any, ClassVar, Self
+from typing import TYPE_CHECKING, Any, ClassVar, Self
 
 import numpy as np
 from fewruns.estimates import Estimate, Stopping
-from fewruns.problems import ScoreProblem
 from scipy.special import ndtri
 
 from accelerated_evaluation.base.registry import Registry
 from accelerated_evaluation.base.sections import Schema, Sections, integer, section, share
+
+if TYPE_CHECKING:
+    from accelerated_evaluation.methods.problem import Problem
 
 IMPORTANCE_SAMPLING = section(
     replicates=integer(
@@ -101,7 +103,7 @@ class Method(ABC):
         return cls.name, scope, replicate
 
     @abstractmethod
-    def estimate(self, problem: ScoreProblem, stopping: Stopping, generator: np.random.Generator) -> Estimate:
+    def estimate(self, problem: "Problem", stopping: Stopping, generator: np.random.Generator) -> Estimate:
         """Return the estimated probability of the event of a problem, with its interval.
 
         Some methods need a problem with a `StratifiedLaw`, others only normal scores.

@@ -98,9 +98,9 @@ def _simulate_batch(problem: Problem, generator: np.random.Generator, size: int)
 
     The counts of a stratum are the numbers of its simulations and of its events.
     """
-    x, stratum = problem.law.draw_in_strata(size, generator)
+    x, stratum = problem.stratified.draw_in_strata(size, generator)
     happened = problem.event.happens(problem.simulate(x))
-    names = list(problem.law.shares)
+    names = list(problem.stratified.shares)
     simulations = np.bincount(stratum, minlength=len(names))
     events = np.bincount(stratum[happened], minlength=len(names))
     return {name: [int(simulations[k]), int(events[k])] for k, name in enumerate(names)}
@@ -181,7 +181,7 @@ def crude_estimates(batches: list[Counts], alpha: float) -> pd.DataFrame:
     rows = []
     for segment, (simulations, crashes) in totals.items():
         row = {"segment": segment, **_estimate(int(simulations), int(crashes), alpha)}
-        interval = binomial_interval(row["crashes"], row["simulations"], 0.05)
+        interval = binomial_interval(int(crashes), int(simulations), 0.05)
         rows.append(row | {"ci95_low": interval.low, "ci95_high": interval.high})
     return pd.DataFrame(rows)
 

@@ -37,12 +37,12 @@ class Sample:
         cls, problem: Problem, stratum: str, proposal: Factors, generator: np.random.Generator, size: int
     ) -> Self:
         """Draw a sample of a stratum, given by its name, from a proposal, and simulate it."""
-        f = problem.law.strata[stratum]
+        f = problem.stratified.strata[stratum]
         lead_speed = f.lead_speed.rvs(generator, size)
         coordinates = proposal.rvs(generator, size)
         # Both densities are of the coordinates, so the Jacobian of the map to cut-ins cancels.
         log_ratio = f.factors.logpdf(*coordinates) - proposal.logpdf(*coordinates)
-        outcomes = problem.simulate(problem.law.with_cap(f.points(lead_speed, *coordinates)))
+        outcomes = problem.simulate(problem.stratified.with_cap(f.points(lead_speed, *coordinates)))
         return cls(*coordinates, log_ratio, problem.event.happens(outcomes), outcomes)
 
     def join(self, other: "Sample") -> "Sample":
@@ -57,7 +57,7 @@ class Sample:
         return np.where(self.happened, np.exp(self.log_ratio), 0.0)
 
 
-def _joined(one: Any, two: Any, skip: str = "") -> dict[str, Array]:  # noqa: ANN401
+def _joined(one: Any, two: Any, skip: str = "") -> dict[str, Any]:  # noqa: ANN401
     names = [field.name for field in fields(one) if field.name != skip]
     return {name: np.concatenate([getattr(one, name), getattr(two, name)]) for name in names}
 
@@ -70,10 +70,10 @@ def draw_weights(
     I(x) is 1 if the event happened and 0 otherwise. The stratum of a cut-in and its lead speed v_L are drawn
     from the law, and only range and time to collision are accelerated.
     """
-    shares = np.array(list(problem.law.shares.values()))
+    shares = np.array(list(problem.stratified.shares.values()))
     which = generator.choice(len(shares), size=size, p=shares / shares.sum())
     weights = np.empty(size)
-    for index, stratum in enumerate(problem.law.shares):
+    for index, stratum in enumerate(problem.stratified.shares):
         chosen = which == index
         count = int(np.count_nonzero(chosen))
         if count:
@@ -164,7 +164,7 @@ class Running:
     variance: Array
     # Half-width of the normal interval over the estimate, infinite with fewer than two events.
     relative_half_width: Array
-    events: Array  # number of events so far
+    events: NDArray[np.int_]  # number of events so far
 
 
 def running(weights: Array, alpha: float) -> Running:
@@ -180,7 +180,7 @@ def running(weights: Array, alpha: float) -> Running:
     with np.errstate(invalid="ignore", divide="ignore"):
         variance = spread / (n - 1) / n
         half_width = normal_reach(alpha) * np.sqrt(variance) / mean
-    events = np.cumsum(weights > 0)
+    events = np.cumsum(weights > 0, dtype=int)
     return Running(mean, variance, np.where(events > 1, half_width, np.inf), events)
 
 

@@ -13,6 +13,7 @@ from typing import Any, ClassVar
 
 import numpy as np
 from fewruns.problems import ScoreProblem
+from numpy.typing import NDArray
 from scipy.cluster.vq import kmeans2
 from scipy.special import logsumexp
 
@@ -72,8 +73,7 @@ class NormalMixture:
             shares.append((1 - DEFENSIVE) * share)
             means.append(mean)
             factors.append(np.linalg.cholesky(spread + LEAST_VARIANCE * np.eye(dimension)))
-        shares = np.array(shares)
-        return cls(shares / shares.sum(), np.array(means), np.array(factors))
+        return cls(np.array(shares) / sum(shares), np.array(means), np.array(factors))
 
 
 @METHODS.add("normal_mixture")
@@ -127,7 +127,7 @@ class NormalMixtureSampling(Method):
         return mixture, STAGES * STAGE_SIZE
 
 
-def _nearest(happened: Array, score: Array, *, graded: bool) -> Array:
+def _nearest(happened: NDArray[np.bool_], score: Array, *, graded: bool) -> NDArray[np.bool_]:
     """Return which points to fit: the events, or the ELITE points nearest to the event if there are fewer.
 
     Without scores (``graded`` is False), only the events are returned. The result has shape (n,).

@@ -17,11 +17,11 @@ from accelerated_evaluation.base.arrays import Array
 from accelerated_evaluation.base.checking import checked
 from accelerated_evaluation.base.errors import InputError
 from accelerated_evaluation.base.files import without_addresses
-from accelerated_evaluation.laws import Law
+from accelerated_evaluation.laws import Law, StratifiedLaw
 from accelerated_evaluation.laws.files import read_law
 from accelerated_evaluation.laws.protocol import require_points
 from accelerated_evaluation.records.segments import read_encounters
-from accelerated_evaluation.scenarios import A_SCENARIO
+from accelerated_evaluation.scenarios import A_SCENARIO, SCENARIOS
 from accelerated_evaluation.scenarios.events import Event
 from accelerated_evaluation.scenarios.protocol import Scenario
 from accelerated_evaluation.vehicles.loading import as_vehicle
@@ -104,6 +104,18 @@ class Problem:
         return self.law
 
     @property
+    def stratified(self) -> StratifiedLaw:
+        """The law, with its strata. InputError is raised if it has none."""
+        if not isinstance(self.known_law, StratifiedLaw):
+            raise InputError(
+                "Problem, argument law",
+                seen=f"a law without strata of the lead speed, {self.known_law.description}",
+                expected="one of the paper's laws of cut-ins, whose strata the method tilts",
+                change="Fit one with fit_paper_law, or choose a method that needs no strata.",
+            )
+        return self.known_law
+
+    @property
     def dimension(self) -> int:
         """Number d of variables, and of normal scores."""
         return self.known_law.dimension
@@ -134,7 +146,7 @@ class Problem:
 
     def only(self, stratum: str) -> Self:
         """Return the problem in one stratum of a stratified law, given by its name."""
-        return replace(self, law=self.known_law.only(stratum))
+        return replace(self, law=self.stratified.only(stratum))
 
     @checked()
     def simulate(self, x: Array) -> Any:  # noqa: ANN401
@@ -204,7 +216,7 @@ def loaded_problem(law: str, encounters: str, vehicle: NamedVehicle) -> Iterator
     ``encounters`` is the table to which the law was fitted.
     """
     with vehicle.loaded() as car:
-        yield Problem("cut_in", car, law=read_law(law, read_encounters(encounters)))
+        yield Problem(SCENARIOS["cut_in"], car, law=read_law(law, read_encounters(encounters)))
 
 
 def normal_scores(from_normal_scores: Callable[[Array], Array], x: Array) -> tuple[Array, NDArray[np.bool_]]:
@@ -229,4 +241,4 @@ def normal_scores(from_normal_scores: Callable[[Array], Array], x: Array) -> tup
             is_below = np.where(increases, values < x[:, k], values > x[:, k])
             low, high = np.where(is_below, middle, low), np.where(is_below, high, middle)
         z[:, k] = high
-    return z, np.isclose(from_normal_scores(z), x, rtol=SAME, atol=SAME).all(axis=1)
+    return z, np.all(np.isclose(from_normal_scores(z), x, rtol=SAME, atol=SAME), axis=1)

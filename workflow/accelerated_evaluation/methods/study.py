@@ -2,13 +2,15 @@
 
 import warnings
 from collections.abc import Callable, Mapping, Sequence
+from typing import Any
 
 import numpy as np
 import pandas as pd
 from tqdm import trange
 
 from accelerated_evaluation.methods import Method, Stopping
-from accelerated_evaluation.methods.cross_entropy.search import Proposals
+from accelerated_evaluation.methods.cross_entropy.method import CrossEntropyMethod
+from accelerated_evaluation.methods.cross_entropy.search import Proposals, Search
 from accelerated_evaluation.methods.problem import Problem
 
 ALL = "all"
@@ -28,7 +30,8 @@ def study_method(
     are columns that identify the estimates. With separate searches of a method, replicate k uses result k
     modulo their number.
     """
-    rows, tables = [], {name: [] for name in method.tables}
+    rows: list[dict[str, Any]] = []
+    tables: dict[str, list[pd.DataFrame]] = {name: [] for name in method.tables}
     for replicate, generator in zip(
         trange(len(generators), desc=", ".join(labels.values())), generators, strict=True
     ):
@@ -55,9 +58,9 @@ def with_encounters(runs: pd.DataFrame, problem: Problem) -> pd.DataFrame:
     z = runs[scores].to_numpy()
     coordinates = problem.coordinates(z)
     renamed = runs.rename(columns={z: f"z_{name}" for z, name in zip(scores, coordinates, strict=True)})
-    if not problem.law.strata:
+    if not problem.known_law.strata:
         return renamed.assign(**coordinates)
-    names = np.array([*problem.law.shares])[problem.law.stratum_of_normal_scores(z)]
+    names = np.array([*problem.stratified.shares])[problem.stratified.stratum_of_normal_scores(z)]
     return renamed.assign(**coordinates, segment=names)
 
 
@@ -71,7 +74,7 @@ def in_scope(
 
 
 def search_strata(
-    method: Method, problem: Problem, generator_of: Callable[[str], np.random.Generator]
+    method: CrossEntropyMethod, problem: Problem, generator_of: Callable[[str], np.random.Generator]
 ) -> tuple[Proposals, pd.DataFrame]:
     """Search for the accelerated distribution f* of every stratum by the Cross-Entropy method.
 
@@ -79,14 +82,18 @@ def search_strata(
     every search.
     """
     searches = {}
-    for stratum in problem.law.strata:
-        with trange(0, desc=f"{method.name}, {stratum} m/s", unit=" iterations") as progress:
-            searches[stratum] = method.search(
-                problem, stratum, generator_of(stratum), lambda _, bar=progress: bar.update()
-            )
+    for stratum in problem.stratified.strata:
+        searches[stratum] = _searched(method, problem, stratum, generator_of(stratum))
         if searches[stratum].unfinished:
             warnings.warn(f"{method.name}, segment {stratum}: {searches[stratum].unfinished}", stacklevel=2)
     traces = [pd.DataFrame(search.trace) for search in searches.values()]
     for stratum, trace in zip(searches, traces, strict=True):
         trace.insert(0, "segment", stratum)
     return Proposals.of(searches), pd.concat(traces, ignore_index=True)
+
+
+def _searched(
+    method: CrossEntropyMethod, problem: Problem, stratum: str, generator: np.random.Generator
+) -> Search:
+    with trange(0, desc=f"{method.name}, {stratum} m/s", unit=" iterations") as progress:
+        return method.search(problem, stratum, generator, lambda _: progress.update())

@@ -82,7 +82,7 @@ def _input_rules(columns: Mapping[str, Array]) -> list[Fault]:
     ]
 
 
-def _outcome_rules(columns: Mapping[str, Array]) -> list[Fault]:
+def _outcome_rules(columns: Mapping[str, NDArray]) -> list[Fault]:
     range_, crash, min_range, min_ttc, impact_speed = (
         columns[name] for name in ("range", "crash", "min_range", "min_ttc", "impact_speed")
     )

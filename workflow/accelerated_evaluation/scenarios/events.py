@@ -145,7 +145,7 @@ def _values(event: str, name: str, function: Callable[[Any], NDArray], outcomes:
     return array
 
 
-def _outcome(name: str, outcomes: Any) -> Array:  # noqa: ANN401
+def _outcome(name: str, outcomes: Any) -> NDArray:  # noqa: ANN401
     """Return an outcome by name; InputError if the vehicle does not have this optional outcome."""
     values = getattr(outcomes, name)
     if values is None or (values.dtype.kind == "f" and np.isnan(values).any()):

@@ -43,7 +43,11 @@ def zero_or_more(default: float) -> Any:  # noqa: ANN401
 
 
 def check_number(
-    name: str, value: object, *, least: float | None = None, published: float | None = None
+    name: str,
+    value: Any,  # noqa: ANN401
+    *,
+    least: float | None = None,
+    published: float | None = None,
 ) -> None:
     """Raise InputError if a parameter is not a finite number in its range.
 
@@ -58,7 +62,7 @@ def check_number(
     if least is not None and value < least:
         raise parameter_error(name, value, f"a number of {least:g} or more")
     largest = LARGEST_MULTIPLE * abs(published or 1.0)
-    if abs(value) > largest:
+    if abs(float(value)) > largest:
         usual = f", {LARGEST_MULTIPLE} times the published {published:g}" if published else ""
         raise parameter_error(name, value, f"a size of at most {largest:g}{usual}")
 
@@ -107,7 +111,7 @@ class AccAebParameters:
             value = getattr(self, each.name)
             if each.type is float or (each.name == "aeb_ttc" and value is not None):
                 least = -math.inf if each.name in ("kp", "ki") else None
-                check_number(each.name, value, least=least, published=each.default)
+                check_number(each.name, value, least=least, published=getattr(type(self), each.name))
 
 
 def simulate_in_slices(
@@ -143,4 +147,4 @@ def available_threads() -> int:
     threads of a rule. Without the variable, the number of cores is returned.
     """
     limit = os.environ.get("OMP_NUM_THREADS", "")
-    return int(limit) if limit.isdigit() and int(limit) > 0 else numba.config.NUMBA_NUM_THREADS
+    return int(limit) if limit.isdigit() and int(limit) > 0 else vars(numba.config)["NUMBA_NUM_THREADS"]

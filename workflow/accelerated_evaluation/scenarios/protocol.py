@@ -5,7 +5,7 @@ commands and figures take the names, units and limits from the scenario, and the
 scenario.
 """
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, fields, is_dataclass
 from pathlib import Path
 from typing import Any, Protocol
@@ -54,7 +54,7 @@ def _as_they_are(x: Array) -> Array:
     return x
 
 
-def _no_rules(columns: Mapping[str, Array]) -> list[Fault]:
+def _no_rules(columns: Mapping[str, NDArray]) -> list[Fault]:
     return []
 
 
@@ -148,7 +148,7 @@ class Scenario:
     divided_by: tuple[str, tuple[float, ...]] | None = None
     to_inputs: Callable[[Array], Array] = _as_they_are
     input_rules: Callable[[Mapping[str, Array]], list[Fault]] = _no_rules
-    outcome_rules: Callable[[Mapping[str, Array]], list[Fault]] = _no_rules
+    outcome_rules: Callable[[Mapping[str, NDArray]], list[Fault]] = _no_rules
     reported_rules: Callable[[bool, Mapping[str, float]], Mapping[str, ReportedRule]] = _no_reported_rules
     noun: str = "encounter"
     scope: str = ""
@@ -297,7 +297,7 @@ class Scenario:
                 words += f" {'above' if event.is_above else 'at most'} {{threshold:g}} {{unit}}"
         return words.format(threshold=event.threshold, unit=unit)
 
-    def outcomes_of(self, columns: Sequence[ArrayLike]) -> Any:  # noqa: ANN401
+    def outcomes_of(self, columns: Iterable[ArrayLike]) -> Any:  # noqa: ANN401
         """Return the outcomes of n encounters as an instance of `outcome_type`, from columns of numbers.
 
         Parameters
@@ -373,7 +373,7 @@ class Scenario:
             ),
         ]
 
-    def described(self, encounter: ArrayLike) -> str:
+    def described(self, encounter: Iterable[float]) -> str:
         """Return a description of one encounter, shape (d,), for messages."""
         numbers = (f"{name} {value:g}" for name, value in zip(self.names, encounter, strict=True))
         return f"the encounter {', '.join(numbers)}"

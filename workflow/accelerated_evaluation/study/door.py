@@ -19,7 +19,8 @@ from accelerated_evaluation.scenarios import DEFAULT, SCENARIOS
 from accelerated_evaluation.scenarios.record_table import named_records_of
 from accelerated_evaluation.study import configuration
 
-Config = Mapping[str, Any] | str | os.PathLike
+Config = Mapping[str, Any]
+"""A configuration. Callers may also give a file with one, or the name of a scenario."""
 
 
 @checked()

@@ -29,7 +29,7 @@ def read_draws(path: Path, campaign: Campaign) -> Draws:
     A law of cut-ins must have been fitted to the encounter table of the campaign.
     """
     law = law_in(campaign.scenario, source_of(path), campaign.encounters)
-    if not law.has_draws:
+    if not isinstance(law, Draws):
         change = "Name results/STUDY/estimate/law.json, which `accelerated-evaluation estimate` writes."
         raise InputError("--under", seen=f"the single law {path}", expected="a law with draws", change=change)
     return law
@@ -41,7 +41,7 @@ def whole_in_words(campaign: Campaign, law: Law, draws: Draws | None = None) -> 
     The runs of the open batch are not used. The runs were chosen under ``law``, whose draws, if it has any,
     are the default.
     """
-    under = law if draws is None and law.has_draws else draws
+    under = law if draws is None and isinstance(law, Draws) else draws
     if under is None:
         return [ALONE]
     laws = laws_of(under, law.from_normal_scores) if under is law else laws_under(law, under)

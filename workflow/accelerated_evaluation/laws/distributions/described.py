@@ -25,8 +25,13 @@ class Distribution(Protocol):
     works in logarithms, and ``isf`` accepts probabilities down to the smallest positive double.
     """
 
-    lower: float
-    upper: float
+    @property
+    def lower(self) -> float:
+        """Lower end of the support."""
+
+    @property
+    def upper(self) -> float:
+        """Upper end of the support; it may be infinite."""
 
     def logpdf(self, x: ArrayLike) -> Array:
         """Return the log density at x; -inf outside the support."""
@@ -55,7 +60,7 @@ class Distribution(Protocol):
     def interval_probability(self, start: ArrayLike, end: ArrayLike) -> Array:
         """Return P(start <= X < end), element by element; the end may be infinite."""
 
-    def leaves(self) -> Iterator[tuple[float, Self]]:
+    def leaves(self) -> Iterator[tuple[float, Any]]:
         """Yield the weight and the distribution of each component that is not a mixture itself."""
 
 
@@ -63,10 +68,15 @@ class Distribution(Protocol):
 class Tiltable(Distribution, Protocol):
     """A distribution that can be tilted exponentially (change of measure; paper, section IV.B)."""
 
-    theta_limit: float  # upper limit of the parameter theta of the tilting; it may be infinite
+    @property
+    def theta_limit(self) -> float:
+        """Upper limit of the parameter theta of the tilting; it may be infinite."""
 
     def cumulant(self, theta: float) -> float:
         """Return kappa(theta) = log E exp(theta X), the log moment generating function."""
+
+    def to_dict(self) -> dict[str, Any]:
+        """Return the kind and the parameters as a dictionary for JSON."""
 
     def tilt(self, theta: float) -> Self:
         """Return the exponentially tilted distribution, with density exp(theta x - kappa(theta)) f(x)."""
@@ -114,7 +124,7 @@ class Described(ABC):
         with np.errstate(invalid="ignore"):
             return np.where(np.isneginf(low), 0.0, np.exp(low) * -np.expm1(self.logsf(end) - low))
 
-    def leaves(self) -> Iterator[tuple[float, Distribution]]:
+    def leaves(self) -> Iterator[tuple[float, Any]]:
         """Yield the distribution itself, with the weight one."""
         yield 1.0, self
 
@@ -147,7 +157,7 @@ def distribution(kind: str) -> Callable[[DescribedClass], DescribedClass]:
     return register
 
 
-def from_dict(content: Mapping[str, Any]) -> Described:
+def from_dict(content: Mapping[str, Any]) -> Any:  # noqa: ANN401
     """Build a distribution from the dictionary that its method ``to_dict`` returned.
 
     AttributeError, KeyError, TypeError or ValueError is raised if it describes no distribution of a known

@@ -77,8 +77,8 @@ def _share(state: Array, tolerance: Array) -> Array:
 class Mixture(Described):
     """Weighted sum of distributions (paper, section III.B.3)."""
 
-    weights: tuple[float, ...]  # positive, summing to one
-    components: tuple[Tiltable, ...]  # a component may itself be a mixture
+    weights: Sequence[float]  # positive, summing to one
+    components: Sequence[Any]  # distributions; a component may itself be a mixture
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "weights", tuple(float(weight) for weight in self.weights))

@@ -204,8 +204,13 @@ class MeanLaw(Draws, SmoothLaw):
         return {segment: MeanStratum(self.lead_speeds[segment], self.draws) for segment in self.counts}
 
     @property
-    def proposal(self) -> Self:
+    def proposal(self) -> Law:
         """The mean law itself."""
+        return self
+
+    @property
+    def law(self) -> Law:
+        """The mean law itself, with the draws."""
         return self
 
     @property

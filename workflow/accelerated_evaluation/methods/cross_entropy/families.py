@@ -90,8 +90,13 @@ class PiecewiseFamily:
     minimum_events: int  # a piece in which a sample has fewer events keeps its theta (section V.C.4)
 
     @classmethod
-    def start(cls, model: PiecewiseMixture, minimum_weight: float, minimum_events: int) -> "PiecewiseFamily":
-        """Return the family with which a search starts: the model, with small weights raised to the bound."""
+    def start(cls, model: Tiltable, minimum_weight: float, minimum_events: int) -> "PiecewiseFamily":
+        """Return the family with which a search starts: the model, with small weights raised to the bound.
+
+        A model that is no mixture is one piece.
+        """
+        if not isinstance(model, PiecewiseMixture):
+            model = PiecewiseMixture((1.0,), (model,))
         weights = bounded_weights(np.asarray(model.weights), minimum_weight)
         return cls(model, (0.0,) * len(weights), weights, minimum_weight, minimum_events)
 

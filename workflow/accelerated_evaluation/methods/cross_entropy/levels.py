@@ -3,6 +3,7 @@
 from dataclasses import dataclass
 
 import numpy as np
+from numpy.typing import NDArray
 
 from accelerated_evaluation.base.arrays import Array
 from accelerated_evaluation.laws import Factors
@@ -54,7 +55,7 @@ class Level:
 
     families: Families
     sample: Sample
-    happened: Array  # whether each simulation belongs to the event, shape (n,)
+    happened: NDArray[np.bool_]  # whether each simulation belongs to the event, shape (n,)
     threshold: float  # t_TTC of the event [s]
     simulations: int  # of this iteration, including those from which the truncation points moved away
 
@@ -97,7 +98,7 @@ def draw_level(
 
     def enough(sample: Sample) -> bool:
         scores = event_score(sample, settings.range_per_ttc)
-        return np.count_nonzero(scores <= threshold) >= settings.minimum_events
+        return bool(np.count_nonzero(scores <= threshold) >= settings.minimum_events)
 
     sample, batches = draw(families), 1
     quantile = _smallest(sample, settings, int(settings.event_quantile * settings.sample_size))

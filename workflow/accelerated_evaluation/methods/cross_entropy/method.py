@@ -68,7 +68,7 @@ class CrossEntropyMethod(Method):
     def configured(cls, sections: Sections) -> Self:
         """Return the method with the settings of its sections."""
         settings = sections["importance_sampling"]
-        search = CONSTANTS | sections["cross_entropy"]
+        search = {**CONSTANTS, **sections["cross_entropy"]}
         return cls(search, settings["simulations"], settings["course_step"])
 
     @classmethod
@@ -99,7 +99,7 @@ class CrossEntropyMethod(Method):
         settings = SearchSettings(
             **{name: self.cross_entropy[name] for name in SearchSettings.__dataclass_fields__}
         )
-        start = self.start(problem.law.strata[stratum].pieces)
+        start = self.start(problem.stratified.strata[stratum].pieces)
         return search(
             problem, stratum, start, settings, generator, shift=self.shift(), on_iteration=on_iteration
         )
@@ -118,7 +118,7 @@ class CrossEntropyMethod(Method):
         """
         limit = stopping.maximum_simulations
         if proposals is None:
-            searches = {name: self.search(problem, name, generator) for name in problem.law.strata}
+            searches = {name: self.search(problem, name, generator) for name in problem.stratified.strata}
             proposals = Proposals.of(searches)
             limit = max(limit - proposals.total, 0)
         weights, converged_at = run_to_convergence(
@@ -137,7 +137,7 @@ class CrossEntropyMethod(Method):
         )
         if not estimate.events:
             high = limit_without_event(
-                problem.law, proposals.factors, estimate.estimating, stopping.alpha, generator
+                problem.stratified, proposals.factors, estimate.estimating, stopping.alpha, generator
             )
             estimate = replace(estimate, high=high)
         return replace(estimate, tables={"course": course_table(weights, stopping.alpha, self.course_step)})

@@ -35,11 +35,12 @@ def repeated_searches(
     `parameter_change` of each coordinate.
     """
     reach, only, rows = normal_reach(stopping.alpha) / stopping.beta, problem.only(stratum), []
+    law = only.stratified
     for method, updates, seed in tqdm([(m, n, s) for m in methods for n in CRASH_UPDATES for s in SEEDS]):
         longer = replace(method, cross_entropy={**method.cross_entropy, "crash_iterations": updates})
         search = longer.search(only, stratum, generator_of(method.name, seed))
         proposals, trace = {stratum: search.proposal}, pd.DataFrame(search.trace)
-        variation = exact_variation(crash_map, only.law, proposals, ignored_shares=(IGNORED_SHARE,))[stratum]
+        variation = exact_variation(crash_map, law, proposals, ignored_shares=(IGNORED_SHARE,))[stratum]
         rows.append(
             {
                 "method": method.name,

@@ -47,7 +47,7 @@ class CrossingOutcomes:
     )
 
 
-def outcome_rules(columns: Mapping[str, Array]) -> list[Fault]:
+def outcome_rules(columns: Mapping[str, NDArray]) -> list[Fault]:
     """Return the faults of simulated outcomes, from the columns of encounters and outcomes by name."""
     names = ("crash", "min_distance", "clearance", "impact_speed", "run_time")
     crash, min_distance, clearance, impact_speed, run_time = (columns[name] for name in names)

@@ -18,6 +18,7 @@ FASTEST = 30.0  # [m/s]; faster recorded turns are certainly wrong (data/left_tu
 SLOWEST = 0.2  # [m/s]; for a slower turning car the host waits, and rounding decides the outcome
 
 
+VEHICLES: Registry[type] = Registry("vehicle", __name__, __path__, contract=[Simulating])
 LEFT_TURN = SCENARIOS.add("left_turn")(
     Scenario(
         name="left_turn",
@@ -46,7 +47,7 @@ LEFT_TURN = SCENARIOS.add("left_turn")(
             Event.above("impact_speed", 5.0, scored_by="clearance"),
             Event.at_most("post_encroachment_time", 1.0),
         ),
-        vehicles=Registry("vehicle", __name__, __path__, contract=[Simulating]),
+        vehicles=VEHICLES,
         default_vehicle="acc_aeb",
         outcome_rules=outcome_rules,
         reported_rules=reported_rules,

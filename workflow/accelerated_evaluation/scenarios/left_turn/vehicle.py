@@ -8,7 +8,7 @@ import numpy as np
 from accelerated_evaluation.base.arrays import Array
 from accelerated_evaluation.scenarios.crossing.car import CrossingCar
 from accelerated_evaluation.scenarios.crossing.kernel import TICK
-from accelerated_evaluation.scenarios.left_turn import LEFT_TURN
+from accelerated_evaluation.scenarios.left_turn import LEFT_TURN, VEHICLES
 from accelerated_evaluation.scenarios.protocol import Scenario
 
 RADIUS = 6.0  # [m], radius of the turn
@@ -17,7 +17,7 @@ CONFLICT_ANGLE = np.arccos((RADIUS - LANE) / RADIUS)  # angle turned when the ca
 LEAD_TIME = 1.0  # [s], longest time from the start to the conflict point
 
 
-@LEFT_TURN.vehicles.add("acc_aeb")
+@VEHICLES.add("acc_aeb")
 @dataclass(frozen=True)
 class LeftTurnCar(CrossingCar):
     """The authors' car (the host) in an encounter with a car that turns left across its path."""

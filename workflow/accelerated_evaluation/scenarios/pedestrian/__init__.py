@@ -23,6 +23,7 @@ CREEPING = 1.0  # [m/s]
 FILLED = 0.02  # share of crashes in such neighbourhoods
 
 
+VEHICLES: Registry[type] = Registry("vehicle", __name__, __path__, contract=[Simulating])
 PEDESTRIAN = SCENARIOS.add("pedestrian")(
     Scenario(
         name="pedestrian",
@@ -52,7 +53,7 @@ PEDESTRIAN = SCENARIOS.add("pedestrian")(
             Event.above("impact_speed", CREEPING, scored_by="clearance"),
             Event.at_most("post_encroachment_time", 1.0),
         ),
-        vehicles=Registry("vehicle", __name__, __path__, contract=[Simulating]),
+        vehicles=VEHICLES,
         default_vehicle="acc_aeb",
         outcome_rules=outcome_rules,
         reported_rules=reported_rules,

@@ -8,13 +8,13 @@ import numpy as np
 from accelerated_evaluation.base.arrays import Array
 from accelerated_evaluation.scenarios.crossing.car import CrossingCar
 from accelerated_evaluation.scenarios.crossing.kernel import TICK
-from accelerated_evaluation.scenarios.pedestrian import PEDESTRIAN
+from accelerated_evaluation.scenarios.pedestrian import PEDESTRIAN, VEHICLES
 from accelerated_evaluation.scenarios.protocol import Scenario
 
 LANE = 3.9  # [m], width of the lane that the pedestrian crosses
 
 
-@PEDESTRIAN.vehicles.add("acc_aeb")
+@VEHICLES.add("acc_aeb")
 @dataclass(frozen=True)
 class PedestrianCar(CrossingCar):
     """The authors' car (the host) in an encounter with a pedestrian who crosses its lane.
