@@ -236,7 +236,7 @@ def test_an_estimate_says_why_it_has_converged_and_what_is_excluded():
     assert found.converged
     assert found.reason == "the interval is narrow, and the certificate is met"
     assert "parts of the event with more than 0.5 times its probability" in found.excluded
-    assert "smaller ones to which the scores lead" in found.excluded
+    assert "smaller ones if the scores fall towards them at most 1.5 times as steeply" in found.excluded
     assert str(found).startswith(f"{found.probability:.3g} (80 % interval")
     few = estimate(lambda z: (z[:, 0] > 4, 4 - z[:, 0]), 2, 1)
     rate = 1 - 0.05 ** (1 / few.diagnostics["repeats"])
@@ -301,3 +301,14 @@ def test_wrong_arguments_are_named_before_a_run(wrong, message):
     with pytest.raises(InputError, match=re.escape(message)):
         estimate(**(usual | wrong))
     assert not calls
+
+
+def test_the_loop_of_the_readme_ends_at_the_largest_number_of_simulations():
+    """Also with a score of the wrong sign, with which the estimate never converges."""
+    goal = Stopping(maximum_simulations=60)
+    sampler = Sampler(2, np.random.default_rng(1), deterministic=True)
+    while not sampler.is_done(goal):
+        z = sampler.ask(certify=sampler.is_narrow(goal))
+        sampler.tell(z[:, 0] > 4.2, z[:, 0] - 4.2)
+    assert 55 <= sampler.simulations <= 60
+    assert not sampler.has_converged(goal)

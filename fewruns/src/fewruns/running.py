@@ -62,10 +62,7 @@ def run_batches(
     """
     is_enough = partial(sampler.is_narrow, stopping) if is_enough is None else is_enough
     repeat = getattr(problem, "repeat", problem.evaluate)
-    while sampler.simulations + sampler.batch_size <= stopping.maximum_simulations:
-        enough = is_enough()
-        if sampler.has_ended(is_narrow=enough):
-            return
+    while not sampler.is_done(stopping, is_narrow=(enough := is_enough())):
         z = sampler.ask(certify=enough)
         sampler.tell(*(repeat(z) if sampler.repeats_next else problem.evaluate(z)))
         yield

@@ -16,7 +16,6 @@ from dataclasses import replace
 
 import numpy as np
 from numpy.typing import ArrayLike
-from threadpoolctl import ThreadpoolController
 
 from fewruns import results, wording
 from fewruns.arguments import check_settings, outcomes
@@ -54,12 +53,9 @@ from fewruns.progress import LAW, PLAIN, WIDE, Batch, PlainBatch, Progress
 from fewruns.repeats import RepeatBatch, end_differently
 from fewruns.search import Search
 from fewruns.second_phase import SecondPhase
+from fewruns.threads import one_thread
 from fewruns.two_phase import TwoPhaseBatch
 from fewruns.wide_laws import rarity
-
-# Linear algebra uses one thread. The matrices are small, and the results must not depend on the number of
-# cores.
-BLAS = ThreadpoolController()
 
 
 class Sampler:
@@ -114,7 +110,7 @@ class Sampler:
     >>> from fewruns import Sampler, Stopping
     >>> goal = Stopping()
     >>> sampler = Sampler(2, np.random.default_rng(1))
-    >>> while not sampler.has_converged(goal):
+    >>> while not sampler.is_done(goal):
     ...     z = sampler.ask(certify=sampler.is_narrow(goal))
     ...     margin = 6 - z.sum(axis=1)
     ...     sampler.tell(margin < 0, margin)
@@ -185,7 +181,7 @@ class Sampler:
                 progress.narrow_at = None
             elif progress.narrow_at is None:
                 progress.narrow_at = len(progress.z)
-            with BLAS.limit(limits=1):
+            with one_thread():
                 progress.pending = self._check(certify=certify) or self._design(certify=certify)
         return progress.pending.z.copy()
 
@@ -279,6 +275,15 @@ class Sampler:
             return True
         excluded = self._has_excluded_all_else() and self._exclusion.is_sufficient
         return excluded and not self.may_lapse and not self.progress.repeats.drift
+
+    def is_done(self, stopping: Stopping, *, is_narrow: bool | None = None) -> bool:
+        """Return whether the runs end: converged or not, and never above the largest number of simulations.
+
+        ``is_narrow`` says whether the estimate is precise enough, by default whether the interval is narrow.
+        """
+        if self.simulations + self.batch_size > stopping.maximum_simulations:
+            return True
+        return self.has_ended(is_narrow=self.is_narrow(stopping) if is_narrow is None else is_narrow)
 
     def has_ended(self, *, is_narrow: bool) -> bool:
         """Return whether the estimate has converged, or no further runs would help it to converge.

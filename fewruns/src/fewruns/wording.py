@@ -4,7 +4,7 @@ import numpy as np
 
 from fewruns.certificate import BY_DEFAULT
 from fewruns.checks import Checks
-from fewruns.constants import FEW, UNSEEN_ALPHA
+from fewruns.constants import FEW, STEEPER, UNSEEN_ALPHA
 from fewruns.cover import Cover
 from fewruns.estimates import Stopping
 from fewruns.exclusion import Exclusion
@@ -56,7 +56,8 @@ def excluded(progress: Progress, exclusion: Exclusion, checks: Checks, probabili
         if required.curvature:
             parts += f" and a radius of at least {1 / required.curvature:.2g} normal scores"
         by_scores = isinstance(required, Cover) and exclusion.has_scores and exclusion.dimension <= FEW
-        parts += ", and smaller ones to which the scores lead" * by_scores
+        towards = f"at most {STEEPER:g} times as steeply as towards the known parts"
+        parts += f", and smaller ones if the scores fall towards them {towards}" * by_scores
     if checks.deterministic is not None or progress.chance or not len(progress.repeats):
         return parts
     rate = 1 - UNSEEN_ALPHA ** (1 / len(progress.repeats))
