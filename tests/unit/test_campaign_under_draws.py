@@ -77,7 +77,9 @@ def test_a_campaign_under_one_law_is_read_under_all(campaign, law, encounters, f
     command = ["campaign", "status", str(folder / "campaign.json")]
     assert cli.main([*command, "--under", str(folder / "law.json")]) == 0
     printed = capsys.readouterr().out
-    assert "80%: " in printed
+    assert (
+        "80%: " in printed or "not known from these runs" in printed
+    )  # if half of the draws are out of reach
     assert "\neffective   " in printed
     assert cli.main(command) == 0
     assert ALONE in capsys.readouterr().out

@@ -16,7 +16,7 @@ EDIT = "\n# edited\n"
 # By hand: the rules that run again after an edit, besides those of the notebooks and those that always do.
 ALWAYS = {"explorer", "name_numbers", "book", "all", "accept_records", "draw_toy_figure"}
 ANSWER = {"fit_family", "study_answer", "compare_vehicles", "compare_laws", "compare_record_variants"}
-ANSWER |= {"replay_encounters", "count_crashes", "predict_humans", "study_lead_motion"}
+ANSWER |= {"replay_encounters", "count_crashes", "predict_humans", "study_lead_motion", "judge_criteria"}
 SEARCHING = ("single", "piecewise", "heuristic", "shifted")
 METHODS = {"search_proposals", "collect_traces", "compute_exact", "run_crude_monte_carlo", "study_coverage"}
 METHODS |= {f"estimate_{name}" for name in (*SEARCHING, "surrogate", "toy_method")}

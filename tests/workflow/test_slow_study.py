@@ -88,7 +88,7 @@ class Car:
 """
 FEW_RUNS = {
     "vehicle": {"name": "car.py:Car", "parameters": {"log": "simulated.txt"}},
-    "simulations": {"slow": True, "workers": 1},
+    "simulations": {"slow": True, "workers": 1, "retries": 0},  # each loss ends the study
     "surrogate": {"maximum_calls": 150},
 }
 
