@@ -21,7 +21,7 @@ CLEAN = (
     f"{LIBRARY}/scenarios",
     f"{LIBRARY}/study/door.py",
 )
-ELSEWHERE = 652  # errors in all other modules
+ELSEWHERE = 651  # errors in all other modules
 
 
 def errors_of(output: str) -> Counter[str]:

@@ -3,11 +3,13 @@
 from collections.abc import Iterator
 from contextlib import contextmanager
 from threading import Lock
+from typing import Any
 
 from threadpoolctl import ThreadpoolController
 
 BLAS = ThreadpoolController()
-_lock, _limits = Lock(), []
+_lock = Lock()
+_limits: list[Any] = []
 _inside = 0
 
 

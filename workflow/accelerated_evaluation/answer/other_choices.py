@@ -1,6 +1,6 @@
 """Tables of other treatments of the records, and of other choices, from the same draws and lines of a map."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 
 import pandas as pd
 
@@ -32,14 +32,15 @@ def other_choices(
     crash_map: CrashMap,
     vehicle: Vehicle,
     size: int,
-    outlier_rows: Sequence[int],
+    outlier_rows: list[int],
     streams: Streams,
 ) -> Mapping[str, pd.DataFrame]:
     """Return the tables by name: `quality_table`, far records, near misses, limits of the host and choices.
 
     ``size`` is the number of draws of the answer from near misses.
     """
-    lead_speed, support = records.data.lead_speed, records.data.support
+    distinct = records.distinct
+    lead_speed, support = distinct.lead_speed, distinct.support
     draws = study.draws(streams("draws"))
     of_events = {
         event: thinned_lines(
@@ -53,10 +54,8 @@ def other_choices(
     variants = record_variants(records.table, crashed, outlier_rows, support)
     margins = record_margins(Problem(CUT_IN, vehicle), records.x)
     near_misses = near_miss_answer(margins, size, streams("near-miss answer"))
-    closing_speed = records.data.closing_speed
-    hosts = host_limit_table(
-        {names[event]: each for event, each in of_events.items()}, draws, lead_speed, closing_speed
-    )
+    by_name = {names[event]: each for event, each in of_events.items()}
+    hosts = host_limit_table(by_name, draws, lead_speed, distinct.closing_speed)
     choices = [choice_table(study, lines, streams), as_choices(hosts, names[CRASH]), as_choice(near_misses)]
     return {
         "data_quality": quality_table(variants, study, lines, streams),

@@ -4,12 +4,12 @@ from collections.abc import Callable, Mapping
 
 import numpy as np
 import pandas as pd
+from numpy.typing import NDArray
 from tqdm import tqdm
 
 from accelerated_evaluation.answer.law_study import LawStudy
 from accelerated_evaluation.answer.posterior import SUMMARY, Posterior, summarise
 from accelerated_evaluation.answer.smooth_family import SmoothFamily, named
-from accelerated_evaluation.base.arrays import Array
 from accelerated_evaluation.crash_map.lines import CrashLines
 from accelerated_evaluation.laws.smooth.family import DistinctRecords
 from accelerated_evaluation.laws.smooth.support import SUPPORT, Support
@@ -38,7 +38,10 @@ def threshold_table(study: LawStudy, lines: CrashLines, streams: Streams) -> pd.
 
 
 def record_variants(
-    encounters: pd.DataFrame, crashed: Array, outlier_rows: list[int], support: Support = SUPPORT
+    encounters: pd.DataFrame,
+    crashed: NDArray[np.bool_],
+    outlier_rows: list[int],
+    support: Support = SUPPORT,
 ) -> dict[str, DistinctRecords]:
     """Return the records after alternative treatments of the data, by the name of the treatment.
 
