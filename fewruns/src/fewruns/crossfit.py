@@ -10,11 +10,11 @@ from dataclasses import dataclass
 from itertools import pairwise
 
 import numpy as np
+from threadpoolctl import threadpool_limits
 
 from fewruns.arrays import Array
 from fewruns.belief import Belief
 from fewruns.sampler import Sampler
-from fewruns.threads import one_thread
 from fewruns.two_phase import TwoPhaseBatch
 
 FOLDS = 5
@@ -52,7 +52,7 @@ def cross_fitted(sampler: Sampler, stored: int) -> list[Control]:
     ends = len(progress.z) - sum(sizes) + np.cumsum([0, *sizes])
     runs = [np.arange(*part) for part in pairwise(ends)][-stored:]
     batches, controls = progress.batches[-stored:], []
-    with one_thread():
+    with threadpool_limits(1, "blas"):  # the matrices are small
         for fold in range(min(FOLDS, stored)):
             belief = sampler.belief.refitted(progress.without(np.concatenate(runs[fold::FOLDS])))
             controls.append([Control.by(belief, batch) for batch in batches[fold::FOLDS]])

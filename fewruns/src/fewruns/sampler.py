@@ -16,6 +16,7 @@ from dataclasses import replace
 
 import numpy as np
 from numpy.typing import ArrayLike
+from threadpoolctl import ThreadpoolController
 
 from fewruns import results, wording
 from fewruns.arguments import check_settings, outcomes
@@ -53,9 +54,12 @@ from fewruns.progress import LAW, PLAIN, WIDE, Batch, PlainBatch, Progress
 from fewruns.repeats import RepeatBatch, end_differently
 from fewruns.search import Search
 from fewruns.second_phase import SecondPhase
-from fewruns.threads import one_thread
 from fewruns.two_phase import TwoPhaseBatch
 from fewruns.wide_laws import rarity
+
+# Linear algebra uses one thread. The matrices are small, and the results must not depend on the number of
+# cores.
+BLAS = ThreadpoolController()
 
 
 class Sampler:
@@ -181,7 +185,7 @@ class Sampler:
                 progress.narrow_at = None
             elif progress.narrow_at is None:
                 progress.narrow_at = len(progress.z)
-            with one_thread():
+            with BLAS.limit(limits=1):
                 progress.pending = self._check(certify=certify) or self._design(certify=certify)
         return progress.pending.z.copy()
 
