@@ -438,7 +438,8 @@ def test_an_installed_package_adds_members_by_its_entry_point(tmp_path):
     ):
         command = [sys.executable, "-m", "accelerated_evaluation.cli", *named]
         run = subprocess.run(command, cwd=tmp_path, env=here, capture_output=True, text=True)
-        lines = run.stderr.splitlines()
+        # On a slow machine a further line says that the import takes long.
+        lines = [line for line in run.stderr.splitlines() if not line.startswith("importing package")]
         assert (run.returncode, len(lines)) == (status, 1 + (status > 0)), run.stderr
         assert lines[0].startswith(f"warning: {message}")
         assert status == 0 or lines[1].startswith(f"error: {message}")
