@@ -137,3 +137,15 @@ def test_fleets_that_cannot_be_monitored(study, capsys, text, options, message):
     assert cli.main(["monitor", "one", "fleet.csv", *options]) == 2
     assert message in capsys.readouterr().err
     assert not (study / "results/monitor.csv").exists()
+
+
+def test_rates_of_zero_are_possible_values_of_a_prediction():
+    """Some draws of a vehicle that hardly ever crashes have no crash; they explain no counted one."""
+    counts = InService(np.array([1.0, 2.0]), np.array([0.0, 1.0]))
+    rates = np.repeat([0.0, 0.7], 2000)
+    weights = counts.weights(rates)
+    assert weights[:2000].sum() == 0
+    assert weights.sum() == pytest.approx(1)
+    own, without = counts.e_values(rates), counts.e_values(rates[2000:])
+    assert own[1] == pytest.approx(without[1])
+    assert np.isfinite(own).all()

@@ -9,21 +9,16 @@ import pandas as pd
 import pytest
 from accelerated_evaluation import cli, load_vehicle
 from accelerated_evaluation.study.configuration import read_yaml
+from guide_files import files_in, text_of, write_all
 
-ROOT = Path(__file__).resolve().parents[2]
-PAGE = (ROOT / "docs" / "your_simulator.md").read_text()
-FILES = dict(re.findall(r"^File `([^`]+)`:\n\n```\w+\n(.*?)^```$", PAGE, re.DOTALL | re.MULTILINE))
+FILES = files_in(text_of("your_simulator"))
 LOOPS = {"highway": "highway_env", "sumo": "libsumo", "engine": "scenariogeneration"}
-FEWER = "data: {sample: 3000, spmd: {outlier_rows: []}}\nsurrogate: {maximum_calls: 100}\n"
 
 
 @pytest.fixture
 def clone(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
-    for name, content in FILES.items():
-        Path(name).write_text(content)
-    Path("fewer.yaml").write_text(FEWER)
-    Path("data").symlink_to(ROOT / "data")
+    write_all(FILES)
     return tmp_path
 
 

@@ -12,26 +12,19 @@ import pytest
 from accelerated_evaluation import cli, load_vehicle
 from accelerated_evaluation.study.configuration import load, read_yaml
 from accelerated_evaluation.vehicles.protocol import OUTCOMES
+from guide_files import files_in, text_of, write_all
 
-ROOT = Path(__file__).resolve().parents[2]
-GUIDE = "\n".join(
-    (ROOT / "docs" / f"{name}.md").read_text()
-    for name in ("your_vehicle", "vehicle_reference", "staying_program")
-)
+GUIDE = text_of("your_vehicle", "vehicle_reference", "staying_program")
 BLOCKS = re.findall(r"^```(\w*)\n(.*?)^```$", GUIDE, re.DOTALL | re.MULTILINE)
 COMMANDS = [content for language, content in BLOCKS if not language]
-FILES = dict(re.findall(r"^File `([^`]+)`:\n\n```\w+\n(.*?)^```$", GUIDE, re.DOTALL | re.MULTILINE))
-FEWER = "data: {sample: 3000, spmd: {outlier_rows: []}}\nsurrogate: {maximum_calls: 100}\n"
+FILES = files_in(GUIDE)
 
 
 @pytest.fixture
 def clone(tmp_path, monkeypatch):
     """Write the files of the guide into a folder that has the records."""
     monkeypatch.chdir(tmp_path)
-    for name, content in FILES.items():
-        Path(name).write_text(content)
-    Path("fewer.yaml").write_text(FEWER)
-    Path("data").symlink_to(ROOT / "data")
+    write_all(FILES)
     return tmp_path
 
 

@@ -13,7 +13,7 @@ from dataclasses import dataclass
 import numpy as np
 import pandas as pd
 from fewruns.weights import effective_number
-from scipy.special import gammaln, logsumexp
+from scipy.special import gammaln, logsumexp, xlogy
 from scipy.stats import gamma, poisson
 
 from accelerated_evaluation.answer.posterior import Posterior, summarise
@@ -33,16 +33,19 @@ class InService:
     events: Array  # shape (n,)
 
     def e_values(self, rates: Array) -> Array:
-        """Return the e-process at each time, for equally likely values of the predicted rate, shape (n,)."""
+        """Return the e-process at each time, for equally likely values of the predicted rate, shape (n,).
+
+        At least one rate has to be positive.
+        """
         expected = np.outer(self.exposure, rates)
         events = self.events[:, None]
-        null = events * np.log(rates) - expected  # log likelihood, up to a factor of each time
+        null = xlogy(events, rates) - expected  # log likelihood, up to a factor of each time
         evidence = null + log_mean_ratio(events, expected)
         return np.exp(logsumexp(evidence, axis=1) - logsumexp(null, axis=1))
 
     def weights(self, rates: Array) -> Array:
         """Return the posterior weights of equally likely rates after the last time, with the sum 1."""
-        logs = self.events[-1] * np.log(rates) - self.exposure[-1] * rates
+        logs = xlogy(self.events[-1], rates) - self.exposure[-1] * rates
         return np.exp(logs - logsumexp(logs))
 
     def mid_p(self, rates: Array) -> float:

@@ -27,7 +27,7 @@ GROUP = "accelerated_evaluation"
 VARIABLE = "ACCELERATED_EVALUATION_MODULES"  # paths of the files, separated as in PATH
 LIBRARY = "accelerated_evaluation."
 EXTENSIONS: dict[str, "Extension"] = {}
-SLOW = 5.0  # [s], after which the user is told which module is still being imported
+SLOW = 5.0  # [s], after which a message names the module that is still being imported
 _being_imported: list["Extension"] = []
 _reported: set[str] | None = None  # extensions whose faults were reported; None if a fault is an error
 

@@ -85,15 +85,17 @@ class Monitor:
         key = next(name for name, unit in UNITS.items() if unit == arguments.per)
         require_file(arguments.fleet, "Correct the path of the table.")
         table = read_csv(arguments.fleet, {"monitor --help": key, "--help": "crashes"})
-        found = pd.DataFrame()
-        for name in (key, "crashes"):
-            where = f"{arguments.fleet}, row {{}}"
-            found[name] = column_of_numbers(table[name], lambda row: where.format(row + 2), "Correct it.")  # noqa: B023
+
+        def where(row: int) -> str:
+            return f"{arguments.fleet}, row {row + 2}"
+
+        columns = (key, "crashes")
+        found = pd.DataFrame({name: column_of_numbers(table[name], where, "Correct it.") for name in columns})
         wrong = (found < 0).any(axis=1) | (found["crashes"] % 1 != 0)
         if wrong.any() or not found[key].sum() > 0:
             row = int(np.argmax(wrong.to_numpy())) if len(found) else 0
             raise InputError(
-                f"{arguments.fleet}, row {row + 2}",
+                where(row),
                 seen=", ".join(f"{name} {found[name].iloc[row]:g}" for name in found)
                 if len(found)
                 else "no row",
@@ -101,6 +103,13 @@ class Monitor:
                 change="Correct the table.",
             )
         rates, basis = study_rates(arguments.study, arguments.per)
+        if not rates.any():
+            raise InputError(
+                arguments.study,
+                seen="a predicted rate of 0",
+                expected="a study that predicts crashes",
+                change="Name a study whose vehicle crashes in some encounters.",
+            )
         reported = np.linspace(low, high, len(rates))
         # Rates have a random order, so that these pairs are independent.
         counts = InService(found[key].cumsum().to_numpy(), found["crashes"].cumsum().to_numpy())

@@ -47,6 +47,8 @@ class Conversation:
 
     def end(self) -> None:
         """Close the input of the program, and end it if it does not end by itself."""
+        if self._process.returncode is not None:
+            return  # after a fault; its number may belong to another process by now
         with suppress(OSError):
             self._process.stdin.close()
         with suppress(subprocess.TimeoutExpired):
