@@ -157,7 +157,7 @@ def test_the_command_judges_criteria(config, estimated, capsys):
     median = estimated("answer").answers[0].posterior.probability
     texts[2] = f"{median:.3g} per cut-in"
     options = [part for text in texts for part in ("--criterion", text)]
-    assert cli.main(["estimate", *configs, *options]) == 0
+    assert cli.main(["estimate", *configs, *options]) == 1  # as long as one of them is not met
     printed = capsys.readouterr().out
     assert printed.count("criterion 0.5 per cut-in: met under the models, for closing") == 1
     assert "criterion 1e-9 per cut-in: not met under the models" in printed
@@ -167,7 +167,8 @@ def test_the_command_judges_criteria(config, estimated, capsys):
     words = ["met under the models", "not met under the models", "not decided", "not known"]
     assert criteria["verdict"].tolist() == words
     assert set(deciding["criterion"]) == {texts[2]}
-    assert deciding.set_index("effort").loc["records", "needed"] > 4000
+    assert np.isnan(deciding.set_index("effort").loc["records", "needed"])
+    assert "not computed" in printed  # how many records would decide it
 
 
 def test_a_criterion_that_cannot_be_read_ends_before_the_simulations(config, capsys):

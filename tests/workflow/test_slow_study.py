@@ -119,8 +119,11 @@ def test_a_study_of_a_slow_vehicle_ends_in_a_book_though_it_dies_twice(finished,
     assert len(simulated) < len(runs) + replayed + 60
     answer = pd.read_csv(results / "laws/answer.csv").set_index("event")
     crash, severe = answer.loc["crash"], answer.loc["impact above 5 m/s"]
-    assert 0 < crash["low95"] < crash["low80"] < crash["median"] < crash["high80"] < crash["high95"] < 0.01
-    assert severe["median"] <= crash["median"]
+    # Under some draws of the law, 150 runs know nothing: the lowest end is then 0, and printed as "below".
+    assert 0 <= crash["low95"] < crash["low80"] < crash["median"] < crash["high80"] < crash["high95"] < 0.01
+    # Too few of the runs are severe: a limit is stated, and no estimate. A part is never above the whole.
+    assert pd.isna(severe["median"])
+    assert 0 < severe["high95"] <= crash["high95"]
     crashes = pd.read_csv(results / "laws/crashes.csv")
     assert crashes["share"].sum() == pytest.approx(1)
     assert crashes["impact_speed"].notna().all()
