@@ -20,7 +20,7 @@ RESOLVE := uv pip compile pyproject.toml --universal --python-version 3.11 --gen
   --no-emit-package fewruns
 export PATH := $(CURDIR)/.venv/bin:$(PATH)
 
-.PHONY: environment extras container study book article test test-slurm test-studies test-fewruns crate paper-figures pages lint format report smoke benchmark-samplers \
+.PHONY: environment extras container study book article test test-slurm test-studies test-fewruns crate pages lint format report smoke benchmark-samplers \
   benchmark-public benchmark-recordings benchmark-vehicles world worlds claims lock clean help
 .DEFAULT_GOAL := help
 
@@ -57,9 +57,6 @@ report: study ## run the study, then write its self-contained HTML report to res
 
 smoke: ## a miniature of the whole study in under two minutes
 	$(MAKE) study CONFIG=config/smoke.yaml
-
-paper-figures: $(ENVIRONMENT) ## figures, tables and numbers of a finished study for a LaTeX paper: make paper-figures [STUDY=spmd] [FIGURE=fig12]
-	accelerated-evaluation paper $(STUDY) $(if $(FIGURE),--figure $(FIGURE))
 
 pages: $(ENVIRONMENT) ## the numbers in README, guides and pages of the benchmarks, filled in again from the published tables
 	python -m accelerated_evaluation.publishing.pages
@@ -104,8 +101,8 @@ lint: $(EXTRAS) ## ruff, snakefmt and mypy
 	snakefmt --check $(RULES)
 	python tests/mypy_ratchet.py
 
-test: lint ## lint and run the tests; lists at the end the slowest tests, and what was left out
-	pytest --durations 20
+test: $(if $(ROOM),$(EXTRAS),lint) ## lint and run the tests, and list the slowest; ROOM=laws for those of one package alone
+	pytest --durations 20 $(ROOM:%=tests/unit/%)
 
 test-slurm: $(EXTRAS) ## run the smoke study through a Slurm on this machine; skipped where it cannot be installed
 	tests/slurm/install.sh

@@ -26,7 +26,7 @@ from accelerated_evaluation.track.campaign_file import read_campaign
 from accelerated_evaluation.track.limits import USUAL, Limits
 
 ROOT = Path(__file__).resolve().parents[1]
-GUIDE = ROOT / "docs" / "campaign.md"
+GUIDE = ROOT / "docs" / "campaign.md.in"
 MOST_ROUNDS = 200
 LAST_ROUND = 3  # commands: ask, simulate, tell
 TRANSCRIPT = r"(?m)^    event .*\n(?:    .+\n)+"
@@ -92,7 +92,7 @@ def main() -> None:
     """Print the transcript, and write it into the guide if that is asked for."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawTextHelpFormatter)
     parser.add_argument("--results", type=Path, default=ROOT / "results", help="folder results/ of the study")
-    parser.add_argument("--write", action="store_true", help="write the transcript into docs/campaign.md")
+    parser.add_argument("--write", action="store_true", help="write the transcript into the guide's template")
     arguments = parser.parse_args()
     results, text = arguments.results.resolve(), GUIDE.read_text(encoding="utf-8")
     with tempfile.TemporaryDirectory() as folder, contextlib.chdir(folder):

@@ -11,12 +11,12 @@ from pathlib import Path
 import numpy as np
 import pandas as pd
 from accelerated_evaluation import choose_draws, read_records
-from accelerated_evaluation.answer.answer import evaluate
-from accelerated_evaluation.answer.by_few_runs import FewRuns
-from accelerated_evaluation.answer.by_map import Map
-from accelerated_evaluation.answer.choice import ANSWER
-from accelerated_evaluation.answer.fitted_records import FittedRecords
-from accelerated_evaluation.answer.posterior import SampledPosterior
+from accelerated_evaluation.answer.candidates.fitted_records import FittedRecords
+from accelerated_evaluation.answer.ways.answer import evaluate
+from accelerated_evaluation.answer.ways.by_few_runs import FewRuns
+from accelerated_evaluation.answer.ways.by_map import Map
+from accelerated_evaluation.answer.ways.choice import ANSWER
+from accelerated_evaluation.answer.ways.posterior import SampledPosterior
 from accelerated_evaluation.base.arrays import Array
 from accelerated_evaluation.base.files import write_csv
 from accelerated_evaluation.base.randomness import child_generator

@@ -11,9 +11,9 @@ from pathlib import Path
 
 import pandas as pd
 from accelerated_evaluation import choose_draws, read_records
-from accelerated_evaluation.answer.answer import evaluate
-from accelerated_evaluation.answer.by_few_runs import FewRuns
-from accelerated_evaluation.answer.choice import ANSWER
+from accelerated_evaluation.answer.ways.answer import evaluate
+from accelerated_evaluation.answer.ways.by_few_runs import FewRuns
+from accelerated_evaluation.answer.ways.choice import ANSWER
 from accelerated_evaluation.base.files import write_csv
 from accelerated_evaluation.base.randomness import child_generator
 from accelerated_evaluation.methods.problem import Problem

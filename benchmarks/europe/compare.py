@@ -10,11 +10,15 @@ from pathlib import Path
 import numpy as np
 import pandas as pd
 from accelerated_evaluation import read_records
-from accelerated_evaluation.answer.counted_crashes import HUNDRED_CAR_MILES, KILOMETRES_PER_MILE, cut_in_rate
-from accelerated_evaluation.answer.extrapolation import exact_interval
-from accelerated_evaluation.answer.family_file import fit_or_read
-from accelerated_evaluation.answer.law_study import LawStudy
-from accelerated_evaluation.answer.moving_problem import MovingProblem
+from accelerated_evaluation.answer.candidates.family_file import fit_or_read
+from accelerated_evaluation.answer.candidates.law_study import LawStudy
+from accelerated_evaluation.answer.consequences.counted_crashes import (
+    HUNDRED_CAR_MILES,
+    KILOMETRES_PER_MILE,
+    cut_in_rate,
+)
+from accelerated_evaluation.answer.consequences.moving_problem import MovingProblem
+from accelerated_evaluation.answer.ways.extrapolation import exact_interval
 from accelerated_evaluation.base.files import write_csv
 from accelerated_evaluation.base.randomness import child_generator
 from accelerated_evaluation.crash_map.lines import CrashLines
@@ -22,6 +26,7 @@ from accelerated_evaluation.crash_map.mapping import map_crashes
 from accelerated_evaluation.crash_map.maps import CrashMap, Grid
 from accelerated_evaluation.laws.motion.recorded import Recorded
 from accelerated_evaluation.laws.smooth.conditional import Places, SpeedLaw
+from accelerated_evaluation.laws.smooth.draws import SmoothDraws
 from accelerated_evaluation.laws.smooth.family import DistinctRecords
 from accelerated_evaluation.laws.smooth.support import Support
 from accelerated_evaluation.publishing.tables.display import reproducible
@@ -101,7 +106,8 @@ def of_reaction(records: DistinctRecords, study: LawStudy, grid: Grid, per_kilom
         human = load_vehicle("cc_human", reaction_time=response)
         lines = CrashLines.of(mapped(human, grid), records.lead_speed, support=records.support)
         row: Row = {"what": "crashes in two million miles", "group": f"cc_human, {response:g} s"}
-        expected = lines.probability(family.ranges, law) * per_kilometre * kilometres
+        masses = lines.masses(SmoothDraws.of_laws(family.ranges, [law], records.support))
+        expected = masses.sum() * per_kilometre * kilometres
         yield row | {"count": records.size, "value": expected}
 
 

@@ -10,16 +10,17 @@ from collections.abc import Iterator
 
 import numpy as np
 import pandas as pd
-from accelerated_evaluation.answer.law_study import LawStudy
-from accelerated_evaluation.answer.smooth_family import SmoothFamily
+from accelerated_evaluation.answer.candidates.law_study import LawStudy
+from accelerated_evaluation.answer.candidates.smooth_family import SmoothFamily
 from accelerated_evaluation.base.arrays import Array
 from accelerated_evaluation.base.files import write_csv
 from accelerated_evaluation.base.randomness import child_generator
 from accelerated_evaluation.laws.distributions import Empirical
 from accelerated_evaluation.laws.motion import MOTIONS, LeadMotion, draw_lead_speeds
 from accelerated_evaluation.laws.motion.recorded import Recorded, recorded_courses
-from accelerated_evaluation.laws.smooth.dependent import DependentStratum
+from accelerated_evaluation.laws.smooth.draws import SmoothDraws
 from accelerated_evaluation.laws.smooth.family import DistinctRecords, members_at
+from accelerated_evaluation.laws.smooth.mean import MeanStratum
 from accelerated_evaluation.scenarios.cut_in import SPEED_LIMIT
 from hosts import encounters_of, hosts, kept
 from scipy.stats import poisson
@@ -44,7 +45,8 @@ def drawn_cut_ins(study: LawStudy, generator: np.random.Generator) -> Iterator[A
     recorded = Empirical(records.lead_speed)
     for shared, speeds in zip(draws.shared, draws.laws, strict=True):
         lead_speed = generator.choice(records.lead_speed, CUT_INS)
-        stratum = DependentStratum(recorded, draws.ranges[shared], speeds, records.support)
+        alone = SmoothDraws.of_laws(draws.ranges[shared], [speeds], records.support)
+        stratum = MeanStratum(recorded, alone)
         drawn = stratum.points(lead_speed, *generator.standard_exponential((2, CUT_INS)))
         yield np.minimum(drawn, [np.inf, np.inf, SPEED_LIMIT]).T
 

@@ -13,8 +13,8 @@ from pathlib import Path
 import numpy as np
 import pandas as pd
 from accelerated_evaluation import FittedRecords, LawStudy, choose_draws, read_records
-from accelerated_evaluation.answer.choice import ANSWER, PAPER
 from accelerated_evaluation.answer.settings import law_settings
+from accelerated_evaluation.answer.ways.choice import ANSWER, PAPER
 from accelerated_evaluation.base.files import write_csv
 from accelerated_evaluation.base.randomness import child_generator
 from accelerated_evaluation.commands.export import SAFE
@@ -151,7 +151,7 @@ def exported(law: Law, maps: Mapping[str, CrashMap], sets: int) -> pd.DataFrame:
 
 def followed(drawn: WeightedSet, vehicle: Vehicle) -> dict[str, float]:
     """Follow the page of a set: simulate its scenarios, and run the script of the page for both levels."""
-    script = re.search(r"```python\n(.*?)```", page(drawn, {}), re.DOTALL)[1]
+    script = re.search(r"```python\n(.*?)```", page(drawn, {}, CUT_IN), re.DOTALL)[1]
     crash = vehicle.simulate(*drawn.table[["lead_speed", "range", "closing_speed"]].to_numpy().T).crash
     outcomes, found = drawn.table[["scenario"]].assign(crash=crash.astype(int)), {}
     with tempfile.TemporaryDirectory() as folder, contextlib.chdir(folder), contextlib.redirect_stdout(None):

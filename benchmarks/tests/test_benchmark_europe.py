@@ -131,14 +131,3 @@ def test_closing_speeds_are_compared_with_their_law(rate, is_right):
     ]
     assert len(inside) == 3
     assert all(inside) if is_right else not any(inside)
-
-
-def test_rows_of_means_and_shares_by_hand():
-    row = compare.mean_row("m", "g", pd.Series([1.0, 2.0, 6.0, np.nan]))
-    assert (row["count"], row["value"]) == (3, 3.0)
-    assert row["high"] - 3 == pytest.approx(1.959964 * 7**0.5 / 3**0.5)
-    row = compare.share_row("s", "g", pd.Series([False] * 20))
-    assert (row["value"], row["low"]) == (0.0, 0.0)
-    assert row["high"] == pytest.approx(1 - 0.025 ** (1 / 20))
-    row = compare.share_row("s", "g", pd.Series([True] * 20))
-    assert (row["low"], row["high"]) == (pytest.approx(0.025 ** (1 / 20)), 1.0)

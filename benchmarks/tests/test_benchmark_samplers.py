@@ -23,7 +23,7 @@ import reference  # noqa: E402
 import successors  # noqa: E402
 import summarise  # noqa: E402
 from methods import Counter, Target  # noqa: E402
-from problems import INVERSE_RANGE, INVERSE_TTC, TTC_BODY, TTC_TAIL, problems  # noqa: E402
+from problems import problems  # noqa: E402
 
 BENCHMARK = json.loads((ROOT / "tests/data/benchmark_problem.json").read_text())
 COMPARED = [problem for problem in problems().values() if not problem.ours_only]
@@ -35,20 +35,6 @@ def small(monkeypatch):
     """References with 600,000 simulations instead of eight million, of events no rarer than exp(-30)."""
     for name, value in {"BATCH": 20_000, "PILOT": 15, "FINAL": 15, "REACH": 30.0}.items():
         monkeypatch.setattr(reference, name, value)
-
-
-def test_main_problem_has_the_parameters_of_the_benchmark():
-    near, far = BENCHMARK["inverse_range"]["pieces"]
-    assert INVERSE_RANGE.weights == (near["weight"], far["weight"])
-    for piece, given in zip(INVERSE_RANGE.components, (near, far), strict=True):
-        assert (piece.rate, piece.lower) == (given["rate"], given["lower"])
-    assert INVERSE_RANGE.knots == (near["upper"],)
-    body, tail = BENCHMARK["inverse_ttc"]["pieces"]
-    assert INVERSE_TTC.weights == pytest.approx((body["weight"], tail["weight"]), rel=1e-14)
-    assert TTC_BODY.weights == tuple(body["mixture_weights"])
-    assert [normal.sd for normal in TTC_BODY.components] == body["standard_deviations"]
-    assert (TTC_BODY.lower, TTC_BODY.upper) == (body["lower"], body["upper"])
-    assert (TTC_TAIL.rate, TTC_TAIL.lower) == (tail["rate"], tail["lower"])
 
 
 def test_main_problem_has_the_probability_of_the_benchmark(small):
@@ -85,20 +71,6 @@ def test_levels_are_at_most_zero_in_the_event_and_only_there(name):
     for kind in ({}, {"smooth": True}):
         level = Counter(math.inf).level(problem, **kind)(z)
         np.testing.assert_array_equal(level <= 0, happened)
-
-
-def test_tables_of_quantiles_hardly_change_the_inputs():
-    problem = problems()["segment_5_15"]
-    z = np.random.default_rng(4).uniform(-4, 6, (300, 3))
-    exact, quick = (each.law.from_normal_scores(z) for each in (problem.cut_in, problem.event))
-    np.testing.assert_allclose(quick, exact, rtol=2e-6, atol=1e-9)
-
-
-def test_every_problem_has_a_fingerprint_of_its_own():
-    events = [
-        event for each in problems().values() for event in (each.event, each.smooth) if event is not None
-    ]
-    assert len({event.fingerprint for event in events}) == len(events)
 
 
 def test_near_misses_are_the_event_that_the_papers_methods_estimate():
@@ -200,11 +172,6 @@ def test_rows_that_were_not_made_anew_are_kept():
         ["weak_aeb", "crude", 200, 2.0],
         ["circle", "crude", 0, 7.0],
     ]
-
-
-def test_standard_error_of_a_deviation_is_that_of_a_normal_sample():
-    values = pd.Series(np.random.default_rng(7).normal(1, 0.15, 20_000))
-    assert summarise._error_of_deviation(values) == pytest.approx(0.15 / math.sqrt(2 * 20_000), rel=0.05)
 
 
 def test_crude_monte_carlo_meets_its_target():

@@ -9,8 +9,8 @@ import numpy as np
 import pandas as pd
 import pytest
 from accelerated_evaluation.crash_map.mapping import map_crashes
-from accelerated_evaluation.crash_map.maps import Grid
 from accelerated_evaluation.vehicles import AccAeb
+from builders import coarse_grid
 
 pytestmark = pytest.mark.studies
 ROOT = Path(__file__).resolve().parents[2]
@@ -19,20 +19,7 @@ sys.path.insert(0, str(ROOT / "benchmarks" / "samplers"))  # before folders that
 import vehicles  # noqa: E402
 from problems import law  # noqa: E402
 
-GRID = Grid(
-    lead_speed_min=5,
-    lead_speed_max=35,
-    range_max=75,
-    lead_speed_cells=12,
-    range_cells=24,
-    refinement=4,
-    closing_speed_max=45,
-    closing_speed_points=80,
-)
-
-
-def test_the_vehicles_are_those_that_the_study_compares():
-    assert list(vehicles.vehicles()) == ["acc_aeb", "acc_only", "cc_human", "reg157", "rss", "fsm"]
+GRID = coarse_grid(speeds=(5, 35, 12), ranges=(75, 24), closing=(45.0, 80), refinement=4)
 
 
 def test_vehicles_are_estimated_beside_their_exact_probability():

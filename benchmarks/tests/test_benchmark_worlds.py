@@ -9,8 +9,8 @@ import pandas as pd
 import pytest
 from accelerated_evaluation.crash_map.lines import CrashLines
 from accelerated_evaluation.crash_map.mapping import map_crashes
-from accelerated_evaluation.crash_map.maps import Grid
 from accelerated_evaluation.laws.smooth.family import Fitter, members_at
+from builders import coarse_grid
 
 pytestmark = pytest.mark.studies
 ROOT = Path(__file__).resolve().parents[2]
@@ -42,16 +42,7 @@ def family(events):
 def lines(events):
     crash_map = map_crashes(
         RateCar(),
-        Grid(
-            lead_speed_min=5,
-            lead_speed_max=35,
-            range_max=75,
-            lead_speed_cells=8,
-            range_cells=60,
-            refinement=4,
-            closing_speed_max=45.0,
-            closing_speed_points=240,
-        ),
+        coarse_grid(speeds=(5, 35, 8), ranges=(75, 60), closing=(45.0, 240), refinement=4),
         [],
         np.random.default_rng(2),
     )

@@ -12,6 +12,7 @@ import numpy as np
 from accelerated_evaluation.base.arrays import Array
 from accelerated_evaluation.crash_map.lines import CrashLines
 from accelerated_evaluation.laws.smooth.conditional import Places, SpeedLaw
+from accelerated_evaluation.laws.smooth.draws import SmoothDraws
 from accelerated_evaluation.laws.smooth.family import DistinctRecords, LawFamily, Member
 from accelerated_evaluation.laws.smooth.far_tail import Layers
 from accelerated_evaluation.laws.smooth.shapes import Exponential
@@ -51,8 +52,9 @@ class HostSpeedLimit:
         fastest = self.fastest(lines.places.lead_speed)
         kept = -np.expm1(-self.law.given(lines.places).cumulative(fastest))
         start, end = (np.minimum(ends, fastest[lines.row]) for ends in (lines.start, lines.end))
-        within = replace(lines, start=start, end=end).masses(self.family.ranges, self.law) / kept[lines.row]
-        return self.share * within + (1 - self.share) * lines.masses(self.family.ranges, self.law)
+        laws = SmoothDraws.of_laws(self.family.ranges, [self.law])
+        within = replace(lines, start=start, end=end).masses(laws)[0] / kept[lines.row]
+        return self.share * within + (1 - self.share) * lines.masses(laws)[0]
 
     def fastest(self, lead_speed: Array) -> Array:
         """Return the largest closing speed [m/s] next to each lead speed [m/s]."""
@@ -98,8 +100,9 @@ class FewDrivers:
 
     def masses(self, lines: CrashLines) -> Array:
         """Return the mean over the drivers of the probability of the intervals."""
+        laws = SmoothDraws.of_laws(self.family.ranges, [self.law])
         each = (replace(lines, start=lines.start / f, end=lines.end / f) for f in FACTORS)
-        return np.mean([slower.masses(self.family.ranges, self.law) for slower in each], axis=0)
+        return np.mean([slower.masses(laws)[0] for slower in each], axis=0)
 
 
 class Season(TwoKindsOfDrivers):
@@ -153,7 +156,8 @@ class Stretched:
             np.minimum(ends, begin) + np.maximum(ends - begin, 0) / factor
             for ends in (lines.start, lines.end)
         )
-        return replace(lines, start=start, end=end).masses(self.family.ranges, self.law)
+        laws = SmoothDraws.of_laws(self.family.ranges, [self.law])
+        return replace(lines, start=start, end=end).masses(laws)[0]
 
     def _far(self, places: Places) -> tuple[Array, Array]:
         """Return the closing speed [m/s] at which the far part begins, and the factor, (n,) each."""

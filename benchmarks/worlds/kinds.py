@@ -7,8 +7,10 @@ import numpy as np
 from accelerated_evaluation.base.arrays import Array
 from accelerated_evaluation.crash_map.lines import CrashLines
 from accelerated_evaluation.laws.distributions import Distribution
+from accelerated_evaluation.laws.draws import OneLaw
 from accelerated_evaluation.laws.paper.models import IndependentLaw
 from accelerated_evaluation.laws.smooth.conditional import Places, SpeedLaw
+from accelerated_evaluation.laws.smooth.draws import SmoothDraws
 from accelerated_evaluation.laws.smooth.family import DistinctRecords, LawFamily, Member
 from accelerated_evaluation.laws.smooth.shapes import Generalised
 from accelerated_evaluation.laws.smooth.support import SUPPORT
@@ -50,7 +52,7 @@ class Independent:
 
     def masses(self, lines: CrashLines) -> Array:
         """Return the probability of the intervals under the law of each segment."""
-        return independent_masses(lines, self.law, np.inf)
+        return lines.masses(OneLaw(self.law))[0]
 
 
 def by_rising_speed(law: IndependentLaw) -> list[Distribution]:
@@ -58,26 +60,6 @@ def by_rising_speed(law: IndependentLaw) -> list[Distribution]:
     return [
         law.inverse_ttc[name] for name in sorted(law.inverse_ttc, key=lambda name: float(name.split("-")[0]))
     ]
-
-
-def independent_masses(lines: CrashLines, law: IndependentLaw, cap: float) -> Array:
-    """Return the crash probability of each interval under a law of the paper's kind, with a cap [m/s]."""
-    cells = (law.inverse_range.sf(np.exp(edge) / SUPPORT.range_max) for edge in (lines.farther, lines.nearer))
-    far, near = (
-        np.where(np.isfinite(edge), value, 0)
-        for edge, value in zip((lines.farther, lines.nearer), cells, strict=True)
-    )
-    share, inverse_range = lines.share * (far - near), 1 / lines.places.range_[lines.row]
-    end = np.where(lines.end > cap, np.inf, lines.end)
-    segment, masses = (
-        np.digitize(lines.places.lead_speed, Independent.edges)[lines.row],
-        np.zeros(lines.row.size),
-    )
-    for number, distribution in enumerate(by_rising_speed(law)):
-        here = (segment == number) & (lines.start <= cap)
-        ends = (distribution.sf(x[here] * inverse_range[here]) for x in (lines.start, end))
-        masses[here] = np.subtract(*ends)
-    return share[lines.row] * masses
 
 
 @dataclass(frozen=True)
@@ -93,7 +75,7 @@ class Smooth:
 
     def masses(self, lines: CrashLines) -> Array:
         """Weigh the intervals."""
-        return lines.masses(self.family.ranges, self.law)
+        return lines.masses(SmoothDraws.of_laws(self.family.ranges, [self.law]))[0]
 
 
 def draw_smooth(
@@ -155,16 +137,12 @@ class TwoKindsOfDrivers:
 
     def masses(self, lines: CrashLines) -> Array:
         """Return the probability of the intervals under both kinds."""
-        first = lines.masses(self.family.ranges, self.law)
+        laws, places = SmoothDraws.of_laws(self.family.ranges, [self.law]), lines.places
         slower = replace(lines, start=lines.start / self.faster, end=lines.end / self.faster)
-        speeds = slower.masses(self.family.ranges, self.law) / self._ranges(lines, 1.0)
-        return (1 - self.share) * first + self.share * speeds * self._ranges(lines, self.nearer)
-
-    def _ranges(self, lines: CrashLines, nearer: float) -> Array:
-        cumulative, finite = lines.places.range_hazards(self.family.ranges), np.isfinite(lines.nearer)
-        far = np.exp(-nearer * cumulative.at(lines.farther))
-        near = np.where(finite, np.exp(-nearer * cumulative.at(np.where(finite, lines.nearer, 0.0))), 0.0)
-        return np.maximum(far - near, 1e-300)[lines.row]
+        beyond = places.range_hazards(self.family.ranges).at(np.log(SUPPORT.range_max / places.range_))
+        nearer = self.nearer * np.exp((1 - self.nearer) * beyond)  # ratio of the densities of the range
+        first, second = (each.masses(laws)[0] for each in (lines, slower))
+        return (1 - self.share) * first + self.share * second * nearer[lines.row]
 
 
 class Ended(Generalised):

@@ -16,6 +16,7 @@ from accelerated_evaluation.crash_map.mapping import map_crashes
 from accelerated_evaluation.crash_map.maps import Grid
 from accelerated_evaluation.crash_map.sensitivity import Levels
 from accelerated_evaluation.laws.paper.models import IndependentLaw, fit_paper_laws
+from accelerated_evaluation.laws.smooth.draws import SmoothDraws
 from accelerated_evaluation.laws.smooth.family import DistinctRecords, Fitter, LawFamily, members_at
 from accelerated_evaluation.laws.smooth.support import SUPPORT
 from accelerated_evaluation.records.segments import assign_segments
@@ -80,9 +81,9 @@ def prepare(config: dict) -> WorldSettings:
     lines = CrashLines.of(map_crashes(AccAeb(), grid, [], child_generator(ROOT, "worlds", "map")), speed)
     made = worlds(family, law) | worlds_beyond(family)
     laws = [world.masses(lines) for world in made.values()]
-    laws += [lines.masses(family.ranges, family.law(member)) for member in MEMBERS]
+    laws += list(lines.masses(SmoothDraws.of_laws(family.ranges, [family.law(each) for each in MEMBERS])))
     mean = np.mean([masses / masses.sum() for masses in laws], axis=0)
-    thinned = lines.thinned(mean, LINES, child_generator(ROOT, "worlds", "lines"))
+    thinned = lines.thinned(np.bincount(lines.row, mean), LINES, child_generator(ROOT, "worlds", "lines"))
     return WorldSettings(speed, lengths, family, law, Levels.of(law), thinned)
 
 

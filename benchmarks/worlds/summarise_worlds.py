@@ -4,7 +4,7 @@ import argparse
 
 import numpy as np
 import pandas as pd
-from accelerated_evaluation.answer.extrapolation import exact_interval
+from accelerated_evaluation.answer.ways.extrapolation import exact_interval
 from accelerated_evaluation.base.files import write_csv
 from accelerated_evaluation.publishing.tables.display import reproducible
 from procedures import COVERAGES

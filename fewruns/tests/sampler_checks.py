@@ -4,7 +4,7 @@ import json
 from dataclasses import dataclass
 
 import numpy as np
-from fewruns import Sampler, Stopping, SystemProblem, combining, two_phase
+from fewruns import Sampler, Stopping, SystemProblem, two_phase
 from fewruns.running import estimate_problem
 from fewruns.state import content_of, sampler_of
 from scipy.stats import norm
@@ -45,16 +45,16 @@ def new_sampler(dimension=2, seed=0, batch_size=10, *, deterministic=True, **set
 def drive(sampler, event, stopping=STOPPING):
     """Run a sampler to the end, as the method does."""
     flags, twice = [], []
-    while not sampler.has_converged(stopping) and sampler.simulations < stopping.maximum_simulations:
+    while not sampler.is_done(stopping):
         z = sampler.ask(certify=sampler.is_narrow(stopping))
         assert 0 < len(z) <= sampler.batch_size
         batch = sampler.progress.pending
         happened, score = event.evaluate(z)
         sampler.tell(happened, score)
-        if isinstance(batch, two_phase.TwoPhaseBatch):
+        if isinstance(batch, two_phase.TwoPhaseBatch) and batch.weight.any():  # not of a cover
             flags.append(happened.mean())
             twice.append(batch.controlled + (batch.weight * happened / batch.inclusion).sum())
-    counted = -len(combining.consistent_batches(sampler.progress.estimates))
+    counted = -len(sampler.progress.sampled)
     return Course(sampler.estimate(stopping), sampler, np.mean(flags[counted:]), np.mean(twice[counted:]))
 
 

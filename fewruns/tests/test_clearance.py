@@ -106,7 +106,7 @@ def test_scores_are_followed_into_a_part(name, transform):
         while (part(z) > 0).all():
             score = np.minimum(to_plane(z), part(z))
             asked = z[:0], 0.5 * PLANE, LARGEST
-            points = points_in_open_balls(5, z, score <= 0, transform(score), *asked)
+            points = points_in_open_balls(5, z, score <= 0, transform(score), *asked, z[:0])
             if not len(points) or len(z) > first + 150:
                 break
             z = np.vstack([z, points])
@@ -120,7 +120,7 @@ def test_scores_are_followed_into_a_part(name, transform):
 def test_a_half_space_alone_takes_few_runs(dimension):
     z, spent = around_plane(np.random.default_rng(1), dimension), 0
     largest, centres = 1 / Cover.by_default(dimension).curvature, 4.4 * np.eye(dimension)[:1]
-    while len(points := points_in_open_balls(5, z, *known(z), centres, 0.5 * PLANE, largest)):
+    while len(points := points_in_open_balls(5, z, *known(z), centres, 0.5 * PLANE, largest, z[:0])):
         z, spent = np.vstack([z, points]), spent + len(points)
         assert spent <= 100
 

@@ -5,10 +5,10 @@ import math
 
 import numpy as np
 import pytest
-from fewruns import Cover, InputError, Sampler, SystemProblem, estimate
+from fewruns import Cover, InputError, Sampler, Stopping, SystemProblem, estimate
 from fewruns.certificate import BY_DEFAULT
 from fewruns.combining import combine, consistent_batches, estimate_batch
-from fewruns.constants import CORE, COVER_MISSED, MODES, REACHED
+from fewruns.constants import CORE, COVER_MISSED, FARTHEST, MODES, REACHED
 from fewruns.exclusion import Exclusion
 from fewruns.running import estimate_problem
 from fewruns.wide_laws import draw_wide
@@ -38,8 +38,9 @@ def test_the_unseen_mode_is_the_nearest_without_a_run(dimension, curvature):
     while cover.unseen(z) > 1e-3:
         z = np.vstack([z, cover.next_runs(5, z, 1e-3, cover.unseen(z), generator)])
     bound, trials = norm.isf(cover.unseen(z)), 40_000
-    error = 4 * math.sqrt(COVER_MISSED / trials) + 4 * math.sqrt(COVER_MISSED / MODES)
-    assert 0 < bound < 11
+    assert 0 < bound < FARTHEST
+    nearer = MODES * (bound / FARTHEST) ** 2  # as many of the modes of `Cover.unseen` decide
+    error = 4 * math.sqrt(COVER_MISSED / trials) + 4 * math.sqrt(COVER_MISSED / nearer)
     for farthest, within in ((bound, True), (1.15 * bound, False)):
         distance = farthest * np.sqrt(generator.random(trials))
         missed = 1 - contains_run(z, isotropic(generator, trials, dimension), distance, curvature).mean()
@@ -182,6 +183,24 @@ def test_flags_alone_converge_in_many_inputs_only_if_a_certificate_is_stated():
     assert estimate_problem(event, np.random.default_rng(1), STOPPING, certificate=stated).converged
     scored = standard_normal_event(lambda z: 3.5 - z[:, 0], dimension=4)
     assert estimate_problem(scored, np.random.default_rng(1), STOPPING).converged
+
+
+@pytest.mark.parametrize("poor", [lambda margin: np.minimum(margin, 0.5), np.negative])
+def test_poor_scores_end_with_the_cover_of_flags(poor, monkeypatch):
+    """Scores that saturate never close the clearances, and those of the wrong sign lead away."""
+
+    def found():
+        event = SystemProblem(lambda z: (z[:, 0] > 4.2, poor(4.2 - z[:, 0])), 2, deterministic=True)
+        return estimate_problem(event, np.random.default_rng(1), Stopping(maximum_simulations=260))
+
+    right, radius = found(), 1 / Cover.by_default(2, with_scores=False).curvature
+    assert right.converged
+    assert right.covers(ONE_PART)
+    assert right.excluded.endswith(f"a radius of at least {radius:.2g} normal scores")
+    monkeypatch.setattr(Exclusion, "has_scores", True)  # the wrong variant follows them for ever
+    wrong = found()
+    assert not wrong.converged
+    assert wrong.excluded.startswith("nothing")
 
 
 @pytest.mark.parametrize("dimension", [8, 20])

@@ -6,8 +6,6 @@ import importlib
 import io
 import pickle
 import re
-import subprocess
-import sys
 from pathlib import Path
 
 import fewruns
@@ -32,11 +30,14 @@ def test_every_public_function_and_class_has_an_example():
         assert ">>>" in getattr(fewruns, name).__doc__, name
 
 
-def blocks_of_the_guide(*, of_openturns: bool = False) -> list[str]:
-    """Return the examples of the guides, either those of this package or the one of OpenTURNS."""
+OTHERS = ("openturns", "gest_api")
+
+
+def blocks_of_the_guide(other: str = "") -> list[str]:
+    """Return the examples of the guides, either those of this package alone or the one with another."""
     text = "".join(guide.read_text(encoding="utf-8") for guide in GUIDES)
     blocks = re.findall(r"```python\n(.*?)```", text, re.DOTALL)
-    return [block for block in blocks if ("openturns" in block) == of_openturns]
+    return [block for block in blocks if other == next((name for name in OTHERS if name in block), "")]
 
 
 def test_the_guide_runs_from_top_to_bottom(tmp_path):
@@ -62,15 +63,31 @@ def test_the_guide_runs_from_top_to_bottom(tmp_path):
     assert names["sampler"].has_converged(names["goal"])
 
 
-def test_the_same_limit_state_in_openturns(capsys):
-    pytest.importorskip("openturns", reason="needs the extra peers")
-    (block,) = blocks_of_the_guide(of_openturns=True)
-    exec(block, {})
-    probability, variation, calls = map(float, capsys.readouterr().out.split())
-    resistance, load = stats.norm(7, 1), stats.lognorm(0.3, scale=1.5)
-    exact = quad(lambda s: resistance.cdf(s) * load.pdf(s), 0, 20, points=[1.5, 4, 7])[0]
-    assert probability == pytest.approx(exact, rel=4 * variation)
-    assert calls == 1200
+def test_the_generator_of_gest_api_suggests_as_many_points_as_wanted_and_ends():
+    pytest.importorskip("gest_api", reason="needs the extra gest")
+    (block,) = blocks_of_the_guide("gest_api")
+    names = {"np": np, "stats": stats}
+    with contextlib.redirect_stdout(io.StringIO()):
+        exec(block, names)
+    found, laws, vocs = names["farm"].estimate(), names["laws"], names["vocs"]
+    assert found.converged
+    assert 0.5 < found.probability / 6.2e-6 < 2
+    farm = names["EventGenerator"](vocs, laws, np.random.default_rng(2), deterministic=True)
+    first, second = farm.suggest(30), farm.suggest(30)  # the second without any result
+    assert len({point["_id"] for point in first + second}) == 60
+    late = [{**point, "margin": np.nan if point is second[0] else 1.0} for point in second]
+    farm.ingest(late[::-1])
+    assert farm.sampler.simulations == 0  # earlier runs are pending
+    farm.ingest([{**point, "margin": -1.0} for point in first])
+    progress = farm.sampler.progress
+    assert progress.happened.sum() == 30
+    assert (len(progress.z), len(progress.failed)) == (59, 1)
+    for unknown in (second[:1], [{"resistance": 7.0, "load": 1.0}]):
+        with pytest.raises(ValueError, match="those of the requested runs"):
+            farm.ingest([{**point, "margin": 1.0} for point in unknown])
+    two = vocs.model_copy(update={"constraints": {**vocs.constraints, "other": vocs.constraints["margin"]}})
+    with pytest.raises(ValueError, match="one constraint"):
+        names["EventGenerator"](two, laws, np.random.default_rng(2))
 
 
 def test_all_public_names_are_found_and_others_are_not():
@@ -85,8 +102,3 @@ def test_an_error_survives_a_process_boundary():
     again = pickle.loads(pickle.dumps(error))
     assert str(again) == str(error) == "here: seen one thing; expected another. Change it."
     assert isinstance(again, ValueError)
-
-
-def test_importing_the_package_is_quick_because_nothing_else_is():
-    code = "import fewruns, sys; sys.exit(bool({'numpy', 'numba', 'scipy'} & sys.modules.keys()))"
-    assert subprocess.run([sys.executable, "-c", code], check=False).returncode == 0

@@ -229,16 +229,6 @@ def test_lengths_are_measured_along_the_axes(known):
     assert abs(turned.probability(z) - plain.probability(z)).max() > 0.05
 
 
-def test_principal_axes():
-    points = np.random.default_rng(0).normal(size=(500, 3)) * [3.0, 1.0, 0.2]
-    turn = np.linalg.qr(np.random.default_rng(1).normal(size=(3, 3)))[0]
-    (axes,) = gaussian_process.principal_axes(points @ turn.T)
-    # Columns of the turn in the order of growing spread; their angles err by about (1 / 3) / sqrt(500).
-    assert abs(np.sum(axes * turn[:, ::-1], axis=0)) == pytest.approx(np.ones(3), abs=0.01)
-    assert gaussian_process.principal_axes(points[[0, 0, 0, 1, 2]]) == []
-    assert gaussian_process.principal_axes(points[:4, :1])[0].shape == (1, 1)
-
-
 def test_repeated_points_are_no_obstacle():
     z = np.repeat([[0.0, 0.0], [3.0, 0.0]], 20, axis=0)
     surrogate = EventSurrogate(2)

@@ -42,16 +42,16 @@ def drive(sampler, event, most=1000):
 
 
 def test_stripes_that_no_run_has_met_are_found_by_draws_of_the_law():
-    truth, event, silent = STRIPES + (1 - STRIPES) * ndtr(-LEVEL), system(STRIPES), 0
+    truth, event = STRIPES + (1 - STRIPES) * ndtr(-LEVEL), system(STRIPES)
     for seed in range(2):
         found = drive(sampler_of(seed=seed), event)
         assert found.diagnostics["counted"]
         assert found.events == found.diagnostics["law_events"]
         assert 1 / 3 < found.probability / truth < 3
         assert found.high - found.low <= 0.4 * found.probability or not found.converged
-        without = drive(sampler_of(draws=0, seed=seed), event, 400)
-        silent += without.converged and without.high < truth / 10
-    assert silent  # the wrong variant
+    # Wrong: without draws of the law, the interval from runs that met no stripe is far below the truth.
+    without = [drive(sampler_of(draws=0, seed=seed), event, 400) for seed in (2, 3)]
+    assert max(found.high for found in without) < truth / 10
 
 
 def test_a_system_without_stripes_costs_the_draws_alone():

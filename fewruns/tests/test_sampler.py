@@ -7,6 +7,7 @@ import numpy as np
 import pandas as pd
 import pytest
 from fewruns import Cover
+from fewruns.certificate import BY_DEFAULT
 from fewruns.constants import IN_VAIN, REACH
 from fewruns.exclusion import Exclusion
 from fewruns.wide_laws import bound_without_event, draw_wide
@@ -99,6 +100,18 @@ def test_flags_alone_are_enough():
 
 
 @pytest.mark.seeds
+@pytest.mark.parametrize("outside", [False, True])
+def test_a_frequent_event_is_estimated_without_bias(outside):
+    """A probability of 0.3 beyond a line, and outside a circle, about which there is no single direction."""
+    radius = math.sqrt(-2 * math.log(0.3))
+    circle = standard_normal_event(lambda z: radius - np.hypot(*z.T))
+    found = courses(circle if outside else half_plane(norm.isf(0.3)), 40, 5)
+    assert is_unbiased([course.result.probability for course in found], 0.3)
+    assert not is_unbiased([course.flags for course in found], 0.3)
+    assert not is_unbiased([course.twice_controlled for course in found], 0.3)
+
+
+@pytest.mark.seeds
 def test_half_of_everything():
     of = courses(half_plane(0.0), 4)
     assert (abs(probabilities(of) / 0.5 - 1) < 0.5).all()
@@ -144,7 +157,8 @@ def test_the_limit_of_calls_holds(maximum):
     calls = []
     event = standard_normal_event(lambda z: (calls.append(len(z)), 4.0 - z[:, 0])[1])
     result = estimate(event, 1, replace(STOPPING, maximum_simulations=maximum))
-    assert result.simulations == sum(calls) == maximum // 5 * 5
+    assert result.simulations == sum(calls)
+    assert max(maximum - 5, -1) < result.simulations <= maximum  # batches of a cover may be smaller than 5
     assert not result.converged
 
 
@@ -161,6 +175,7 @@ def test_the_certificate_takes_a_limited_number_of_runs(dimension, narrow_at, mo
     for runs, is_late in ((most - 1, False), (most, True)):
         known = replace(progress, z=np.zeros((runs, dimension)))
         assert Exclusion(known, None, 5).is_late == is_late
+        assert not Exclusion(known, BY_DEFAULT, 5).is_late  # no scores are followed
 
 
 @pytest.mark.parametrize("graded", [True, False])

@@ -4,8 +4,7 @@ import math
 
 import numpy as np
 import pytest
-from fewruns.constants import GRADED_RUNS, JITTER, UNUSED
-from fewruns.gaussian_process import thinned
+from fewruns.constants import JITTER, UNUSED
 from fewruns.graded import GradedSurrogate, end_of_events, graded
 from fewruns.search import draw_approach, target_outcome
 from fewruns.wide_laws import draw_wide, rarity
@@ -124,7 +123,7 @@ def test_loss_and_gradient_of_the_regression():
         constant = 0.5 * 25 * math.log(2 * math.pi)
         return prior - multivariate_normal(np.zeros(25), total).logpdf(outcome) - constant
 
-    value, gradient = surrogate._loss(theta, surrogate._centre)
+    value, gradient = surrogate._loss(theta, surrogate._z, surrogate._outcome, surrogate._centre)
     assert value == pytest.approx(loss(theta), abs=1e-8)
     step = 1e-4
     numeric = [(loss(theta + step * e) - loss(theta - step * e)) / (2 * step) for e in np.eye(5)]
@@ -192,11 +191,3 @@ def test_a_score_that_leads_astray_is_not_followed_forever(monkeypatch):
     assert (found[~late] == followed[~late]).all()
     assert late.sum() >= 4
     assert found[late].mean() < 0.8 * followed[late].mean()
-
-
-def test_the_smallest_outcomes_are_kept():
-    outcome = np.random.default_rng(4).normal(size=3 * GRADED_RUNS)
-    kept = thinned(np.argsort(outcome, kind="stable"), GRADED_RUNS)
-    assert len(np.unique(kept)) == GRADED_RUNS
-    assert (np.sort(outcome)[: GRADED_RUNS // 2] == np.sort(outcome[kept])[: GRADED_RUNS // 2]).all()
-    assert list(thinned(np.argsort(outcome[:50], kind="stable"), GRADED_RUNS)) == list(range(50))

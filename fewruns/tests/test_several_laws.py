@@ -142,16 +142,6 @@ def test_a_surrogate_that_has_seen_the_batch_itself_hides_the_error(samplers, cr
     assert np.mean(wrong) < 0.8 * np.mean(honest)
 
 
-@pytest.mark.seeds
-def test_ratios_are_computed_once(samplers):
-    asked = []
-    found = SeveralLaws(lambda z: (asked.append(len(z)), log_ratios(z))[1])
-    first = found.estimate(samplers[0])
-    again = found.estimate(samplers[0])
-    assert len(asked) == first.batches
-    np.testing.assert_array_equal(again.probabilities, first.probabilities)
-
-
 def test_there_is_no_posterior_without_an_estimate():
     assert laws().estimate(new_sampler()) is None
 

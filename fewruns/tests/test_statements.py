@@ -2,9 +2,8 @@
 
 import numpy as np
 import pytest
-from fewruns import Cover, estimate
+from fewruns import estimate
 from fewruns.statements import events_below_others, point_the_wrong_way
-from sampler_checks import STOPPING, half_plane, new_sampler
 
 
 def disc(z):
@@ -54,18 +53,3 @@ def test_an_upper_set_in_one_input_is_one_whatever_the_others_do():
     assert events_below_others(line, line[:, 0] > 1) == 0
     between = (line[:, 0] > 1) & (line[:, 0] < 2)
     assert events_below_others(line, between) == between.sum()
-
-
-def test_the_certificate_is_computed_once_for_each_state_of_the_runs(monkeypatch):
-    event, sampler = half_plane(), new_sampler(batch_size=5)
-    while not sampler.is_narrow(STOPPING):
-        sampler.tell(*event.evaluate(sampler.ask()))
-    computed = []
-    covered = Cover.unseen
-    monkeypatch.setattr(Cover, "unseen", lambda *given: computed.append(1) or covered(*given))
-    for _ in range(2):
-        assert sampler.estimate(STOPPING).converged == sampler.has_converged(STOPPING)
-    assert len(computed) == 1
-    sampler.tell(*event.evaluate(sampler.ask(certify=True)))
-    sampler.estimate(STOPPING)
-    assert len(computed) == 2

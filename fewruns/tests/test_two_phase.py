@@ -5,8 +5,7 @@ from dataclasses import dataclass
 import numpy as np
 import pytest
 from fewruns import combining, pools, two_phase
-from fewruns.constants import AGREEMENT, BEST, EVEN, FLOOR, KEPT, REACH, USABLE, WORTHLESS
-from fewruns.progress import Progress
+from fewruns.constants import AGREEMENT, BEST, EVEN, FLOOR, KEPT, LARGEST, REACH, USABLE
 from sampler_checks import drive, half_plane, new_sampler
 from scipy import stats
 
@@ -111,7 +110,7 @@ def test_the_cut_wide_law_keeps_its_mass():
     assert (pool.guard(REACH / 3, USUAL)[:-1] > 0).all()
     assert pool.guard(REACH / 3, USUAL)[-1] == 0
     prediction = two_phase.predict(pool, two_phase.expect(pool, 0.0), 3, 600, USUAL)
-    assert prediction == two_phase.Prediction(0.0, WORTHLESS)
+    assert prediction == two_phase.Prediction(0.0, LARGEST)
 
 
 @pytest.mark.parametrize("share", [0.2, 0.9])
@@ -216,7 +215,7 @@ def test_predicted_variance_by_hand(pool):
     assert (twice.probability, twice.variation) == pytest.approx((mean, prediction.variation))
     nothing = points(w, 0 * p)
     prediction = two_phase.predict(nothing, two_phase.expect(nothing, 0.0), 3, 12, USUAL)
-    assert prediction == two_phase.Prediction(0.0, WORTHLESS)
+    assert prediction == two_phase.Prediction(0.0, LARGEST)
 
 
 def of_batches(*known):
@@ -242,7 +241,7 @@ GOOD, POOR = 0.9 * USABLE**2, 1.1 * USABLE**2
         ([(1.0, GOOD), (1.0, GOOD), (1.5, GOOD), (2.2, GOOD), (2.2, GOOD)], 4),  # slowly, but out of it
         ([(1.0, GOOD), (1.0, GOOD), (1.0, GOOD, "!"), (1.0, GOOD), (1.0, GOOD)], 4),  # anew after a surprise
         ([(1.0, GOOD), (1.0, GOOD), (1.0, GOOD, "!")], 3),  # nothing yet
-        ([(0.0, WORTHLESS), (0.0, WORTHLESS)], 2),
+        ([(0.0, LARGEST), (0.0, LARGEST)], 2),
         ([], 0),
     ],
 )
@@ -250,25 +249,6 @@ def test_batches_count_while_they_share_one_view_of_the_event(known, first):
     assert 1.9 < AGREEMENT < 2.2
     kept = combining.consistent_batches(of_batches(*known))
     assert [each.probability for each in kept] == list(range(first, len(known)))
-
-
-@pytest.mark.parametrize(
-    ("known", "again"),
-    [
-        ([(1.0, GOOD), (1.0, GOOD), (1.0, GOOD)], False),
-        ([(1.0, GOOD), (1.0, GOOD), (1.0, GOOD), (3.0, GOOD)], True),
-        ([(1.0, GOOD), (1.0, GOOD), (1.0, GOOD, "!")], False),  # one batch had given no estimate
-        ([(1.0, GOOD), (1.0, GOOD), (1.0, GOOD), (1.0, GOOD, "!")], True),
-        ([(1.0, GOOD)] * 3 + [(3.0, GOOD)] * 3, False),  # known again
-        ([], False),
-    ],
-)
-def test_an_estimate_that_was_known_and_is_not_has_begun_again(known, again):
-    progress = Progress.start(2)
-    progress.estimates = of_batches(*known)
-    assert progress.has_begun_again == again
-    progress.chance_since = len(known)  # noise is why the batches no longer count, and no wrong prediction
-    assert not progress.has_begun_again
 
 
 @pytest.mark.parametrize(("observed", "predicted", "larger"), [(4.0, 0.01, 4.0), (1.0, 0.25, 0.25 * 2.5**2)])

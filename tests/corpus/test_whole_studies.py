@@ -131,19 +131,12 @@ def short_and_heavy():
     )
 
 
-def light():
-    """Draw cut-ins whose TTC^-1 is all but the same."""
-    cut_in = cut_ins(900)
-    return cut_in.assign(closing_speed=cut_in["range"] * np.random.default_rng(3).uniform(0.049, 0.05, 900))
-
-
 TABLES = {
     "one-speed": lambda: cut_ins(600).assign(lead_speed=20.0),
     "least": lambda: cut_ins(30, (20, 29)),  # rows that a segment has to have
     "rounded": rounded,
     "other-units": other_units,
     "short-and-heavy": short_and_heavy,
-    "light": light,
 }
 
 
@@ -196,13 +189,7 @@ STUDIES = {
     "one segment": {"segments": {"lead_speed_edges": [5, 35]}},
     "many segments": {"segments": {"lead_speed_edges": [5, 10, 15, 20, 25, 30, 35]}},
     "a description with dollars and bars": described("costs $5 | 'quoted' and \"quoted\" _x_ *y*"),
-    "a description with HTML": described("<script>alert(1)</script><b>bold & brave</b>"),
     "a description with braces": described("{{ x }} {x} {{ 1 / 0 }} {% if %} {0!r} {"),
-    "few of everything": {
-        "cross_entropy": {"seeds": 1},
-        "importance_sampling": {"replicates": 1},
-        "surrogate": {"replicates": 1},
-    },
     "alpha near one": {"importance_sampling": {"alpha": 0.999}},
     "alpha near zero": {"importance_sampling": {"alpha": 1e-6}},
     "one threshold of the impact speed": {"crash_map": {"events": {"impact_speed": [3]}}},
@@ -225,30 +212,14 @@ STUDIES = {
         **AUTOMATIC,
     ),
     "short ranges and a heavy tail": table("short-and-heavy", **AUTOMATIC),
-    "a light tail in other pieces": table(
-        "light",
-        models={
-            "inverse_range": {"pieces": "bounded normal"},
-            "inverse_ttc": {
-                "body": {"components": 5},
-                "tail": "bounded normal",
-                "knots": {"method": "profile", "profile": {"points": 3}},
-            },
-        },
-        **AUTOMATIC,
-    ),
     "a reference driver beside itself": {
         "vehicle": {"name": "fsm"},
         "compared_vehicles": {"tailgater": {"name": "acc_aeb", "parameters": {"headway": 0.5, "aeb": False}}},
         "models": {"closing_speed_max": 1},
         "crash_map": {"grid": {"closing_speed_max": 1}},
     },
-    "a cap that is not reached": {
-        "models": {"closing_speed_max": 60},
-        "crash_map": {"grid": {"closing_speed_max": 60}},
-    },
 }
-SOME = {"never crashes", "500 records"}  # each takes more than two minutes of processor time
+SOME = {"never crashes"}  # each takes more than two minutes of processor time
 
 
 pytestmark = pytest.mark.studies

@@ -1,4 +1,4 @@
-"""What the tests of highD and exiD share: lanes over time, settings, and checks of account and cut-ins."""
+"""What the tests of recordings share: lanes over time, settings, and checks of account and cut-ins."""
 
 import copy
 from itertools import pairwise
@@ -23,15 +23,19 @@ def settings(source, folder, **changes):
     """Return the section of a source with a folder of recordings; ``rule__stay`` is the key stay of rule."""
     section = copy.deepcopy(load()["data"][source]) | {"path": str(folder)}
     for key, value in changes.items():
-        if key.startswith("rule__"):
-            section["rule"][key.removeprefix("rule__")] = value
-        else:
-            section[key] = value
+        above, _, last = key.rpartition("__")
+        (section[above] if above else section)[last] = value
     return section
 
 
 def extract(source, folder, **changes):
     return SOURCES[source].read(settings(source, folder, **changes))
+
+
+def damage(file, old, new):
+    """Replace a text that a file contains."""
+    assert old in file.read_text()
+    file.write_text(file.read_text().replace(old, new))
 
 
 def adds_up(cut_ins, cases):

@@ -23,7 +23,7 @@ from accelerated_evaluation.publishing import study as study_module
 from accelerated_evaluation.publishing.figures import style
 from accelerated_evaluation.publishing.figures.style import COLUMN_WIDTH, paper_style, save_figure
 from accelerated_evaluation.publishing.provenance import figure_metadata
-from accelerated_evaluation.publishing.published import FIGURES, arguments_of
+from accelerated_evaluation.publishing.published import FIGURES, arguments_of, title_of
 from accelerated_evaluation.publishing.study import Study
 from matplotlib import pyplot as plt
 from matplotlib.colors import to_rgba
@@ -136,19 +136,22 @@ def main(results, published=None):
         if arguments_of(study, make, given) is None:
             continue  # a figure of another kind of study
         arguments = arguments_of(study, make, {part: read() for part, read in given.items()})
-        found[name] = _differences(study, name, make(**arguments), published) if published else []
-        found[name] += defects(make(**arguments)[0])
+        found[name], made = [], make(**arguments)
+        if published:
+            title = title_of(name, {**arguments, "data": made[1], "study": study})
+            found[name] += _differences(made, published, name, figure_metadata(name, study.name, title))
+        found[name] += defects(made[0])
         plt.close("all")
     print(json.dumps(found, indent=2, ensure_ascii=False))
 
 
-def _differences(study, name, made, published):
+def _differences(made, published, name, metadata):
     """Return the files of a figure whose bytes differ from those that a notebook published.
 
     Only the picture that is saved first is compared: the layout changes a little whenever a figure is drawn.
     """
     with TemporaryDirectory() as folder, mock.patch.object(style, "FORMATS", ("png",)):
-        save_figure(*made, folder, name, figure_metadata(name, study.name))
+        save_figure(*made, folder, name, metadata)
         files = [f"{name}.{ending}" for ending in ("png", "csv")]
         return [
             f"{file} has other bytes the second time"

@@ -1,7 +1,10 @@
 """Files that guides show in full, and a folder in which their commands run on fewer records."""
 
 import re
+from collections.abc import Callable
 from pathlib import Path
+
+import pytest
 
 ROOT = Path(__file__).resolve().parents[2]
 
@@ -16,10 +19,17 @@ def files_in(text: str) -> dict[str, str]:
     return dict(re.findall(r"^File `([^`]+)`:\n\n```\w+\n(.*?)^```$", text, re.DOTALL | re.MULTILINE))
 
 
-def write_all(files: dict[str, str]) -> None:
-    """Write files into the working folder, the settings of a small estimate, and a link to the records."""
-    for name, content in files.items():
-        Path(name).write_text(content)
-    settings = "data: {sample: 3000, spmd: {outlier_rows: []}}\nsurrogate: {maximum_calls: 100}\n"
-    Path("fewer.yaml").write_text(settings)
-    Path("data").symlink_to(ROOT / "data")
+def clone_of(files: dict[str, str]) -> Callable:
+    """Return a fixture: a folder with files, the settings of a small estimate, and a link to the records."""
+
+    @pytest.fixture
+    def clone(tmp_path, monkeypatch):
+        monkeypatch.chdir(tmp_path)
+        for name, content in files.items():
+            Path(name).write_text(content)
+        settings = "data: {sample: 3000, spmd: {outlier_rows: []}}\nsurrogate: {maximum_calls: 100}\n"
+        Path("fewer.yaml").write_text(settings)
+        Path("data").symlink_to(ROOT / "data")
+        return tmp_path
+
+    return clone

@@ -5,10 +5,11 @@ from dataclasses import replace
 import numpy as np
 import pandas as pd
 import pytest
-from accelerated_evaluation.answer.law_study import LawStudy
-from accelerated_evaluation.answer.smooth_family import SmoothFamily
-from accelerated_evaluation.laws.smooth.dependent import DependentLaw
+from accelerated_evaluation.answer.candidates.law_study import LawStudy
+from accelerated_evaluation.answer.candidates.smooth_family import SmoothFamily
+from accelerated_evaluation.laws.smooth.draws import SmoothDraws
 from accelerated_evaluation.laws.smooth.family import DistinctRecords, Member
+from accelerated_evaluation.laws.smooth.mean import MeanLaw
 from accelerated_evaluation.laws.smooth.support import Support
 from accelerated_evaluation.records.segments import complete
 from scipy.special import ndtri
@@ -40,8 +41,8 @@ def law_(encounters):
 def one_draw(law, k, cap=np.inf):
     """Return draw k of a mean law as a law of its own."""
     draws = law.draws
-    parts = draws.ranges[draws.shared[k]], draws.laws[k], law.lead_speeds
-    return DependentLaw(f"draw {k}", law.counts, *parts, cap, SUPPORT)
+    alone = SmoothDraws.of_laws(draws.ranges[draws.shared[k]], [draws.laws[k]], SUPPORT)
+    return MeanLaw(f"draw {k}", law.counts, alone, law.lead_speeds, cap)
 
 
 def braking_probabilities(law, deceleration):

@@ -7,9 +7,10 @@ centimetre.
 
 import numpy as np
 from accelerated_evaluation.base.arrays import Array
+from accelerated_evaluation.scenarios.cut_in import CUT_IN
 from accelerated_evaluation.vehicles.builtin.acc_aeb import V60_SPEEDS, V60_TTC, AccAeb
 from accelerated_evaluation.vehicles.builtin.kernel import STEP, STEPS
-from accelerated_evaluation.vehicles.protocol import Outcomes, checked_encounters
+from accelerated_evaluation.vehicles.protocol import Outcomes
 from numpy.typing import ArrayLike, NDArray
 
 
@@ -22,7 +23,7 @@ def simulate(car: AccAeb, lead_speed: ArrayLike, range_: ArrayLike, closing_spee
     An encounter ends with a crash when the range is 0 or less. It ends without a crash when the host stands
     still, and after 8 s.
     """
-    lead_speed, range_, closing_speed = checked_encounters(lead_speed, range_, closing_speed)
+    lead_speed, range_, closing_speed = CUT_IN.checked(lead_speed, range_, closing_speed)
     speed = np.minimum(lead_speed + closing_speed, car.top_start_speed)
     acceleration = command = error = timer = onset = np.zeros_like(speed)
     on = np.zeros(speed.shape, dtype=bool)

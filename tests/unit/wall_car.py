@@ -4,45 +4,24 @@ from dataclasses import dataclass
 
 import mpmath
 import numpy as np
-from accelerated_evaluation.crash_map.maps import Grid
-from accelerated_evaluation.laws.distributions import (
-    BoundedExponential,
-    BoundedNormal,
-    Empirical,
-    Mixture,
-    Pareto,
-    PiecewiseMixture,
-)
+from accelerated_evaluation.laws import distributions as dist
 from accelerated_evaluation.laws.paper.models import IndependentLaw
 from accelerated_evaluation.vehicles import Outcomes
+from builders import coarse_grid
 
-GRID = Grid(
-    lead_speed_min=5,
-    lead_speed_max=15,
-    range_max=75,
-    lead_speed_cells=8,
-    range_cells=40,
-    refinement=4,
-    closing_speed_max=60,
-    closing_speed_points=160,
-)
+GRID = coarse_grid(speeds=(5, 15, 8), ranges=(75, 40), closing=(60, 160), refinement=4)
 LOWER = 1 / 75
 RANGE_LAWS = {
-    "exponential": BoundedExponential(50.0, LOWER),
-    "pieces": PiecewiseMixture(
-        [0.8, 0.2], [BoundedExponential(107.0, LOWER, 0.0374), BoundedExponential(42.7, 0.0374)]
+    "exponential": dist.BoundedExponential(50.0, LOWER),
+    "pieces": dist.PiecewiseMixture(
+        [0.8, 0.2], [dist.BoundedExponential(107.0, LOWER, 0.0374), dist.BoundedExponential(42.7, 0.0374)]
     ),
-    "pareto": Pareto(1.73, LOWER),
+    "pareto": dist.Pareto(1.73, LOWER),
 }
+BODY = dist.Mixture([0.3, 0.7], [dist.BoundedNormal(scale, 0.0, 0.166) for scale in (0.04, 0.09)])
 TTC_LAWS = {
-    "exponential": BoundedExponential(21.0),
-    "pieces": PiecewiseMixture(
-        [0.95, 0.05],
-        [
-            Mixture([0.3, 0.7], [BoundedNormal(0.04, 0.0, 0.166), BoundedNormal(0.09, 0.0, 0.166)]),
-            BoundedExponential(21.0, 0.166),
-        ],
-    ),
+    "exponential": dist.BoundedExponential(21.0),
+    "pieces": dist.PiecewiseMixture([0.95, 0.05], [BODY, dist.BoundedExponential(21.0, 0.166)]),
 }
 
 
@@ -61,7 +40,7 @@ class WallCar:
         return Outcomes(crash, gap, range_ / closing_speed, np.where(crash, closing_speed, 0.0))
 
 
-SPEEDS = Empirical(np.random.default_rng(3).uniform(5, 15, 2000))
+SPEEDS = dist.Empirical(np.random.default_rng(3).uniform(5, 15, 2000))
 
 
 def law_of(range_law, ttc_law, speeds=SPEEDS, cap=np.inf):

@@ -46,11 +46,6 @@ def test_a_job_that_fails_while_it_writes_runs_again_although_its_files_are_kept
     assert last.is_file()
 
 
-def test_missing_file(project):
-    output = message(study(project, data={"source": "table", "table": {"path": "nowhere.csv"}}))
-    assert "nowhere.csv" in output
-
-
 def test_when_no_row_is_left_the_account_is_kept_beside_the_log(project):
     output = message(study(project, **table(project, closing_speed=[-1.0] * 60)))
     assert "none of which passed the filters (60 by closing" in output

@@ -47,18 +47,6 @@ def entities(packed):
     return {entity["@id"]: entity for entity in graph}
 
 
-def test_two_inputs_of_one_name_have_two_places(tmp_path):
-    crate = pytest.importorskip("accelerated_evaluation.publishing.crate")
-    files = [tmp_path / folder / "records.csv" for folder in ("one", "other", "copy")]
-    for file, text in zip(files, ("a\n1\n", "a\n2\n", "a\n1\n"), strict=True):
-        file.parent.mkdir()
-        file.write_text(text)
-    names = [crate._name(file) for file in files]
-    assert [Path(name).name for name in names] == ["records.csv"] * 3
-    assert names[0] != names[1]
-    assert names[0] == names[2]  # the same content
-
-
 @pytest.fixture
 def without_network(monkeypatch):
     """Answer requests for the two contexts from the library's copy, and all others with nothing."""

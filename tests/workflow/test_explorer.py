@@ -7,8 +7,9 @@ from functools import partial
 import accelerated_evaluation as ae
 import numpy as np
 import pytest
-from accelerated_evaluation.answer.explored_cut_ins import CutInSections
+from accelerated_evaluation.answer.ways.explored_cut_ins import CutInSections
 from accelerated_evaluation.crash_map.lines import CrashLines
+from accelerated_evaluation.laws.smooth.draws import SmoothDraws
 from accelerated_evaluation.laws.smooth.support import Support
 from accelerated_evaluation.records.segments import read_encounters
 from accelerated_evaluation.vehicles.protocol import CRASH
@@ -72,7 +73,12 @@ def test_probabilities_are_those_of_a_crash_map(watch, made, laws, name, values,
     grid = ae.Grid(**limits, **cells, closing_speed_max=45.0, closing_speed_points=240)
     mapped = ae.map_crashes(ae.load_vehicle(name, **parameters), grid, [event], np.random.default_rng(1))
     lines = CrashLines.of(mapped, lead_speeds, event, support)
-    expected = np.array([lines.probability(*law) for law in drawn.laws[: drawn.answered]])
+    expected = np.array(
+        [
+            lines.masses(SmoothDraws.of_laws(ranges, [law], support)).sum()
+            for ranges, law in drawn.laws[: drawn.answered]
+        ]
+    )
     page = opened(watch, made)
     threshold = None if event == CRASH else event.threshold
     found = np.array(page.evaluate(EXPLORE, [name, values, threshold]))[: drawn.answered]

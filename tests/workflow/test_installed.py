@@ -44,7 +44,8 @@ def wheels(tmp_path_factory):
 
 def test_the_wheel_of_the_sampler_holds_its_package_and_nothing_else(wheels):
     files = {name for name in zipfile.ZipFile(wheels[1]).namelist() if ".dist-info/" not in name}
-    assert files == {f"fewruns/{path.name}" for path in (ROOT / "fewruns/src/fewruns").glob("*.py")}
+    sources = (ROOT / "fewruns/src/fewruns").glob("*.py")
+    assert files == {"fewruns/py.typed", *(f"fewruns/{path.name}" for path in sources)}
     assert wheels[1].stat().st_size < 2e5
 
 

@@ -141,15 +141,3 @@ def test_the_prefix_of_a_module_moves_results_and_no_file_of_the_user_or_the_pro
     assert "cut_ins_study_answer" in set(summary["rule"])
     folders = {tuple(Path(file).parts[:2]) for file in summary["output_file"]}
     assert folders == {("risk", "results"), ("risk", "figures")}
-
-
-def test_the_folders_of_a_study_follow_the_prefix():
-    """The scripts of notebooks and of the book look for results where the prefix has moved them."""
-    code = (ROOT / "workflow/rules/common.smk").read_text()
-    names = {"RESULTS": Path("results/mine"), "FIGURES": Path("figures/mine")}
-    exec(re.search(r"^def folders_of_study.*?(?=^def )", code, re.DOTALL | re.MULTILINE)[0], names)
-    for prefix in ("", "risk/"):
-        found = names["folders_of_study"](
-            None, [f"{prefix}figures/mine/a.png", f"{prefix}results/mine/b.ipynb"]
-        )
-        assert found == {"results": f"{prefix}results/mine", "figures": f"{prefix}figures/mine"}

@@ -31,7 +31,7 @@ def test_notebooks_are_parameterised_and_committed_without_outputs(path):
         assert not cell.outputs
         assert cell.execution_count is None
         hidden = cell.metadata.get("jupyter", {}).get("source_hidden", False)
-        assert hidden == cell.source.startswith("%%text")
+        assert hidden == cell.source.startswith(("%%text", "import ", "from "))
         assert not re.search(r"^\s*(def|class) ", cell.source, flags=re.MULTILINE)
 
 
@@ -46,7 +46,7 @@ def test_three_parts_have_twelve_chapters_of_at_most_a_thousand_words():
         ]
         words = re.sub(r"\{[{%].*?[%}]\}", " 1 ", "\n".join(texts), flags=re.DOTALL).split()
         assert len(words) <= 1000, path.name
-        boxed = "\n> **As in the paper:**" in texts[0]
+        boxed = any("> **As in the paper:**" in text for text in texts)
         parts.setdefault(notebook.metadata["part"], []).append((path.stem[:2], boxed))
     numbers = {part: sorted(chapters) for part, chapters in parts.items()}
     assert numbers == {
@@ -124,16 +124,24 @@ def rooms_in(code: str) -> set[str]:
 
 
 def test_rooms_import_only_rooms_to_their_left():
-    found = {path.stem for path in LIBRARY.iterdir()} - {"__init__", "__pycache__", "cli"}
+    found = {path.stem for path in LIBRARY.iterdir()} - {"__init__", "__pycache__", "cli", "py"}
     assert found | {SAMPLER} == set(ROOMS)
     for index, room in enumerate(ROOMS):
         for path in files_of(room):
             assert rooms_in(path.read_text()) <= set(ROOMS[: index + 1]), path
 
 
+def test_rooms_of_the_answer_import_only_earlier_ones():
+    order = ["candidates", "ways", "consequences"]
+    for index, room in enumerate(order):
+        for path in files_of(f"answer/{room}"):
+            imported = re.findall(r"accelerated_evaluation\.answer\.(\w+)", path.read_text())
+            assert set(imported) <= set(order[: index + 1]), path
+
+
 # Functions that make settings or named records of a configuration, at the top of commands, scripts and rules.
 MAKERS = {
-    "answer/settings.py": {"of", "law_settings", "support_of"},
+    "answer/settings.py": {"of", "law_settings", "limits_of", "support_of"},
     "records/named.py": {"of"},
     "scenarios/record_table.py": {"of", "named_records_of"},
 }

@@ -17,6 +17,7 @@ EDIT = "\n# edited\n"
 ALWAYS = {"explorer", "name_numbers", "book", "all", "accept_records", "draw_toy_figure"}
 ANSWER = {"fit_family", "study_answer", "compare_vehicles", "compare_laws", "compare_record_variants"}
 ANSWER |= {"replay_encounters", "count_crashes", "predict_humans", "study_lead_motion", "judge_criteria"}
+ANSWER |= {"compute_twice"}
 SEARCHING = ("single", "piecewise", "heuristic", "shifted")
 METHODS = {"search_proposals", "collect_traces", "compute_exact", "run_crude_monte_carlo", "study_coverage"}
 METHODS |= {f"estimate_{name}" for name in (*SEARCHING, "surrogate", "toy_method")}

@@ -1,18 +1,20 @@
 """The command ``accelerated-evaluation``; its subcommands: modules of `accelerated_evaluation.commands`."""
 
 import argparse
+import difflib
 import os
 import re
 import sys
 from collections.abc import Sequence
 from importlib.metadata import version
-from typing import Any
+from typing import Any, NoReturn
 
 import argcomplete
 
 from accelerated_evaluation.base.errors import InputError, StudyError, unusable
 from accelerated_evaluation.base.extensions import faults_reported
-from accelerated_evaluation.commands import COMMANDS, PLAIN_NUMBERS
+from accelerated_evaluation.base.options import PLAIN_NUMBERS, Help
+from accelerated_evaluation.commands import COMMANDS
 
 EXIT = """If the input is wrong, the command prints one message on standard error, ends with exit status 2,
 and leaves no incomplete file."""
@@ -84,9 +86,15 @@ class Parser(argparse.ArgumentParser):
     """A parser whose options of type int and float refuse what only Python reads as a number, such as 1_0."""
 
     def __init__(self, *positional: Any, **named: Any) -> None:  # noqa: ANN401
-        super().__init__(*positional, **named)
+        super().__init__(*positional, **{"formatter_class": Help, **named})
         for kind, read in PLAIN_NUMBERS.items():
             self.register("type", kind, read)
+
+    def error(self, message: str) -> NoReturn:
+        """Print a message and end; after a choice that does not exist, it names the most similar one."""
+        given, *choices = re.findall("'([^']*)'", message) if "invalid choice" in message else [""]
+        near = difflib.get_close_matches(given, choices, 1)
+        super().error(f"{message}; did you mean {near[0]}?" if near else message)
 
 
 def parser() -> argparse.ArgumentParser:
@@ -103,7 +111,6 @@ def parser() -> argparse.ArgumentParser:
             help=command.help,
             description=command.description,
             epilog=EXIT,
-            formatter_class=argparse.RawDescriptionHelpFormatter,
             add_help=False,
         )
         subparser.add_argument("-h", action=ShortHelp, help="show the options and exit")

@@ -1,6 +1,6 @@
 // The car and the drivers in a cut-in, and the car in the left turn: the same operations in the same order as in
 // vehicles/builtin/kernel.py, driver_kernel.py and scenarios/crossing/kernel.py, for one encounter at a time. In cut-ins every
-// outcome equals Python's to the last bit (tests/unit/test_explorer_simulator.py). In the left turn they may differ in the last
+// outcome equals Python's to the last bit (tests/unit/publishing/test_explorer_simulator.py). In the left turn they may differ in the last
 // bits, because cosines do. Outcomes that the page does not show are left out.
 // The columns of encounters are in the order of the scenario's variables.
 // Each simulation is one function whose state is in local variables, because calls in every step would be slow.

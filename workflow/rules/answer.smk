@@ -8,9 +8,7 @@ EVERY = ["answer", "answer_budget", "answer_draws", "exposure", "extrapolation"]
 EVERY += ["crash_places", "vehicle"]
 OF_MAPS = ["answer_thresholds", "calibration", "fold_calibration", "near_misses"]
 OF_FEW_RUNS = ["estimate", "runs", "crashes", "replays", "replayed_events"]
-OF_LAWS_OF_CUT_INS = (
-    ["calibration", "fold_calibration"] if "smooth laws" in STAGES else ["joint_laws"]
-)
+OF_LAWS_OF_CUT_INS = ["calibration", "fold_calibration"] if SUPPORT else ["joint_laws"]
 WITH_INJURIES = SCENARIOS[SCENARIO].has_injuries
 INJURIES = ["injuries", "injuries_by_curve", "injury_budget", "injury_curves"]
 INJURIES += ["risk_balance"]
@@ -20,11 +18,11 @@ OWN_MAP = (
 OTHERS = [
     name
     for name in VEHICLES
-    if name != "under_test" and (name in FOLDERS or "maps" not in STAGES)
+    if name != "under_test" and (name in FOLDERS or not SUPPORT)
 ]
 OWN_TABLES = ["answer_draws", "vehicle", *(["risks"] if WITH_INJURIES else [])]
 JUDGED_BY = ["answer_draws", "extrapolation", *(["risks"] if WITH_INJURIES else [])]
-JUDGED_BY += ["choices"] if "maps" in STAGES and not SLOW else []
+JUDGED_BY += ["choices"] if SUPPORT and not SLOW else []
 OF_WAY = (
     OF_FEW_RUNS if SLOW else OF_MAPS if OWN_MAP else ["crash_shares", "impact_speeds"]
 )
@@ -39,7 +37,7 @@ rule study_answer:
         encounters=rules.ingest_encounters.output.encounters,
         exposure=rules.ingest_encounters.output.exposure,
         report=rules.inspect_records.output.report,
-        family=[result("laws", "family.npz")] if "smooth laws" in STAGES else [],
+        family=[result("laws", "family.npz")] if SUPPORT else [],
         map=OWN_MAP,
         vehicle=ancient(local(VEHICLE_FILES)),
     output:
@@ -116,7 +114,7 @@ rule judge_criteria:
     """Judge the criteria of the configuration, for encounters of all kinds if their rate is known."""
     input:
         **tables_of_laws("vehicle_draws", *JUDGED_BY),
-        all_cut_ins=rules.study_lead_motion.output.together if "maps" in STAGES else [],
+        all_cut_ins=rules.study_lead_motion.output.together if SUPPORT else [],
         encounters=rules.ingest_encounters.output.encounters,
         exposure=rules.ingest_encounters.output.exposure,
     output:
@@ -131,7 +129,7 @@ rule judge_criteria:
         made=[
             "vehicle_draws",
             *JUDGED_BY,
-            *(["all_cut_ins"] if "maps" in STAGES else []),
+            *(["all_cut_ins"] if SUPPORT else []),
         ],
         support=SUPPORT,
         library=code_up_to("answer", *SIMULATING),
@@ -139,6 +137,44 @@ rule judge_criteria:
         "Judging the criteria"
     script:
         "../scripts/judge_criteria.py"
+
+
+if OWN_MAP and not SLOW:
+    TWICE = {name: result(TABLES[name]) for name in ROWS}
+
+    rule compute_twice:
+        """Compute the published numbers a second time, by plain importance sampling under the same draws."""
+        input:
+            **TWICE,
+            encounters=rules.ingest_encounters.output.encounters,
+            records_exposure=rules.ingest_encounters.output.exposure,
+            draws=rules.study_answer.output.draws,
+            model=rules.fit_models.output[MODEL],
+            vehicle_files=ancient(local(ALL_FILES)),
+        output:
+            table=result("second_ways.csv"),
+        log:
+            log_of("compute_twice.log"),
+        benchmark:
+            benchmark_of("compute_twice.tsv")
+        threads: ALL_WORKERS
+        params:
+            seed=config["seed"],
+            tables=list(TWICE),
+            events=config["answer"]["events"],
+            mapped=config["crash_map"]["events"],
+            vehicles={
+                name.replace("under_test", "under test"): section
+                for name, section in VEHICLES.items()
+            },
+            vehicle_content=ALL_CONTENT,
+            simulations=ALL_SIMULATIONS,
+            support=SUPPORT,
+            library=code_up_to("answer", *SIMULATING),
+        message:
+            "Computing the published numbers a second time"
+        script:
+            "../scripts/compute_twice.py"
 
 
 if OWN_MAP:
@@ -176,7 +212,7 @@ if OWN_MAP:
         script:
             "../scripts/replay_encounters.py"
 
-elif "replays" in STAGES:
+elif SUPPORT:
 
     rule replay_crashes:
         """Repeat the simulations of the most probable crashes, about a dozen, and record the states over time."""

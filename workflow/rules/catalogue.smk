@@ -12,6 +12,7 @@ from accelerated_evaluation.publishing.book.catalogue import (
 FIGURE_FORMATS = ["png", "pdf", "svg", "csv"]
 TABLE_FORMATS = ["csv", "md", "tex"]
 CAPTIONS = PROJECT / "workflow/report"
+TITLES = str(PROJECT / "workflow/titles.yaml")  # findings of figures
 ARTICLE = PROJECT / "article"
 # Results that the rules above make, by their paths in the folder of the results. A workflow that uses this one as a
 # module may have put a prefix before this folder.
@@ -125,6 +126,12 @@ def tables_of(notebook):
         for name in names
         for file in files_of(name, FIGURES / "tables", TABLE_FORMATS, "Tables")
     ]
+
+
+def captions_of(notebook):
+    """Files of the captions of the figures and tables that a notebook shows, and of the titles of figures."""
+    names = [*NOTEBOOKS[notebook].figures, *NOTEBOOKS[notebook].tables]
+    return local([*(str(CAPTIONS / f"{name}.rst") for name in names), TITLES])
 
 
 def rendered_of(notebook):

@@ -8,7 +8,6 @@ COLLECTED = {
     "estimates": {
         "estimates": estimates_of("estimates"),
         "estimates_course": estimates_of("course"),
-        "estimates_runs": estimates_of("runs"),
     },
     "coverage": {
         "coverage": [result("coverage", f"{judged}.csv") for judged in JUDGED]

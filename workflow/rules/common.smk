@@ -10,10 +10,12 @@ import sys
 from dataclasses import asdict
 from pathlib import Path
 
+from accelerated_evaluation.answer.second_ways import ROWS
 from accelerated_evaluation.answer.settings import law_settings, support_of
 from accelerated_evaluation.base.errors import StudyError
 from accelerated_evaluation.base.files import content_digest
 from accelerated_evaluation.methods import METHODS, configured_stopping
+from accelerated_evaluation.publishing.study import TABLES
 from accelerated_evaluation.records.segments import segment_names
 from accelerated_evaluation.scenarios import SCENARIOS
 from accelerated_evaluation.study.configuration import WORKFLOW
@@ -52,7 +54,6 @@ try:
         PROJECT,
         cores=workflow.resource_settings.cores,
         is_main_process=workflow.is_main_process,
-        arguments=sys.argv,
         moved=workflow.modifier.path_modifier.replace_prefix,
     )
     require_same_modules(
@@ -64,7 +65,7 @@ config = INPUTS.config
 
 STUDY = config["study"]
 SCENARIO = config["scenario"]["name"]
-STAGES = SCENARIOS[SCENARIO].stages
+HAS_EXPLORER = SCENARIOS[SCENARIO].has_explorer
 LIMITS = support_of(SCENARIOS[SCENARIO], config)
 SUPPORT = None if LIMITS is None else LIMITS.content()
 RESULTS = Path("results") / STUDY
@@ -201,7 +202,7 @@ def answered(name: str) -> dict:
 # FOLDERS has the folder of each vehicle's map, which all studies of the vehicle share; UNCAPPED has the vehicle of each
 # folder. In a study of a slow vehicle, vehicles whose outcomes are stored are too slow for a map.
 MAPPED_VEHICLES = [
-    name for name in VEHICLES if "maps" in STAGES and not (SLOW and name in INPUTS.slow)
+    name for name in VEHICLES if SUPPORT and not (SLOW and name in INPUTS.slow)
 ]
 FOLDERS = {name: map_folder(answered(name)) for name in MAPPED_VEHICLES}
 UNCAPPED = {Path(folder).name: name for name, folder in FOLDERS.items()}

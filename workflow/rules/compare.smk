@@ -54,6 +54,7 @@ rule compare_record_variants:
     threads: WORKERS
     params:
         **UNDER_TEST,
+        scenario=config["scenario"],
         seed=config["seed"],
         draws=config["answer"]["draws"],
         support=SUPPORT,

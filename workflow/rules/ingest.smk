@@ -33,7 +33,7 @@ rule ingest_encounters:
         "../scripts/ingest_encounters.py"
 
 
-if "segments" in STAGES:
+if SUPPORT:
 
     rule describe_encounters:
         """Count the segments, and test whether variables are independent inside them and whether they are similar."""

@@ -6,10 +6,7 @@
 
 
 rule run_crude_monte_carlo:
-    """Estimate the crash probability by crude Monte Carlo, with the number of simulations that the paper extrapolates.
-
-    An interrupted job continues where it stopped.
-    """
+    """Estimate the crash probability by crude Monte Carlo, with the number of simulations that the paper extrapolates."""
     input:
         encounters=rules.ingest_encounters.output.encounters,
         model=rules.fit_models.output[MODEL],
@@ -27,7 +24,6 @@ rule run_crude_monte_carlo:
         seed=config["seed"],
         crude_monte_carlo=config["crude_monte_carlo"],
         alpha=config["importance_sampling"]["alpha"],
-        checkpoint=result("crude_checkpoint.json"),
         library=code_up_to("methods", *UNDER_PAPER),
     message:
         "Crude Monte Carlo, {params.crude_monte_carlo[simulations]} simulations"

@@ -34,6 +34,7 @@ for _notebook in NOTEBOOKS:
         input:
             results=read_by(_notebook),
             notebook=notebook_of(_notebook),
+            captions=captions_of(_notebook),
         output:
             figures=figures_of(_notebook),
             tables=tables_of(_notebook),
@@ -75,15 +76,15 @@ for _figure in OWN_FIGURES:
             "../scripts/draw_figure.py"
 
 
-if "explorer" in STAGES:
+if HAS_EXPLORER:
 
     rule explorer:
         """Make the explorer, a page on which a reader can change the vehicle, the law of encounters and the event."""
         input:
             encounters=rules.ingest_encounters.output.encounters,
             exposure=rules.ingest_encounters.output.exposure,
-            family=rules.fit_family.output.family if "smooth laws" in STAGES else [],
-            draws=[] if "smooth laws" in STAGES else rules.study_answer.output.draws,
+            family=rules.fit_family.output.family if SUPPORT else [],
+            draws=[] if SUPPORT else rules.study_answer.output.draws,
             map=[
                 f"{FOLDERS[name]}/crash_map/full.npz"
                 for name in MAPPED_VEHICLES[:1]
@@ -137,7 +138,7 @@ rule book:
         pictures=local(PICTURES),
         captions=local(sorted(map(str, CAPTIONS.glob("*.rst")))),
         pages=local(sorted(map(str, PAGES.iterdir()))),
-        explorer=[rules.explorer.output.page] if "explorer" in STAGES else [],
+        explorer=[rules.explorer.output.page] if HAS_EXPLORER else [],
     output:
         site=directory(result("book")),
         provenance=result("provenance.json"),

@@ -3,7 +3,7 @@
 # In: the law with the largest weight, the vehicle, published verdicts of the scenario. Out: the estimates of every method,
 # and the agreement with the verdicts.
 
-from accelerated_evaluation.answer.compared_methods import METHODS_OF_SCORES
+from accelerated_evaluation.answer.ways.compared_methods import METHODS_OF_SCORES
 from accelerated_evaluation.base.extensions import added
 
 VERDICTS = INPUTS.verdicts
@@ -24,7 +24,6 @@ rule compare_scenario_methods:
         vehicle=ancient(local(VEHICLE_FILES)),
     output:
         estimates=result("scenario", "estimates.csv"),
-        runs=result("scenario", "runs.csv"),
     log:
         log_of("compare_scenario_methods.log"),
     benchmark:

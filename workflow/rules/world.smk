@@ -32,6 +32,8 @@ rule predict_humans:
         encounters=rules.ingest_encounters.output.encounters,
         family=rules.fit_family.output.family,
         exposure=result("laws", "exposure.csv"),
+        draws=result("laws", "draws.json"),
+        own=result("laws", "answer_draws.csv"),
         events=of_project("data/crash_counts/hundred_car_events.tsv.gz"),
     output:
         predicted=result("human_predictions.csv"),

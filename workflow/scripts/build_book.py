@@ -16,7 +16,6 @@ if __name__ == "__main__":
             notebooks=[Path(path) for path in snakemake.input.notebooks],
             tables=snakemake.params.tables,
             guides=[Path(path) for path in snakemake.input.guides],
-            captions=Path(snakemake.input.captions[0]).parent,
             pages=Path(snakemake.input.pages[0]).parent,
             explorer=next(map(Path, snakemake.input.explorer), None),
             added=snakemake.params.added,

@@ -4,9 +4,9 @@ from functools import partial
 from pathlib import Path
 
 import pandas as pd
-from accelerated_evaluation.answer.explored_cut_ins import CutInSections
-from accelerated_evaluation.answer.explored_slices import SlicedSections
-from accelerated_evaluation.answer.fitted_records import stored_records
+from accelerated_evaluation.answer.candidates.fitted_records import stored_records
+from accelerated_evaluation.answer.ways.explored_cut_ins import CutInSections
+from accelerated_evaluation.answer.ways.explored_slices import SlicedSections
 from accelerated_evaluation.base.files import atomic_path, read_json
 from accelerated_evaluation.base.randomness import child_generator
 from accelerated_evaluation.crash_map.maps import read_crash_map

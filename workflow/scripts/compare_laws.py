@@ -2,9 +2,9 @@
 
 from functools import partial
 
-from accelerated_evaluation.answer.fitted_records import stored_records
-from accelerated_evaluation.answer.law_study import LawStudy
-from accelerated_evaluation.answer.law_table import compare_laws
+from accelerated_evaluation.answer.candidates.fitted_records import stored_records
+from accelerated_evaluation.answer.candidates.law_study import LawStudy
+from accelerated_evaluation.answer.candidates.law_table import compare_laws
 from accelerated_evaluation.base.files import write_csv
 from accelerated_evaluation.base.randomness import child_generator
 from accelerated_evaluation.crash_map.lines import CrashLines

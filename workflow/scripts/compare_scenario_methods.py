@@ -2,7 +2,7 @@
 
 from functools import partial
 
-from accelerated_evaluation.answer.compared_methods import compare_methods
+from accelerated_evaluation.answer.ways.compared_methods import compare_methods
 from accelerated_evaluation.base.files import write_csv
 from accelerated_evaluation.base.randomness import child_generator
 from accelerated_evaluation.laws.files import read_law
@@ -17,7 +17,7 @@ if __name__ == "__main__":
         scenario = SCENARIOS[params.scenario]
         named = NamedVehicle.of(params.vehicle, params.simulations, scenario, workers=snakemake.threads)
         with named.loaded() as vehicle:
-            tables = compare_methods(
+            table = compare_methods(
                 scenario,
                 {"heaviest": read_law(snakemake.input.law)},
                 vehicle,
@@ -27,5 +27,4 @@ if __name__ == "__main__":
                 partial(child_generator, params.seed, "scenario"),
                 {"study": params.study},
             )
-        for name, path in snakemake.output.items():
-            write_csv(path, tables[name])
+        write_csv(snakemake.output.estimates, table)

@@ -4,9 +4,9 @@ from collections.abc import Iterator, Mapping
 from functools import partial
 
 import pandas as pd
-from accelerated_evaluation.answer.answer import Answer, evaluate
-from accelerated_evaluation.answer.fitted_records import stored_records
+from accelerated_evaluation.answer.candidates.fitted_records import stored_records
 from accelerated_evaluation.answer.study_tables import comparison_tables, fast_way
+from accelerated_evaluation.answer.ways.answer import Answer, evaluate
 from accelerated_evaluation.base.files import read_json, write_csv
 from accelerated_evaluation.base.randomness import child_generator
 from accelerated_evaluation.laws.draws import as_draws

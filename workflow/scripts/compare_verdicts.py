@@ -1,6 +1,6 @@
 """Compare a vehicle with the published verdicts of its scenario."""
 
-from accelerated_evaluation.answer.published_verdicts import agreement, read_verdicts
+from accelerated_evaluation.answer.ways.published_verdicts import agreement, read_verdicts
 from accelerated_evaluation.base.files import write_csv
 from accelerated_evaluation.scenarios import SCENARIOS
 from accelerated_evaluation.study.jobs import job

@@ -1,7 +1,7 @@
 """Compare the predicted crash rates of the vehicles with counted ones."""
 
 import pandas as pd
-from accelerated_evaluation.answer.counted_crashes import compare_with_counts, read_events
+from accelerated_evaluation.answer.consequences.counted_crashes import compare_with_counts, read_events
 from accelerated_evaluation.base.files import write_csv
 from accelerated_evaluation.study.jobs import job
 

@@ -1,7 +1,7 @@
 """Fit the family of laws with dependence to the records, and score each law on held-out records."""
 
-from accelerated_evaluation.answer.family_file import write_family
-from accelerated_evaluation.answer.smooth_family import SmoothFamily
+from accelerated_evaluation.answer.candidates.family_file import write_family
+from accelerated_evaluation.answer.candidates.smooth_family import SmoothFamily
 from accelerated_evaluation.laws.smooth.family import DistinctRecords
 from accelerated_evaluation.laws.smooth.support import Support
 from accelerated_evaluation.records.segments import read_encounters

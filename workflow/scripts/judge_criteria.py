@@ -1,8 +1,8 @@
 """Judge the criteria of the configuration by the answer of the vehicle under test."""
 
 import pandas as pd
-from accelerated_evaluation.answer.criterion import criteria_of
-from accelerated_evaluation.answer.fitted_records import stored_records
+from accelerated_evaluation.answer.candidates.fitted_records import stored_records
+from accelerated_evaluation.answer.consequences.criterion import criteria_of
 from accelerated_evaluation.answer.study_tables import study_criteria
 from accelerated_evaluation.base.files import read_json, write_csv
 from accelerated_evaluation.scenarios import SCENARIOS

@@ -3,13 +3,16 @@
 from functools import partial
 
 import pandas as pd
-from accelerated_evaluation.answer.counted_crashes import count_events, cut_in_rate, read_events
-from accelerated_evaluation.answer.fitted_records import stored_records
-from accelerated_evaluation.answer.human_prediction import HumanPrediction
-from accelerated_evaluation.answer.law_study import LawStudy
+from accelerated_evaluation.answer.candidates.fitted_records import stored_records
+from accelerated_evaluation.answer.candidates.law_study import LawStudy
+from accelerated_evaluation.answer.consequences.counted_crashes import count_events, cut_in_rate, read_events
+from accelerated_evaluation.answer.consequences.human_prediction import HumanPrediction
+from accelerated_evaluation.answer.ways.comparison import posterior_of
 from accelerated_evaluation.base.files import write_csv
 from accelerated_evaluation.base.randomness import child_generator
 from accelerated_evaluation.crash_map.maps import Grid
+from accelerated_evaluation.laws.draws import as_draws
+from accelerated_evaluation.laws.files import read_law
 from accelerated_evaluation.scenarios.cut_in import CUT_IN
 from accelerated_evaluation.study.jobs import job
 
@@ -23,7 +26,8 @@ if __name__ == "__main__":
             study,
             Grid(**params.grid),
             cut_in_rate(pd.read_csv(files.exposure)),
-            study.draws(laws("draws")),
+            as_draws(read_law(files.draws, records.table)),
+            posterior_of(pd.read_csv(files.own)),
             child_generator(params.seed, "crash_map", "full"),
             child_generator(params.seed, "humans"),
         )

@@ -1,7 +1,7 @@
 """Simulate the most probable crashes of a slow vehicle again, and write their states over time."""
 
 import pandas as pd
-from accelerated_evaluation.answer.likeliest_crashes import traces_of, ways_among_runs
+from accelerated_evaluation.answer.ways.likeliest_crashes import traces_of, ways_among_runs
 from accelerated_evaluation.base.files import write_csv
 from accelerated_evaluation.base.randomness import child_generator
 from accelerated_evaluation.study.jobs import job

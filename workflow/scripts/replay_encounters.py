@@ -2,9 +2,9 @@
 
 import numpy as np
 import pandas as pd
-from accelerated_evaluation.answer.likeliest_crashes import nearest_records, traces_of, ways_to_crash
-from accelerated_evaluation.answer.numerical_error import numerical_errors
-from accelerated_evaluation.answer.preventable import preventable
+from accelerated_evaluation.answer.consequences.preventable import preventable
+from accelerated_evaluation.answer.ways.likeliest_crashes import nearest_records, traces_of, ways_to_crash
+from accelerated_evaluation.answer.ways.numerical_error import numerical_errors
 from accelerated_evaluation.base.files import write_csv
 from accelerated_evaluation.base.randomness import child_generator
 from accelerated_evaluation.crash_map.lines import CrashLines

@@ -1,15 +1,9 @@
-"""Estimate the crash probability by crude Monte Carlo; an interrupted run continues where it stopped."""
+"""Estimate the crash probability by crude Monte Carlo."""
 
 import math
 
 from accelerated_evaluation.base.files import write_csv
-from accelerated_evaluation.methods.crude import (
-    Checkpoint,
-    crude_course,
-    crude_estimates,
-    fingerprint,
-    simulate_batches,
-)
+from accelerated_evaluation.methods.crude import crude_course, crude_estimates, simulate_batches
 from accelerated_evaluation.methods.problem import loaded_problem
 from accelerated_evaluation.study.jobs import job
 from accelerated_evaluation.vehicles.named import NamedVehicle
@@ -17,14 +11,11 @@ from accelerated_evaluation.vehicles.named import NamedVehicle
 if __name__ == "__main__":
     with job(snakemake.log[0]):
         params, settings = snakemake.params, snakemake.params.crude_monte_carlo
-        # The checkpoint is used only if all inputs and settings are the same.
-        depends_on = {"seed": params.seed, "vehicle": params.vehicle, "batch_size": settings["batch_size"]}
         files = snakemake.input
         named = NamedVehicle.of(params.vehicle, params.simulations, workers=snakemake.threads)
         with loaded_problem(files.model, files.encounters, named) as problem:
             batches = simulate_batches(
                 problem,
-                Checkpoint(params.checkpoint, fingerprint(files, depends_on)),
                 seed=params.seed,
                 batches=math.ceil(settings["simulations"] / settings["batch_size"]),
                 batch_size=settings["batch_size"],

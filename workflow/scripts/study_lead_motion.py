@@ -3,10 +3,10 @@
 from functools import partial
 
 import pandas as pd
-from accelerated_evaluation.answer.all_cut_ins import rates_table
-from accelerated_evaluation.answer.fitted_records import stored_records
-from accelerated_evaluation.answer.law_study import LawStudy
-from accelerated_evaluation.answer.lead_motion import motion_tables
+from accelerated_evaluation.answer.candidates.fitted_records import stored_records
+from accelerated_evaluation.answer.candidates.law_study import LawStudy
+from accelerated_evaluation.answer.consequences.all_cut_ins import rates_table
+from accelerated_evaluation.answer.consequences.lead_motion import motion_tables
 from accelerated_evaluation.base.files import read_json, write_csv
 from accelerated_evaluation.base.randomness import child_generator
 from accelerated_evaluation.crash_map.maps import read_crash_map

@@ -14,6 +14,7 @@ from accelerated_evaluation.study.jobs import LOGGER_VARIABLE
 from snakemake_interface_logger_plugins.base import LogHandlerBase
 from snakemake_interface_logger_plugins.common import LogEvent
 
+from snakemake_logger_plugin_study.times import expected_seconds, pace
 from snakemake_logger_plugin_study.words import (
     duration,
     failure,
@@ -52,6 +53,7 @@ class LogHandler(LogHandlerBase):
         self.running: dict[int, Running] = {}
         self.left: Counter[str] = Counter()  # jobs to do, by rule
         self.seconds: dict[str, list[float]] = {}  # that finished jobs took, by rule
+        self.expected: dict[str, float] = {}  # seconds of a job, by rule
         self.total = self.most_at_once = 0
         self.failures: list[str] = []
         self.errors: list[str] = []
@@ -85,8 +87,8 @@ class LogHandler(LogHandlerBase):
             done = sum(map(len, self.seconds.values()))
             if self.plan:
                 self._say(self.plan)
-            elif self.total:
-                self._say(f"{done} of {self.total} done in {duration(time.time() - self.begun)}")
+            elif done < self.total:
+                self._say_done(done)
             if self.errors and not self.total:
                 fault = fault_of_configuration(sys.argv[1:])
                 self.errors = [fault] if fault else self.errors
@@ -100,6 +102,7 @@ class LogHandler(LogHandlerBase):
             return
         self.left = Counter({rule: n for rule, n in record.stats.items() if rule != "total"})
         self.total = self.left.total()
+        self.expected = expected_seconds()
         self._say(f"{self.total} {'job' if self.total == 1 else 'jobs'} to do")
 
     def _started(self, record: Any) -> None:  # noqa: ANN401, Snakemake adds attributes to the record
@@ -121,6 +124,11 @@ class LogHandler(LogHandlerBase):
         is_known = EARLY * self.total < done < self.total
         left = f"   about {duration(self._remaining())} left" if is_known else ""
         self._say(f"{done:>4} of {self.total}   {duration(took):>10}   {job.message}{left}")
+        if done == self.total:  # before the workflow says what it found
+            self._say_done(done)
+
+    def _say_done(self, done: int) -> None:
+        self._say(f"{done} of {self.total} done in {duration(time.time() - self.begun)}")
 
     def _failed(self, record: Any) -> None:  # noqa: ANN401
         job = self.running.pop(record.jobid, None)
@@ -129,10 +137,11 @@ class LogHandler(LogHandlerBase):
         self._say(f"   failed   {what}")
 
     def _remaining(self) -> float:
-        """Estimate the seconds left; jobs take what those of their rule, or else all, took on average."""
+        """Estimate the seconds left: a job takes what others of its rule took, or what is expected of it."""
         took = [seconds for times in self.seconds.values() for seconds in times]
-        usual = sum(took) / len(took)
-        means = {rule: sum(times) / len(times) for rule, times in self.seconds.items()}
+        usual, factor = sum(took) / len(took), pace(self.expected, self.seconds, self.left)
+        means = {rule: factor * seconds for rule, seconds in self.expected.items()}
+        means |= {rule: sum(times) / len(times) for rule, times in self.seconds.items()}
         work = sum(count * means.get(rule, usual) for rule, count in self.left.items())
         spent = sum(min(time.time() - job.since, means.get(job.rule, usual)) for job in self.running.values())
         return (work - spent) / max(self.most_at_once, 1)

@@ -3,7 +3,7 @@
 from importlib import import_module
 from typing import Any
 
-__version__ = "0.4.0"
+__version__ = "0.5.0"
 
 # The module of each public name. It is imported when the name is first used, because NumPy and
 # SciPy take half a second.

@@ -1,42 +1,46 @@
 """Checks of what users pass: the arguments of a sampler, and the outcomes of runs."""
 
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
+from typing import TypeGuard
 
 import numpy as np
 from numpy.typing import ArrayLike
 
 from fewruns.arrays import Array, Flags
 from fewruns.certificate import Certificate
-from fewruns.constants import LARGEST_SCORE, POOL
+from fewruns.constants import LARGEST, POOL
 from fewruns.cover import Cover
-from fewruns.errors import InputError
+from fewruns.errors import InputError, require
 from fewruns.problems import Predecessor
 
 LARGEST_BATCH = POOL // 4
 
 
-def is_whole(value: object, least: int, most: float = math.inf) -> bool:
+def is_whole(value: object, least: float, most: float = math.inf) -> TypeGuard[int]:
     """Return whether a value is a whole number in a range; True and False are none."""
-    is_number = isinstance(value, int | np.integer) and not isinstance(value, bool)
-    return is_number and least <= value <= most
+    return (
+        isinstance(value, int | np.integer) and not isinstance(value, bool) and bool(least <= value <= most)
+    )
 
 
-def require(name: str, value: object, expected: str, *, fits: bool) -> None:
-    """Raise InputError if an argument does not fit what is expected."""
-    if not fits:
-        raise InputError(name, seen=f"{value!r:.80}", expected=expected, change="Choose another value.")
-
-
-def check_settings(**settings: object) -> None:
+def check_settings(settings: Mapping[str, object]) -> None:
     """Raise InputError if an argument of `Sampler` has another type or is out of range."""
     for name, value in settings.items():
         fits, expected = _RULES[name]
         require(name, value, expected, fits=fits(value))
 
 
-def outcomes(happened: ArrayLike, score: ArrayLike | None, n: int) -> tuple[Flags, Array]:
-    """Return the flags and scores of n runs as arrays, shape (n,); without scores they are 0."""
+def outcomes(
+    happened: ArrayLike, score: ArrayLike | None, failed: ArrayLike | None, n: int
+) -> tuple[Flags, Array, Flags]:
+    """Return flags, scores and which of n runs have failed, shape (n,); without scores they are 0.
+
+    Flags and scores of failed runs are replaced by False and 0.
+    """
+    failed = np.zeros(n, bool) if failed is None else np.asarray(failed)
+    is_mask = failed.shape == (n,) and failed.dtype == bool
+    require("failed", failed, f"{n} booleans that state which runs have no outcome", fits=is_mask)
     try:
         happened, score = np.asarray(happened), np.zeros(n) if score is None else np.asarray(score)
     except ValueError:  # lists of different lengths
@@ -46,12 +50,13 @@ def outcomes(happened: ArrayLike, score: ArrayLike | None, n: int) -> tuple[Flag
         expected = "booleans that state whether the event happens, and real numbers"
         change = "Return, for example, `margin <= 0, margin`."
         raise InputError("the outcomes", seen=seen, expected=expected, change=change)
-    if happened.shape != (n,) or score.shape != (n,) or np.isnan(score).any():
+    if happened.shape != (n,) or score.shape != (n,) or np.isnan(score[~failed]).any():
         seen = f"{happened.shape} flags and {score.shape} scores, {np.isnan(score).sum()} of them NaN"
         expected = f"{n} flags and {n} scores, each as an array of the shape ({n},), and numbers"
         change = "Return one outcome for each of the points, in their order."
         raise InputError("the outcomes", seen=seen, expected=expected, change=change)
-    return happened, np.clip(score.astype(float), -LARGEST_SCORE, LARGEST_SCORE)
+    score = np.clip(np.where(failed, 0.0, score), -LARGEST, LARGEST)
+    return happened & ~failed, score, failed
 
 
 def _is_switch(value: object) -> bool:

@@ -18,9 +18,9 @@ from fewruns.arrays import Array, Flags
 from fewruns.constants import (
     AMPLITUDE,
     COVERED,
-    GRADED_RUNS,
-    LEAST_TRUST,
+    FRINGE,
     LOG_SLOPE_BOUNDS,
+    MOST_RUNS,
     MOST_TRUST,
     NOISY_AMPLITUDE,
     NOISY_LOG_ODDS,
@@ -72,13 +72,13 @@ class Calibration:
 
         The weight of the second surrogate is at least ``least``. Otherwise it is `MOST_TRUST` times the
         posterior probability that it predicts better, so that it can lower a probability at most by a factor
-        of 20, or 0 if this is below `LEAST_TRUST`.
+        of 20, or 0 if this is below `FRINGE`: it could then not bring a point into the fringe.
         """
         slopes = [Slopes.learn(predicted, happened) for predicted in foreseen.T]
         calibrated = [slope(predicted) for slope, predicted in zip(slopes, foreseen.T, strict=True)]
         first, second = (np.log(np.where(happened, p, 1 - p)).sum() for p in calibrated)
         trust = float(MOST_TRUST * expit(second - first + log_odds))
-        return cls(*slopes, max(trust if trust >= LEAST_TRUST else 0.0, least))
+        return cls(slopes[0], slopes[1], max(trust if trust >= FRINGE else 0.0, least))
 
     def __call__(self, foreseen: Array) -> Array:
         """Return calibrated probabilities, shape (m,), from both surrogates' predictions, shape (m, 2)."""
@@ -147,7 +147,7 @@ class Belief:
             below = end_of_events(outcome, happened)
             self._second = partial(self._by_scores, below=below)
         foreseen = progress.foreseen
-        is_fitted = self._predecessor is None and self._second is not None and runs <= GRADED_RUNS
+        is_fitted = self._predecessor is None and self._second is not None and runs <= MOST_RUNS
         if is_fitted and len(progress.z[0]) <= COVERED and not self._noisy:
             # The runs of the search were not predicted, but show as well which surrogate is better.
             left_out = np.column_stack([self.flags.left_out, self.scores.left_out(below)])

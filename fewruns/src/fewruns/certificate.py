@@ -17,7 +17,7 @@ from scipy.special import betaincc, chdtri, ndtr, ndtri
 
 from fewruns.arrays import Array
 from fewruns.constants import BEYOND, FEW, REACH, UNSEEN_ALPHA
-from fewruns.errors import InputError
+from fewruns.errors import require
 from fewruns.wide_laws import rarity
 
 STEPS = 600  # number of steps of the integrals over the rarity, and of distances of modes
@@ -49,9 +49,9 @@ class Certificate:
     filled: float = 1.0
 
     def __post_init__(self) -> None:
-        if not (self.share > 0 and 0 <= self.curvature < math.inf and 0 < self.filled <= 1):
-            expected = "share above 0, curvature finite and not negative, filled above 0 and at most 1"
-            raise InputError("certificate", seen=f"{self}", expected=expected, change="Correct the values.")
+        fits = self.share > 0 and 0 <= self.curvature < math.inf and 0 < self.filled <= 1
+        expected = "share above 0, curvature finite and not negative, filled above 0 and at most 1"
+        require("certificate", self, expected, fits=fits)
 
 
 # By default, an unobserved half-space must not be more than a thousand times as probable as the estimate. If
@@ -75,7 +75,7 @@ class Unseen:
         """Return the bounds after draws of the wide law, rows of number, smallest and largest rarity."""
         mode = _nearest(wide_draws * [filled, 1, 1], dimension, reach, curvature)
         probability = filled * float(ndtr(-_caps(dimension, curvature)[0][mode]))
-        return cls(float(wide_draws[:, 0].sum()), probability, _bound_of_any_set(wide_draws))
+        return cls(float(wide_draws[:, 0].sum()), probability, bound_of_any_set(wide_draws))
 
 
 def look_beyond(wide_draws: Array, dimension: int, reach: float, curvature: float, share: float) -> float:
@@ -110,7 +110,7 @@ def _draws_at(wide_draws: Array, at: Array) -> Array:
     return (runs / (end - begin) * ((begin < at) & (at <= end))).sum(axis=0)
 
 
-def _bound_of_any_set(wide_draws: Array) -> float:
+def bound_of_any_set(wide_draws: Array) -> float:
     """Return the largest probability of an unobserved set, which is a ball about the origin."""
     expected = np.concatenate([[0.0], np.cumsum(_draws_at(wide_draws, RARITIES)) * REACH / STEPS])
     surface = np.interp(-math.log(UNSEEN_ALPHA), expected, np.arange(STEPS + 1) / STEPS * REACH)

@@ -11,24 +11,16 @@ The parts in question are balls of a given probability, which are the smaller th
 origin. A ball is *open* if it is outside the clearances of all runs, and contains no run and no known event.
 """
 
+from functools import partial
+
 import numpy as np
 from scipy.spatial import cKDTree
 from scipy.spatial.distance import cdist
-from scipy.special import chndtr
+from scipy.special import chndtrinc
 
 from fewruns.arrays import Array, Flags
-from fewruns.constants import (
-    BISECTIONS,
-    CANDIDATES,
-    FARTHEST,
-    RADII,
-    ROUNDS,
-    SMALLEST_BALL,
-    STEEPER,
-    TRIED_BALLS,
-)
-from fewruns.cover import draw_modes
-from fewruns.two_phase import choose_covering
+from fewruns.constants import RADII, ROUNDS, SMALLEST_BALL, STEEPER, TRIED_BALLS
+from fewruns.cover import close, draw_modes, room
 
 
 def clearances(z: Array, happened: Flags, score: Array, known: Array) -> Array:
@@ -49,12 +41,7 @@ def clearances(z: Array, happened: Flags, score: Array, known: Array) -> Array:
 def balls_with(probability: float, largest: float, d: int) -> tuple[Array, Array]:
     """Return radii up to ``largest``, and how far from the origin the balls of a probability begin, (k,)."""
     radius = np.geomspace(SMALLEST_BALL, 1.0, RADII) * largest
-    low, high = np.zeros(RADII), np.full(RADII, FARTHEST)
-    for _ in range(BISECTIONS):
-        middle = (low + high) / 2
-        is_near = chndtr(radius**2, d, (middle + radius) ** 2) > probability
-        low, high = np.where(is_near, middle, low), np.where(is_near, high, middle)
-    return radius, low
+    return radius, np.maximum(np.sqrt(chndtrinc(radius**2, d, probability)) - radius, 0.0)
 
 
 def find_open_balls(
@@ -73,16 +60,14 @@ def find_open_balls(
     radius, begin = balls_with(probability, largest, d)
     u, b = draw_modes(TRIED_BALLS, d, begin[-1], generator)
     centre = u * (b + np.interp(b, begin, radius))[:, None]
-    points, clear, found = (
-        np.vstack([z, known]),
-        np.append(clearance, np.zeros(len(known))),
-        np.empty((0, d + 1)),
-    )
+    points, clear = np.vstack([z, known]), np.append(clearance, np.zeros(len(known)))
+    found = np.empty((0, d + 1))
     for _ in range(ROUNDS):
         own = np.interp(np.linalg.norm(centre, axis=1), begin + radius, radius)
-        room = (cdist(centre, points) - clear).min(axis=1) - own
-        found = np.vstack([found, np.column_stack([centre, own])[room > 0]])
-        best = np.resize(np.argsort(-room)[: TRIED_BALLS // 10], TRIED_BALLS)
+        balls = np.column_stack([centre, own])
+        gap = room(balls, points, clear)
+        found = np.vstack([found, balls[gap > 0]])
+        best = np.resize(np.argsort(-gap)[: TRIED_BALLS // 10], TRIED_BALLS)
         centre = centre[best] + generator.normal(size=centre.shape) * (own[best] / np.sqrt(d))[:, None]
         length = np.linalg.norm(centre, axis=1)
         centre *= np.minimum((begin + radius)[-1] / length, 1.0)[:, None]
@@ -90,7 +75,14 @@ def find_open_balls(
 
 
 def points_in_open_balls(
-    n: int, z: Array, happened: Flags, score: Array, centres: Array, probability: float, largest: float
+    n: int,
+    z: Array,
+    happened: Flags,
+    score: Array,
+    centres: Array,
+    probability: float,
+    largest: float,
+    unknown: Array,
 ) -> Array:
     """Return up to n points, shape (m, d), that close most open balls; none if there is no open ball.
 
@@ -104,20 +96,23 @@ def points_in_open_balls(
         Important points of known parts, in addition to the events, shape (k, d).
     probability, largest
         Probability of the balls, and their largest radius.
+    unknown
+        Runs without a score, pending or failed, shape (m, d); their clearances are the expected ones.
     """
-    d, known = z.shape[1], np.vstack([z[happened], centres])
+    known = np.vstack([z[happened], centres])
     generator = np.random.Generator(np.random.PCG64(len(z)))
     clearance = clearances(z, happened, score, known)
-    balls = find_open_balls(z, clearance, known, probability, largest, generator)
-    if not len(balls):
-        return z[:0]
-    tried = balls[generator.integers(len(balls), size=CANDIDATES)]
-    step = generator.normal(size=(CANDIDATES, d))
-    step *= (tried[:, -1] * generator.random(CANDIDATES) / np.linalg.norm(step, axis=1))[:, None]
-    points, balls = tried[:, :-1] + step, balls[generator.permutation(len(balls))[:TRIED_BALLS]]
-    # Clearances change at most by 1 / `STEEPER` per unit of length. Those of new runs are expected midway.
-    apart, own = cdist(points, z[~happened]) / STEEPER, clearance[~happened]
+    expected = partial(_expected, z=z[~happened], clearance=clearance[~happened], known=known)
+    runs, clear = np.vstack([z, unknown]), np.append(clearance, expected(unknown))
+    balls = find_open_balls(runs, clear, known, probability, largest, generator)
+    return close(n, balls, generator, clearances=expected) if len(balls) else z[:0]
+
+
+def _expected(points: Array, z: Array, clearance: Array, known: Array) -> Array:
+    """Return the clearances expected of new runs, shape (m,), from those of the runs z without the event.
+
+    They change at most by 1 / `STEEPER` per unit of length, and are expected midway between their bounds.
+    """
+    apart, own = cdist(points, z) / STEEPER, clearance
     most = np.minimum((own + apart).min(axis=1), cKDTree(known).query(points)[0] / STEEPER)
-    expected = (most + np.clip((own - apart).max(axis=1), 0.0, most)) / 2
-    inside = cdist(points, balls[:, :-1]) <= balls[:, -1] + expected[:, None]
-    return points[choose_covering(inside, min(n, len(balls)))]
+    return (most + np.clip((own - apart).max(axis=1), 0.0, most)) / 2

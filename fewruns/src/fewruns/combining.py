@@ -29,6 +29,9 @@ class BatchEstimate:
     prediction: Prediction
     # Whether an unexpected event happened: at a point that the surrogate had excluded, with a large weight.
     surprising: bool
+    # How much lower the estimate would be if no failed run were an event, and how much higher if all were.
+    less: float = 0.0
+    more: float = 0.0
     best: float = BEST  # lower bound of the predicted coefficient of variation in the weight
 
     @property
@@ -45,6 +48,8 @@ class Combined:
     observed_variance: float  # variance of the mean, estimated from the runs
     predicted_variance: float  # variance of the mean, predicted before the runs were made
     batches: int
+    less: float  # as in `BatchEstimate`
+    more: float
 
     def interval(self, alpha: float) -> tuple[float, float]:
         """Return the 100 (1 - alpha) % interval by Student's t; its upper end may be infinite."""
@@ -73,21 +78,29 @@ def ends(probability: float, reach: float) -> tuple[float, float]:
     return probability / (1 + reach), probability / (1 - reach) if reach < 1 else math.inf
 
 
-def estimate_batch(batch: TwoPhaseBatch, happened: Flags) -> BatchEstimate:
-    """Return the estimate of a batch, from n flags, with the variance of independent inclusions."""
+def estimate_batch(batch: TwoPhaseBatch, happened: Flags, failed: Flags | None = None) -> BatchEstimate:
+    """Return the estimate of a batch, from n flags, with the variance of independent inclusions.
+
+    For a failed run, the outcome is replaced by the control variate, so that the run leaves the estimate. The
+    weight of the batch does not depend on failures.
+    """
     sampled = batch.weight > 0
     n = int(np.count_nonzero(sampled))
-    terms = batch.weight * (happened - batch.control) / batch.inclusion
+    known = np.ones(len(happened), bool) if failed is None else ~failed
+    factor = batch.weight / batch.inclusion
+    terms = np.where(known, batch.weight * (happened - batch.control) / batch.inclusion, 0.0)
     first_phase = max(batch.controlled_square + batch.weight @ terms, 0.0)
     second_phase = (terms**2 * (1 - batch.inclusion)).sum() * n / max(n - 1, 1)
     # The runs of a cover have no weights, and all of their events matter.
-    matters = (batch.weight / batch.inclusion > batch.prediction.probability) | ~sampled
+    matters = (factor > batch.prediction.probability) | ~sampled
     return BatchEstimate(
         probability=float(batch.controlled + terms.sum()),
         observed_variance=float(first_phase + second_phase),
         runs=n,
         prediction=batch.prediction,
         surprising=bool((happened & ~batch.aimed & matters).any()),
+        less=float((factor * batch.control)[~known].sum()),
+        more=float((factor * (1 - batch.control))[~known].sum()),
         best=SURE if batch.z.shape[1] <= COVERED else BEST,
     )
 
@@ -132,9 +145,9 @@ def combine(batches: Sequence[BatchEstimate]) -> Combined:
     probability = float(weight @ np.array([batch.probability for batch in batches]))
     observed = weight**2 @ np.array([batch.observed_variance for batch in batches])
     variations = np.array([batch.prediction.variation / batch.runs for batch in batches])
-    return Combined(
-        probability, float(observed), float(weight**2 @ variations * probability**2), len(batches)
-    )
+    predicted = float(weight**2 @ variations * probability**2)
+    less, more = (float(weight @ [getattr(batch, side) for batch in batches]) for side in ("less", "more"))
+    return Combined(probability, float(observed), predicted, len(batches), less, more)
 
 
 @lru_cache

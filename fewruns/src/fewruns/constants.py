@@ -132,10 +132,6 @@ CONTROLLED = 0.3
 # Where the surrogate predicts a probability near 1, it expects almost no error, but may be wrong.
 FLOOR = 0.1
 
-# Predicted squared coefficient of variation of a run if the surrogate predicts no event at all. It stands for
-# infinity, which JSON cannot represent.
-WORTHLESS = 1e100
-
 # Number of points of the pool of a batch that are kept, so that the estimate can be reweighted for another
 # law. They represent equal parts of the integral of the control variate.
 KEPT = 100
@@ -150,10 +146,6 @@ LOG_SLOPE_BOUNDS = (-1.2, 1.5)
 # Largest weight of the second surrogate in the mixture of the two predictions. If there is a predecessor,
 # this is also the largest weight of the first surrogate.
 MOST_TRUST = 0.95
-
-# A weight of the second surrogate below this value is replaced by 0, which saves the time of its predictions.
-# With such a weight the second surrogate alone could not bring a point into the fringe.
-LEAST_TRUST = FRINGE
 
 # Predicted probabilities are kept at least this far from 0 and 1, so that a single unexpected outcome does
 # not reduce the likelihood to zero.
@@ -175,17 +167,14 @@ COVER_SHARE, ROUNDNESS, ROUNDNESS_OF_FLAGS, ROUNDEST = 0.5, 6.4, 9.6, 0.8
 # share of them that need not be excluded.
 MODES, FARTHEST, COVER_MISSED = 10_000, 11.0, 0.005
 
-# Largest rarity of the runs that exclude modes.
-COVER_REACH = 30.0
-
 # Number of runs that are sampled in a batch after the interval has become narrow, if none are needed to
 # exclude other parts of the event.
 CERTIFIED = 5
 
 # After its interval has become narrow, an estimate takes at most this share of its runs in addition, or
-# LONGEST runs if these are more, to meet the default certificate. With more than three inputs, it may take
-# LONGEST runs for each input in total: all runs count for the certificate, so that an interval that is narrow
-# early leaves more to do. With scores that jump, it would take thousands.
+# LONGEST runs if these are more, to follow the scores. With more than three inputs, it may take LONGEST runs
+# for each input in total: all runs count for the certificate, so that an interval that is narrow early leaves
+# more to do. With scores that jump, it would take thousands. Then the cover of flags alone is completed.
 LONGEST_SHARE, LONGEST = 0.5, 80
 
 # With more inputs than this, scores do not show that there are no other parts, because the number of runs
@@ -197,15 +186,11 @@ MOST_INPUTS = 6
 # towards a known one.
 STEEPER = 1.5
 
-# Number of balls that are tried in one round, and number of rounds; number of radii, and of steps that find
-# the distance of the ball of each radius.
-TRIED_BALLS, ROUNDS, RADII, BISECTIONS = 2000, 3, 50, 40
+# Number of balls that are tried in one round, number of rounds, and number of radii.
+TRIED_BALLS, ROUNDS, RADII = 2000, 3, 50
 
 # Ratio of the smallest to the largest of these radii.
 SMALLEST_BALL = 1e-3
-
-# Number of blocks in which pairs of points are examined that may belong to the same part of the event.
-BLOCKS = 20
 
 # ---- the Gaussian process
 
@@ -249,11 +234,8 @@ LOG_DIRECTION_BOUNDS = ((-4.0, 1.0), (-1.0, 1.5), (-4.0, 0.5))
 # best is used.
 FIRST_NOISE, STARTS = 0.3, (0.05, 0.2, 0.5)
 
-# Numbers of inputs to which the directions are restricted for comparison; the most important inputs are kept.
-INPUTS = (2, 3, 5, 8)
-
-# Largest number of steps of the optimisation of the directions, and of runs on which it is based.
-DIRECTION_STEPS, DIRECTION_RUNS = 40, 400
+# Largest number of steps of the optimisation of the directions.
+DIRECTION_STEPS = 40
 
 # Share of a pool that is drawn from the wide distribution of all normal scores.
 WHOLE_SHARE = 0.15
@@ -271,7 +253,7 @@ SYSTEM_LENGTH = 10.0
 LOG_LENGTH_BOUNDS, LOG_AMPLITUDE_BOUNDS = (-2.0, 3.0), (-1.0, 4.0)
 LEARNING_STEPS = 5
 
-# Largest number of runs to which the surrogate is fitted. Memory grows with its square, time with its cube.
+# Largest number of runs to which a surrogate is fitted. Memory grows with its square, time with its cube.
 MOST_RUNS = 600
 
 # The regression of the scores: log-normal prior of the standard deviation of its noise, which represents
@@ -281,9 +263,6 @@ MOST_RUNS = 600
 NOISE = 0.1, 1.0
 LOG_NOISE_BOUNDS = (-4.0, 0.0)
 GRADED_STEPS = 15
-
-# Largest number of runs to which the regression of the scores is fitted.
-GRADED_RUNS = 300
 
 # Share of the variance that is added to the diagonal of the covariance, so that repeated points do not make
 # it singular.
@@ -310,8 +289,9 @@ LEAST_PRECISION, LEAST_VARIANCE = 1e-10, 1e-13
 # rounding, which can depend on the batch.
 SAME_SCORE = 1e-5
 
-# A score that is infinite is replaced by this value, because JSON cannot represent infinity.
-LARGEST_SCORE = float(np.finfo(float).max)
+# A score that is infinite, and the predicted variation of a run if no event is predicted at all, are replaced
+# by this value, because JSON cannot represent infinity.
+LARGEST = float(np.finfo(float).max)
 
 # Number of runs that are repeated at the beginning of the second phase, unless the system is stated to be
 # deterministic. They show whether the outcomes of most runs are random, as with noise.
@@ -359,9 +339,6 @@ NOISY_AMPLITUDE = 3.0
 # `FRINGE_WEIGHT` if the outcomes of most runs are random. Many events then happen where the probability of
 # the event is small, but the normal density is large.
 NOISY_FRINGE_WEIGHT = 100.0
-
-# `FRINGE` if the outcomes of most runs are random.
-NOISY_FRINGE = 0.002
 
 # `USABLE` if the outcomes of most runs are random. No surrogate can then predict them exactly.
 NOISY_USABLE = 10.0

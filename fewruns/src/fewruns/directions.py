@@ -19,13 +19,11 @@ from fewruns.arrays import Array, Flags
 from fewruns.constants import (
     AMPLITUDE_SPREAD,
     COST,
-    DIRECTION_RUNS,
     DIRECTION_STEPS,
     FIRST_NOISE,
-    INPUTS,
-    LEAST_SINGULAR,
     LOG_DIRECTION_BOUNDS,
     MOST_DIRECTIONS,
+    MOST_RUNS,
     NOISE,
     OUTWARD,
     OUTWARD_SPREAD,
@@ -46,7 +44,7 @@ def learn_directions(z: Array, happened: Flags, score: Array, before: Array | No
     Earlier directions, ``before``, are a further starting point of the optimisation.
     """
     outcome = graded(happened, score)
-    kept = thinned(np.argsort(outcome, kind="stable"), DIRECTION_RUNS)
+    kept = thinned(np.argsort(outcome, kind="stable"), MOST_RUNS)
     regression = _Regression(z[kept], outcome[kept])
     first = np.log([OUTWARD, 1.0, FIRST_NOISE])
     none = regression.optimise(_Model(np.zeros((z.shape[1], 0)), first))
@@ -54,9 +52,7 @@ def learn_directions(z: Array, happened: Flags, score: Array, before: Array | No
     if before is not None:
         again = regression.optimise(_Model(before, first))
         found.append(regression.grown(again, single=not again.free.all()))
-    best = min(found, key=lambda model: model.loss)
-    fewer = [regression.optimise(best.of_inputs(count)) for count in INPUTS if count < z.shape[1]]
-    return min([best, *fewer], key=lambda model: model.loss).directions
+    return min(found, key=lambda model: model.loss).directions
 
 
 @dataclass(frozen=True)
@@ -90,14 +86,6 @@ class _Model:
         directions = np.zeros(self.directions.shape)
         directions[self.free] = vector[: -len(self.others)]
         return type(self)(directions, vector[-len(self.others) :])
-
-    def of_inputs(self, count: int) -> Self:
-        """Return the model restricted to its ``count`` most important inputs, with all their entries free."""
-        matter = np.argsort((self.directions**2).sum(axis=1))[-count:]
-        left, length, _ = np.linalg.svd(self.directions[matter], full_matrices=False)
-        few = np.zeros((len(self.directions), len(length)))
-        few[matter] = left * np.maximum(length, LEAST_SINGULAR * length[0])
-        return type(self)(few, self.others)
 
     def with_column(self, column: Array) -> Self:
         """Return the model with an additional column of M, shape (d,)."""

@@ -26,3 +26,11 @@ class InputError(ValueError):
     def __reduce__(self) -> tuple:
         """Pickle by keyword, so that the error survives a process boundary."""
         return partial(type(self), seen=self.seen, expected=self.expected, change=self.change), (self.where,)
+
+
+def require(
+    name: str, value: object, expected: str, *, fits: bool, change: str = "Choose another value."
+) -> None:
+    """Raise InputError if an argument does not fit what is expected."""
+    if not fits:
+        raise InputError(name, seen=f"{value!r:.80}", expected=expected, change=change)

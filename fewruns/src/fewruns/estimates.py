@@ -6,7 +6,7 @@ from dataclasses import dataclass, field
 from numbers import Real
 from typing import Any
 
-from fewruns.errors import InputError
+from fewruns.errors import require
 
 
 @dataclass(frozen=True)
@@ -46,14 +46,9 @@ class Stopping:
             ("maximum_simulations", -1, math.inf),
         ):
             value = getattr(self, name)
-            if not isinstance(value, Real) or not least < value < most:
-                expected = f"a number above {least:g} and below {most:g}"
-                raise InputError(name, seen=repr(value), expected=expected, change="Choose another value.")
-        if not isinstance(self.anytime, bool):
-            expected = "True or False"
-            raise InputError(
-                "anytime", seen=repr(self.anytime), expected=expected, change="Choose another value."
-            )
+            fits = isinstance(value, Real) and least < float(value) < most
+            require(name, value, f"a number above {least:g} and below {most:g}", fits=fits)
+        require("anytime", self.anytime, "True or False", fits=isinstance(self.anytime, bool))
 
 
 @dataclass(frozen=True)

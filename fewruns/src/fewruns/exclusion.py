@@ -1,17 +1,16 @@
 """What other parts of the event the runs of a sampler exclude, and the runs that exclude more of them.
 
 The certificate says what has to be excluded. It is stated by the user, or a cover by default. The cover
-itself, its open balls (`parts`) and its clearances (`clearance`) take long, so each is computed once for each
-state of the runs.
+itself and its clearances (`clearance`) take long, so each is computed once for each state of the runs.
 """
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
 
 from fewruns.arrays import Array
-from fewruns.certificate import Certificate, Unseen, look_beyond
+from fewruns.certificate import Certificate, Unseen, bound_of_any_set, look_beyond
 from fewruns.clearance import points_in_open_balls
 from fewruns.constants import (
     AGREEMENT,
@@ -23,8 +22,8 @@ from fewruns.constants import (
 )
 from fewruns.cover import Cover
 from fewruns.graded import say_more
-from fewruns.parts import draw_in_balls_together, open_balls
 from fewruns.progress import Progress
+from fewruns.statements import point_the_wrong_way
 from fewruns.two_phase import reach_of
 
 
@@ -48,8 +47,15 @@ class Exclusion:
 
     @cached_property
     def has_scores(self) -> bool:
-        """Whether the scores of the runs say more than their flags."""
-        return say_more(self.progress.happened, self.progress.score)
+        """Whether the scores of the runs say more than their flags, and say so in time.
+
+        Scores that point the wrong way, and those that still leave room for another part after late runs, say
+        too little. The cover is then that of flags alone.
+        """
+        happened, score = self.progress.happened, self.progress.score
+        if not say_more(happened, score) or point_the_wrong_way(happened, score):
+            return False
+        return not (self.is_late and len(self._in_clearances))
 
     @property
     def is_sufficient(self) -> bool:
@@ -61,15 +67,14 @@ class Exclusion:
     def is_certified(self) -> bool:
         """Whether the runs exclude all other parts of the event that the certificate speaks of.
 
-        If this is to be shown by a cover, no known part may be larger than estimated, and the scores may
-        leave no room for another part. If a whole batch was spent on them, one more is sampled, because the
-        surrogate has learnt from them.
+        If this is to be shown by a cover, the scores may leave no room for another part. If a whole batch was
+        spent on them, one more is sampled, because the surrogate has learnt from them.
         """
         if not self.is_covered or isinstance(self.required, Certificate):
             return self.is_covered
         # The search for open balls takes long, so the simple condition comes first.
         is_sampled = self.progress.estimates[-1].runs > 0
-        return is_sampled and not len(self._balls) and not len(self._in_clearances)
+        return is_sampled and not (self.has_scores and len(self._in_clearances))
 
     @cached_property
     def is_covered(self) -> bool:
@@ -78,28 +83,22 @@ class Exclusion:
 
     @property
     def is_late(self) -> bool:
-        """Whether the default certificate has taken as many runs as it may since the interval was narrow."""
+        """Whether the clearances have taken as many runs as they may since the interval was narrow."""
         narrow_at = self.progress.narrow_at
-        if self.stated is not None or narrow_at is None:
+        if isinstance(self.stated, Certificate) or narrow_at is None:
             return False
         total = narrow_at + max(LONGEST_SHARE * narrow_at, LONGEST)
         if self.dimension > 3:
             total = max(total, LONGEST * self.dimension)
         return len(self.progress.z) >= total
 
-    @property
-    def gives_up(self) -> bool:
-        """Whether other parts of the event are not excluded, although that has taken as long as it may."""
-        if not self.is_late or not self.progress.estimates[-1].runs:
-            return False
-        return self.is_covered and not self.is_certified
-
     def unseen(self, probability: float) -> Unseen:
         """Return the bounds on an unobserved part of the event, given the probability of the known part."""
-        known, required = (self.progress.wide_draws, self.dimension, reach_of(probability)), self.required
+        draws, required = self.progress.wide_draws, self.required
         if isinstance(required, Cover):
-            return replace(Unseen.after(*known, required.curvature), mode=self._unseen_mode)
-        return Unseen.after(*known, required.curvature, required.filled)
+            return Unseen(float(draws[:, 0].sum()), self._unseen_mode, bound_of_any_set(draws))
+        reach = reach_of(probability)
+        return Unseen.after(draws, self.dimension, reach, required.curvature, required.filled)
 
     @property
     def beyond(self) -> float:
@@ -126,20 +125,19 @@ class Exclusion:
     def runs(self, generator: np.random.Generator) -> Array:
         """Return up to ``most`` runs, shape (m, d), that exclude other parts; none if none are needed.
 
-        The required certificate is a cover. The surroundings of known parts are checked first, because the
-        estimate begins again if a known part is larger than its runs have shown. With at most two inputs, the
-        runs of the cover reach all places, known parts included. Late runs only complete the cover.
+        The required certificate is a cover. Late runs only complete the cover. Pending runs are expected to
+        show no event; failed runs count as well, because they may fail again at the same place.
         """
-        progress, is_open = self.progress, not self.is_covered
-        if not self.is_late:
-            if not (is_open and self.dimension <= COVERED) and len(self._balls):
-                return draw_in_balls_together(self.most, self._balls, generator)
-            if len(self._in_clearances):
-                return self._in_clearances
-        if not is_open:
+        progress, required, unknown = self.progress, self.required, self.progress.unknown_runs
+        if self.has_scores and not self.is_late and len(self._in_clearances):
+            points = self._in_open_balls(unknown) if progress.asked else self._in_clearances
+            if len(points):
+                return points
+        if self.is_covered or isinstance(required, Certificate):
             return progress.z[:0]
-        wanted = self.required.share * self._mean, self._unseen_mode
-        return self.required.next_runs(self.most, progress.z, *wanted, generator)
+        z, wanted = np.vstack([progress.z, unknown]), required.share * self._mean
+        unseen = required.unseen(z) if progress.asked else self._unseen_mode
+        return required.next_runs(self.most, z, wanted, unseen, generator) if unseen > wanted else z[:0]
 
     @cached_property
     def _mean(self) -> float:
@@ -147,32 +145,26 @@ class Exclusion:
 
     @cached_property
     def _unseen_mode(self) -> float:
-        return self.required.unseen(self.progress.z)
-
-    @property
-    def _can_see(self) -> bool:
-        """Whether more than the cover can be checked: not with random outcomes, and not with many inputs.
-
-        With many inputs, no run is near another one.
-        """
-        return not self.progress.chance and self.dimension <= FEW
-
-    @cached_property
-    def _balls(self) -> Array:
-        """Open balls around known events, shape (k, d + 1)."""
-        progress = self.progress
-        if not self._can_see:
-            return np.empty((0, self.dimension + 1))
-        return open_balls(progress.z, progress.happened, self._centres, self._mean, self.required.share)
+        z = np.vstack([self.progress.z, self.progress.failed])
+        return self.required.unseen(z)  # type: ignore[union-attr]  # asked of covers only
 
     @cached_property
     def _in_clearances(self) -> Array:
-        """Points where the scores leave room for another part of the event, shape (m, d)."""
-        progress, required = self.progress, self.required
-        if not (self._can_see and progress.happened.any() and self.has_scores):
+        """Points where the scores leave room for another part of the event, shape (m, d).
+
+        They are not looked for with random outcomes, and with so many inputs that no run is near another one.
+        """
+        progress = self.progress
+        if progress.chance or self.dimension > FEW or not progress.happened.any():
             return progress.z[:0]
+        return self._in_open_balls(progress.failed)
+
+    def _in_open_balls(self, unknown: Array) -> Array:
+        """Return points in open balls, shape (m, d), after runs of which some have no outcome, (k, d)."""
+        progress, required = self.progress, self.stated or Cover.by_default(self.dimension)
         known = progress.z, progress.happened, progress.score, self._centres
-        return points_in_open_balls(self.most, *known, required.share * self._mean, 1 / required.curvature)
+        asked = required.share * self._mean, 1 / required.curvature
+        return points_in_open_balls(self.most, *known, *asked, unknown)
 
     @property
     def _centres(self) -> Array:

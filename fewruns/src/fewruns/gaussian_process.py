@@ -4,7 +4,7 @@ See Rasmussen and Williams (2006), section 3.6. The lengths have the largest pos
 """
 
 import math
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from operator import itemgetter
 
 import numpy as np
@@ -46,9 +46,10 @@ LOG_ROOT_2PI = 0.5 * math.log(2 * math.pi)
 def covariance_between(
     a: Array, b: Array, variance: float, *, with_slope: bool = False
 ) -> tuple[Array, Array]:
-    """Return the covariances between points of shapes (n, d) and (m, d), and slopes if wanted, shapes (n, m).
+    """Return the covariances between points of shapes (n, d) and (m, d), and their slopes, shapes (n, m).
 
-    The slopes are -2 times the derivatives of the correlations with respect to the squared distance.
+    Slopes are computed if ``with_slope`` is true. They are -2 times the derivatives of the
+    correlations with respect to the squared distance.
     """
     value = np.empty((len(a), len(b)))
     slope = np.empty_like(value) if with_slope else np.empty((0, len(b)))
@@ -92,21 +93,32 @@ def negative_log_posterior(
     evidence: float, gradient: Array, score: Array, scale: Array
 ) -> tuple[float, Array]:
     """Return the negative log posterior density of k parameters with a normal prior, and its gradient."""
-    return 0.5 * score @ score - evidence, score / scale - gradient
+    return float(0.5 * score @ score - evidence), score / scale - gradient
 
 
-def prior_of_lengths(
-    centre: Array, dimension: int, *, curved: bool
-) -> tuple[Array, list[tuple[float, float]]]:
-    """Return the prior medians of all log parameters, and the bounds of those of d lengths and the distance.
+def most_probable(
+    loss: Callable[..., tuple[float, Array]],
+    known: tuple[Array, Array],
+    centre: Array,
+    dimension: int,
+    bounds: Sequence[tuple[float, float]],
+    steps: int,
+    *,
+    curved: bool,
+) -> tuple[float, Array]:
+    """Return the smallest loss, and its log parameters, optimised from the prior median in few steps.
 
-    If the boundary is ``curved`` around the origin, the distance from it matters. Otherwise its length is
-    fixed, at its prior median, so that the prior has no influence.
+    The first parameters are the log lengths along d coordinates and the distance. If the boundary is
+    ``curved`` around the origin, the distance from it matters. Otherwise its length is fixed, at its prior
+    median, so that the prior has no influence. ``known`` are runs and outcomes.
     """
     centre = centre.copy()
     centre[dimension] = math.log(1 / OUTWARD if curved else UNUSED)
     of_distance = LOG_LENGTH_BOUNDS if curved else (math.log(UNUSED),) * 2
-    return centre, [LOG_LENGTH_BOUNDS] * dimension + [of_distance]
+    limits = [LOG_LENGTH_BOUNDS] * dimension + [of_distance, *bounds]
+    options, given = {"maxiter": steps}, (*known, centre)
+    found = minimize(loss, centre, given, "L-BFGS-B", jac=True, bounds=limits, options=options)
+    return float(found.fun) + COST * curved, found.x
 
 
 def principal_axes(points: Array) -> list[Array]:
@@ -208,14 +220,12 @@ class EventSurrogate:
     def _learn(
         self, axes: Array, z: Array, sign: Array, *, curved: bool = False
     ) -> tuple[float, Array, Array]:
-        """Return the smallest loss along given axes, the axes, and theta, optimised from the prior median."""
-        centre, bounds = prior_of_lengths(self._centre, len(axes), curved=curved)
-        self.axes, self.theta, self.sites = axes, centre, np.empty((2, 0))
-        known = *self._keep(z, sign), centre
-        bounds += [LOG_LENGTH_BOUNDS] * (len(centre) - len(bounds) - 1) + [LOG_AMPLITUDE_BOUNDS]
-        steps = {"maxiter": LEARNING_STEPS}
-        found = minimize(self._loss, centre, known, "L-BFGS-B", jac=True, bounds=bounds, options=steps)
-        return float(found.fun) + COST * curved, axes, found.x
+        """Return the smallest loss along given axes, the axes, and theta."""
+        self.axes, self.sites = axes, np.empty((2, 0))
+        bounds = [LOG_LENGTH_BOUNDS] * (self._predecessor is not None) + [LOG_AMPLITUDE_BOUNDS]
+        given = self._keep(z, sign), self._centre, len(axes), bounds, LEARNING_STEPS
+        loss, theta = most_probable(self._loss, *given, curved=curved)
+        return loss, axes, theta
 
     def _keep(self, z: Array, sign: Array) -> tuple[Array, Array]:
         """Return the runs for the fit, those of the predecessor first, and their signs; add missing sites."""

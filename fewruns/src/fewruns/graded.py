@@ -9,20 +9,18 @@ from operator import itemgetter
 
 import numpy as np
 from scipy.linalg.lapack import dpotrf, dpotri, dpotrs, dtrtrs
-from scipy.optimize import minimize
 from scipy.special import ndtr, ndtri
 
 from fewruns.arrays import Array, Flags
 from fewruns.constants import (
     AMPLITUDE_SPREAD,
-    COST,
-    GRADED_RUNS,
     GRADED_STEPS,
     LEAST_VARIANCE,
     LENGTH,
     LENGTH_SPREAD,
     LOG_AMPLITUDE_BOUNDS,
     LOG_NOISE_BOUNDS,
+    MOST_RUNS,
     NOISE,
     OUTWARD_SPREAD,
     UNUSED,
@@ -31,8 +29,8 @@ from fewruns.gaussian_process import (
     covariance_between,
     covariance_of_runs,
     evidence_gradient,
+    most_probable,
     negative_log_posterior,
-    prior_of_lengths,
     thinned,
     with_distance,
 )
@@ -68,24 +66,18 @@ class GradedSurrogate:
         self._scale = np.array([*[LENGTH_SPREAD] * dimension, OUTWARD_SPREAD, AMPLITUDE_SPREAD, NOISE[1]])
 
     def fit(self, z: Array, outcome: Array, *, learn: bool) -> None:
-        """Fit the regression to all runs or `GRADED_RUNS` of them; ``learn`` its parameters again."""
-        kept = thinned(np.argsort(outcome, kind="stable"), GRADED_RUNS)  # the smallest outcomes first
+        """Fit the regression to all runs or `MOST_RUNS` of them; ``learn`` its parameters again."""
+        kept = thinned(np.argsort(outcome, kind="stable"), MOST_RUNS)  # the smallest outcomes first
         self._z, self._outcome = with_distance(z[kept]), outcome[kept]
         if learn:
-            found = [self._learn(z.shape[1], curved=curved) for curved in (False, True)]
+            bounds = [LOG_AMPLITUDE_BOUNDS, LOG_NOISE_BOUNDS]
+            given = (self._z, self._outcome), self._centre, z.shape[1], bounds, GRADED_STEPS
+            found = [most_probable(self._loss, *given, curved=curved) for curved in (False, True)]
             self.theta = min(found, key=itemgetter(0))[1]
         self._runs = self._z / np.exp(self.theta[:-2])
         self._variance, noise_variance = np.exp(2 * self.theta[-2:])
         covariance, _ = covariance_of_runs(self._runs, self._variance)
-        self._factor, self._weights = self._solve(covariance, noise_variance)
-
-    def _learn(self, dimension: int, *, curved: bool) -> tuple[float, Array]:
-        """Return the smallest loss and its theta, optimised from the prior median."""
-        centre, bounds = prior_of_lengths(self._centre, dimension, curved=curved)
-        bounds += [LOG_AMPLITUDE_BOUNDS, LOG_NOISE_BOUNDS]
-        steps = {"maxiter": GRADED_STEPS}
-        found = minimize(self._loss, centre, centre, "L-BFGS-B", jac=True, bounds=bounds, options=steps)
-        return float(found.fun) + COST * curved, found.x
+        self._factor, self._weights = self._solve(covariance, self._outcome, noise_variance)
 
     def mean(self, z: Array) -> Array:
         """Return the mean outcome at z, shape (m, d), which takes less time than `expect`."""
@@ -121,18 +113,18 @@ class GradedSurrogate:
         points = with_distance(z) / np.exp(self.theta[:-2])
         return covariance_between(points, self._runs, self._variance)[0]
 
-    def _solve(self, covariance: Array, noise_variance: float) -> tuple[Array, Array]:
+    def _solve(self, covariance: Array, outcome: Array, noise_variance: float) -> tuple[Array, Array]:
         """Return the Cholesky factor of the covariance with noise, and its inverse times the outcomes."""
         factor, _ = dpotrf(covariance + noise_variance * np.eye(len(covariance)), lower=1, clean=1)
-        return factor, dpotrs(factor, self._outcome, lower=1)[0]
+        return factor, dpotrs(factor, outcome, lower=1)[0]
 
-    def _loss(self, theta: Array, centre: Array) -> tuple[float, Array]:
+    def _loss(self, theta: Array, z: Array, outcome: Array, centre: Array) -> tuple[float, Array]:
         """Return the negative log posterior density of the log parameters, and its gradient."""
         variance, noise_variance = np.exp(2 * theta[-2:])
-        runs = self._z / np.exp(theta[:-2])
+        runs = z / np.exp(theta[:-2])
         covariance, slope = covariance_of_runs(runs, variance, with_slope=True)
-        factor, weights = self._solve(covariance, noise_variance)
-        evidence = -0.5 * self._outcome @ weights - np.log(np.diag(factor)).sum()
+        factor, weights = self._solve(covariance, outcome, noise_variance)
+        evidence = -0.5 * outcome @ weights - np.log(np.diag(factor)).sum()
         half = np.tril(dpotri(factor, lower=1)[0])
         inverse = half + np.tril(half, -1).T
         outer = 0.5 * (np.outer(weights, weights) - inverse)

@@ -26,7 +26,7 @@ class WholeSpace:
     dimension: int
 
     def coordinates(self, z: Array) -> Array:
-        """Return the coordinates of points z, shape (n, d), which are the points themselves."""
+        """Return the coordinates in which points are searched: here the points z, (n, d), themselves."""
         return z
 
     def draw(self, coordinates: Array, generator: np.random.Generator) -> Array:
@@ -150,7 +150,7 @@ def draw_pool(
     generator: np.random.Generator,
 ) -> Pool:
     """Return a pool from kernels around centres, shape (k, d) or None, and the wide distribution."""
-    law = WideLaw(space.dimension)
+    law: WideLaw | KernelMixture = WideLaw(space.dimension)
     if centres is not None:
         law = KernelMixture.about(space.coordinates(centres), WIDE_SHARE)
     if isinstance(space, Subspace):

@@ -2,7 +2,7 @@
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from typing import Annotated, Protocol
+from typing import Annotated, Protocol, runtime_checkable
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -13,7 +13,15 @@ from fewruns.constants import FEW
 from fewruns.errors import InputError
 
 Response = tuple[Flags, Array | None]
+PartialResponse = tuple[Flags, Array | None, Flags]  # the last item says which runs have failed
 KNOWN = 1e-12  # tail probability at which SciPy still knows the quantiles of all its discrete distributions
+
+
+class Runnable(Protocol):
+    """A system that is run at normal scores, some of whose runs may fail, so that they have no outcome."""
+
+    def evaluate(self, z: Array) -> Response | PartialResponse:
+        """Return happened and score, as `ScoreProblem.evaluate`, and perhaps which runs have failed."""
 
 
 class ScoreProblem(Protocol):
@@ -75,6 +83,17 @@ class Marginal(Protocol):
 
     def isf(self, q: ArrayLike) -> Array:
         """Return x with P(X > x) = q; it has to be finite and accurate for small q, as far as 1e-30."""
+
+
+@runtime_checkable
+class Discrete(Marginal, Protocol):
+    """The distribution of an input with whole values, for example a discrete one of `scipy.stats`."""
+
+    def pmf(self, x: ArrayLike) -> Array:
+        """Return P(X = x)."""
+
+    def sf(self, x: ArrayLike) -> Array:
+        """Return P(X > x)."""
 
 
 @dataclass(frozen=True)
@@ -157,7 +176,7 @@ def _upper_quantile(law: Marginal, q: Array) -> Array:
     with np.errstate(divide="ignore"):
         value = np.array(law.isf(q), dtype=float)
     lost = ~np.isfinite(value)
-    if not (lost.any() and hasattr(law, "pmf") and np.isfinite(low := law.isf(KNOWN))):
+    if not (lost.any() and isinstance(law, Discrete) and np.isfinite(low := law.isf(KNOWN))):
         return value
     low, high = np.full(lost.sum(), low), np.full(lost.sum(), low + 1)
     while (short := law.sf(high) > q[lost]).any():

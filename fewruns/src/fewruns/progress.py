@@ -1,9 +1,9 @@
 """The progress of a sampler: its runs so far, the requested batch, what was derived, and draws of the law."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from itertools import takewhile
-from typing import Annotated, Self
+from typing import Annotated, Self, get_args, get_type_hints
 
 import numpy as np
 from scipy.special import bdtrc, betaincinv
@@ -72,6 +72,37 @@ class PlainBatch:
 Batch = PlainBatch | RepeatBatch | TwoPhaseBatch
 
 
+def without_failed(batch: Batch, failed: Flags) -> Batch:
+    """Return a batch without its failed runs."""
+    hints = get_type_hints(type(batch), include_extras=True)
+    own = [name for name, hint in hints.items() if get_args(hint)[1:2] == ("batch",)]
+    return replace(batch, **{name: getattr(batch, name)[~failed] for name in own}) if failed.any() else batch
+
+
+@dataclass
+class Asked:
+    """A batch of n runs that was requested, with the outcomes that have been received."""
+
+    batch: Batch
+    first: int  # number of its first run
+    issued: int  # number of its runs that `Sampler.ask` has returned
+    told: Annotated[Flags, "batch"]  # whether the outcome of a run has been received
+    happened: Annotated[Flags, "batch"]
+    score: Annotated[Array, "batch"]
+    failed: Annotated[Flags, "batch"]  # whether a run has no outcome
+
+    @classmethod
+    def start(cls, batch: Batch, first: int) -> Self:
+        """Return a batch none of whose runs has been returned."""
+        n = len(batch.z)
+        return cls(batch, first, 0, np.zeros(n, bool), np.zeros(n, bool), np.zeros(n), np.zeros(n, bool))
+
+    @property
+    def outstanding(self) -> Indices:
+        """Numbers of the runs that were returned, and whose outcomes have not been received."""
+        return self.first + np.flatnonzero(~self.told[: self.issued])
+
+
 @dataclass
 class Progress:
     """The runs of a sampler so far, and the quantities derived from them."""
@@ -83,6 +114,8 @@ class Progress:
     score: Annotated[Array, "runs"]
     law_draws: LawDraws
     plain: LawDraws  # the runs that the search has drawn from the law itself
+    failed: Annotated[Array, "failed", "dimension"]  # runs of all kinds without an outcome
+    failed_draws: int = 0  # how many of these are draws of the law
     # Draws from the wide distribution to which the runs are equivalent: number, smallest and largest rarity.
     wide_draws: Annotated[Array, "groups", 3] = field(default_factory=lambda: np.empty((0, 3)))
     # The batches of the second phase, and their estimates. The last batch belongs to the last estimate. There
@@ -100,7 +133,8 @@ class Progress:
         default_factory=lambda: np.empty(0, np.int64)
     )  # of the batches
     narrow_at: int | None = None  # number of runs when the interval last became narrow; None if it is not
-    pending: Batch | None = None  # the batch that was requested and whose outcomes have not been received
+    # The requested batches that are not complete, in their order. They become runs in this order.
+    asked: list[Asked] = field(default_factory=list)
     centres: Annotated[Array, "centres", "dimension"] | None = None  # of the next pool
     searched: float = 0.0  # runs of the search per unit of rarity, up to the rarity ``rarest`` + `BEYOND`
     rarest: float = REACH  # smallest rarity of an event that the search has found
@@ -112,12 +146,42 @@ class Progress:
     def start(cls, dimension: int) -> Self:
         """Return the progress of a sampler without any run."""
         nothing = np.empty((0, dimension)), np.empty(0, bool), np.empty(0)
-        return cls(*nothing, LawDraws.none(dimension), LawDraws.none(dimension))
+        return cls(*nothing, LawDraws.none(dimension), LawDraws.none(dimension), nothing[0])
 
     @property
     def simulations(self) -> int:
-        """Number of all simulations, including repetitions of runs and draws of the law."""
-        return len(self.z) + len(self.repeats) + len(self.law_draws)
+        """Number of all simulations, including repetitions of runs, draws of the law, and failed runs."""
+        return len(self.z) + len(self.repeats) + len(self.law_draws) + len(self.failed)
+
+    @property
+    def pending(self) -> Batch | None:
+        """The first of the requested batches that are not complete."""
+        return self.asked[0].batch if self.asked else None
+
+    @property
+    def next_number(self) -> int:
+        """Number of the next run, which is the number of all runs that were requested so far."""
+        return self.asked[-1].first + len(self.asked[-1].batch.z) if self.asked else self.simulations
+
+    @property
+    def planned(self) -> "Progress":
+        """The progress for the next batch, in which the checks that are pending have shown nothing."""
+        repeats, draws = self.repeats, self.law_draws
+        for batch in (asked.batch for asked in self.asked):
+            none = np.zeros(len(batch.z), bool)
+            if isinstance(batch, RepeatBatch):
+                first = batch.repeated
+                repeats = repeats.extended(batch, self.happened[first], none, self.score[first])
+            elif isinstance(batch, PlainBatch) and batch.phase == LAW:
+                draws = draws.extended(batch.z, none)
+        return replace(self, repeats=repeats, law_draws=draws) if self.asked else self
+
+    @property
+    def unknown_runs(self) -> Array:
+        """The failed runs, and the pending ones that are neither repetitions nor draws of the law, (n, d)."""
+        batches = [asked.batch for asked in self.asked if not isinstance(asked.batch, RepeatBatch)]
+        runs = [batch.z for batch in batches if getattr(batch, "phase", None) != LAW]
+        return np.vstack([self.failed, *runs])
 
     @property
     def is_learnt_again(self) -> bool:
@@ -141,6 +205,7 @@ class Progress:
             self.score[kept],
             self.law_draws,
             self.plain,
+            self.failed,
             estimates=self.estimates,
             foreseen=self.foreseen[foreseen],
         )
@@ -179,22 +244,8 @@ class Progress:
 
     def has_learnt(self, batches: int) -> bool:
         """Return whether there was an estimate after any of the last ``batches`` batches."""
-        return any(first is not None for first in self._beginnings[-batches:])
-
-    @property
-    def has_begun_again(self) -> bool:
-        """Whether there is no estimate now, although batches since noise was noticed had given one."""
-        if len(self.sampled) >= 2:
-            return False
-        batches = self.estimates[self.chance_since :]
-        return any(
-            first is not None and sum(batch.runs > 0 for batch in batches[first : last + 1]) >= 2
-            for last, first in enumerate(self._beginnings)
-        )
-
-    @property
-    def _beginnings(self) -> list[int | None]:
-        return [*beginnings(self.estimates[self.chance_since :], self._usable)]
+        begun = [*beginnings(self.estimates[self.chance_since :], self._usable)]
+        return any(first is not None for first in begun[-batches:])
 
     @property
     def _usable(self) -> float:

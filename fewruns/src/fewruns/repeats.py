@@ -13,7 +13,7 @@ from fewruns.constants import (
     DRIFT,
     DRIFT_PAIRS,
     FREQUENT_SHARE,
-    LARGEST_SCORE,
+    LARGEST,
     OFTEN,
     SAME_SCORE,
     UNSEEN_ALPHA,
@@ -69,7 +69,7 @@ class Repeats:
     def pairs_wanted(self, rounds: int) -> int:
         """Return how many runs still have to be repeated, so that enough have ``rounds`` late repetitions."""
         times = np.unique(self.repeated, return_counts=True)[1]
-        return max(min(DRIFT_PAIRS, len(times)) - np.count_nonzero(times > rounds), 0)
+        return max(min(DRIFT_PAIRS, len(times)) - int(np.count_nonzero(times > rounds)), 0)
 
     @property
     def drift(self) -> bool:
@@ -123,7 +123,7 @@ def choose_repeats(
     many repetitions.
     """
     times = np.bincount(known.repeated, minlength=len(z))
-    safe = ~happened & (score < LARGEST_SCORE)
+    safe = ~happened & (score < LARGEST)
     kind = np.flatnonzero(safe | (happened & ~expected) if safe.any() else np.ones(len(z), bool))
     nearness = np.where(happened, -score, score)  # smallest for the runs nearest to the boundary
     ordered = kind[np.lexsort((nearness[kind], ~happened[kind], times[kind]))]

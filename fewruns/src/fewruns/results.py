@@ -12,7 +12,7 @@ from fewruns.constants import UNSEEN_ALPHA
 from fewruns.estimates import Estimate, Stopping
 from fewruns.exclusion import Exclusion
 from fewruns.progress import Progress
-from fewruns.weights import effective_number, largest_pareto_k, pareto_k
+from fewruns.weights import effective_number
 from fewruns.wide_laws import bound_without_event
 
 ROUNDING = 1e-12  # relative tolerance
@@ -40,7 +40,7 @@ def estimate(
     elif combined is not None:
         # The mean of unbiased estimates of a probability may exceed 1.
         probability = min(combined.probability, 1.0)
-        interval = min(ends[0], 1.0), min(ends[1], 1.0)
+        interval = max(min(ends[0] - combined.less, 1.0), 0.0), min(ends[1] + combined.more, 1.0)
     elif 0 < events < progress.happened.size:
         drawn = draws.extended(progress.plain.z, progress.plain.happened)
         probability = drawn.share if drawn.events else math.nan
@@ -50,12 +50,15 @@ def estimate(
         if len(progress.plain):
             bound = min(bound, 1 - stopping.alpha ** (1 / len(progress.plain)))
         probability, interval = (1.0, (1 - bound, 1.0)) if events else (0.0, (0.0, bound))
+    if (by_draws or combined is None) and (failed := progress.failed_draws):
+        share = failed / (failed + len(draws) + len(progress.plain))
+        interval = interval[0] * (1 - share), interval[1] * (1 - share) + share
     estimating = len(draws) if by_draws else sum(batch.runs for batch in progress.sampled)
     return Estimate(
         probability,
         *interval,
         alpha=stopping.alpha,
-        learning=len(progress.z) + len(progress.repeats) + len(draws) - estimating,
+        learning=progress.simulations - estimating,
         estimating=estimating,
         events=draws.events if by_draws else events,
         converged=converged,
@@ -75,14 +78,19 @@ def with_lapses(found: Estimate, progress: Progress, stopping: Stopping) -> Esti
     return replace(found, high=max(sampled, bound), diagnostics={**found.diagnostics, **own})
 
 
-def is_narrow(progress: Progress, stopping: Stopping) -> bool:
-    """Return whether the interval is as narrow as a stopping rule requires, with enough observed events."""
+def is_narrow(progress: Progress, stopping: Stopping, *, with_failed: bool = False) -> bool:
+    """Return whether the interval is as narrow as a stopping rule requires, with enough observed events.
+
+    ``with_failed``, it also contains the answers if all or none of the failed runs are events.
+    """
     if progress.is_counted:
         draws = progress.law_draws
         probability, (low, high), events = draws.share, draws.interval(stopping.alpha), draws.events
     else:
         combined, (low, high) = combined_estimate(progress, stopping)
-        probability, events = getattr(combined, "probability", 0.0), np.count_nonzero(progress.happened)
+        probability, events = getattr(combined, "probability", 0.0), int(np.count_nonzero(progress.happened))
+        if with_failed and combined is not None:
+            low, high = low - combined.less, high + combined.more
     enough = probability > 0 and events >= stopping.minimum_events
     return bool(enough and (high - low) / 2 <= stopping.beta * probability * (1 + ROUNDING))
 
@@ -126,14 +134,16 @@ def tabulate_runs(progress: Progress, batch_size: int) -> NDArray[np.void]:
     is_of = [batch <= searched, is_of_cover, batch <= learnt]
     phase = np.select(is_of, ["search", "cover", "learn"], "estimate")
     repeats, draws = progress.repeats, progress.law_draws
-    z = np.vstack([progress.z, progress.z[repeats.repeated], draws.z])
-    others = np.repeat(["repeat", "law"], [len(repeats), len(draws)])
+    z = np.vstack([progress.z, progress.z[repeats.repeated], draws.z, progress.failed])
+    others = np.repeat(["repeat", "law", "failed"], [len(repeats), len(draws), len(progress.failed)])
     columns = {
         "run": np.arange(len(z)) + 1,
         "batch": np.append(batch, np.zeros(len(others), int)),
         "phase": np.append(phase, others),
         **{f"z_{k + 1}": values for k, values in enumerate(z.T)},
-        "event": np.concatenate([progress.happened, repeats.happened, draws.happened]),
+        "event": np.concatenate(
+            [progress.happened, repeats.happened, draws.happened, np.zeros(len(progress.failed), bool)]
+        ),
     }
     table = np.empty(len(z), [(name, values.dtype) for name, values in columns.items()])
     for name, values in columns.items():
@@ -143,18 +153,16 @@ def tabulate_runs(progress: Progress, batch_size: int) -> NDArray[np.void]:
 
 def _diagnostics(progress: Progress, combined: Combined | None, exclusion: Exclusion) -> dict[str, float]:
     """Return relative errors (NaN without an estimate), health of the weights, and unobserved parts."""
-    errors, probability = (math.nan, math.nan), 0.0
+    errors, probability = np.full(2, math.nan), 0.0
     if combined is not None:
         probability = combined.probability
         errors = np.sqrt([combined.observed_variance, combined.predicted_variance]) / probability
-    unseen, ratios = exclusion.unseen(probability), event_ratios(progress)
+    unseen = exclusion.unseen(probability)
     return {
         "batches": 0 if combined is None else combined.batches,
         "observed_error": float(errors[0]),
         "predicted_error": float(errors[1]),
-        "effective_events": float(effective_number(ratios)),
-        "pareto_k": pareto_k(ratios),
-        "pareto_k_limit": largest_pareto_k(len(ratios)),
+        "effective_events": float(effective_number(event_ratios(progress))),
         "wide_draws": unseen.runs,
         "unseen_mode": unseen.mode,
         "unseen_any": unseen.anything,

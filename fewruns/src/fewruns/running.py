@@ -6,16 +6,18 @@ from collections.abc import Callable, Iterator, Sequence
 from functools import partial
 from inspect import signature
 from pathlib import Path
+from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
 
-from fewruns.arguments import is_whole, require
+from fewruns.arguments import is_whole
 from fewruns.arrays import Array, Flags
 from fewruns.constants import ENOUGH_DRAWS, ENOUGH_REPEATS, FIRST_REPEATS
-from fewruns.errors import InputError
+from fewruns.errors import InputError, require
 from fewruns.estimates import Estimate, Stopping
-from fewruns.problems import Marginal, Response, ScoreProblem, SystemProblem
+from fewruns.problems import Marginal, Response, Runnable, ScoreProblem, SystemProblem
+from fewruns.repeats import RepeatBatch
 from fewruns.sampler import Sampler
 from fewruns.state import read_state, write_state
 
@@ -29,14 +31,19 @@ SETTINGS = sorted(
 
 def run_batches(
     sampler: Sampler,
-    problem: ScoreProblem,
+    problem: Runnable,
     stopping: Stopping,
     is_enough: Callable[[], bool] | None = None,
+    ahead: int = 1,
 ) -> Iterator[None]:
     """Run batches of a problem until the estimate has converged; yield after each batch.
 
     The runs also end at the largest number of simulations, and if the system drifts, so that its early and
     late runs differ. A system that may lapse (behave differently in a few of its runs) uses all simulations.
+
+    With ``ahead``, further batches are begun while others are pending, so that many workers are busy. The
+    outcomes of batches are received in the order in which the batches were designed, one at a time, and a new
+    batch is designed only then. The estimate therefore depends on ``ahead``, but not on which runs end first.
 
     Parameters
     ----------
@@ -46,6 +53,10 @@ def run_batches(
         Function without arguments that returns whether the estimate is precise enough; by default whether the
         interval is as narrow as ``stopping`` requires. The sampler then continues only until parts of the
         event that no run has met are excluded.
+    ahead
+        Number of runs that may be pending at a time, rounded up to whole batches. If the problem has a method
+        ``begin``, it receives the normal scores of each batch when the batch is designed, and whether they
+        are repetitions. It starts the runs without waiting for them; ``evaluate`` or ``repeat`` waits later.
 
     Examples
     --------
@@ -61,10 +72,23 @@ def run_batches(
     True
     """
     is_enough = partial(sampler.is_narrow, stopping) if is_enough is None else is_enough
-    repeat = getattr(problem, "repeat", problem.evaluate)
-    while not sampler.is_done(stopping, is_narrow=(enough := is_enough())):
-        z = sampler.ask(certify=enough)
-        sampler.tell(*(repeat(z) if sampler.repeats_next else problem.evaluate(z)))
+    repeat, begin = getattr(problem, "repeat", problem.evaluate), getattr(problem, "begin", lambda *_: None)
+    begun = 0
+    while not sampler.has_ended(is_narrow=(enough := is_enough())):
+        progress = sampler.progress
+        missing = ahead - len(sampler.outstanding)
+        if missing > 0 and progress.next_number + sampler.batch_size <= stopping.maximum_simulations:
+            sampler.ask(missing, certify=enough)
+        if not progress.asked:
+            break
+        z = sampler.ask()  # all pending runs, with the rest of the last batch
+        for each in progress.asked:
+            if ahead > 1 and each.first >= begun:
+                begin(each.batch.z, isinstance(each.batch, RepeatBatch))
+        begun, first = progress.next_number, progress.asked[0].outstanding
+        evaluate = repeat if sampler.repeats_next else problem.evaluate
+        happened, score, *failed = evaluate(z[: len(first)])
+        sampler.tell(happened, score, runs=first, failed=failed[0] if failed else None)
         yield
 
 
@@ -88,8 +112,8 @@ def estimate(
         Function of n points, shape (n, d), that returns whether the event happens, as n booleans, or a pair
         of these and n scores, which are smaller the closer a point is to the event.
     inputs
-        Distributions of the d inputs, for example frozen distributions of `scipy.stats`; or the number d of
-        standard normal inputs.
+        Distributions of the d inputs, for example frozen distributions of `scipy.stats` or its newer
+        `scipy.stats.Normal`; or the number d of standard normal inputs.
     generator
         Source of all randomness, or its seed. If a saved state is resumed, its own generator is used instead.
     stopping
@@ -130,11 +154,10 @@ def estimate(
     (True, True, True)
     """
     dimension, marginals = _dimension_of(inputs)
-    if is_whole(generator, 0):
-        generator = np.random.Generator(np.random.PCG64(generator))
+    source: Any = np.random.Generator(np.random.PCG64(generator)) if is_whole(generator, 0) else generator
     require("function", function, "a function of points, shape (n, d)", fits=callable(function))
-    is_generator = isinstance(generator, np.random.Generator)
-    require("generator", generator, "a numpy.random.Generator or a seed", fits=is_generator)
+    is_generator = isinstance(source, np.random.Generator)
+    require("generator", source, "a numpy.random.Generator or a seed", fits=is_generator)
     is_rule = isinstance(stopping, Stopping)
     require("stopping", stopping, "a rule such as Stopping(maximum_simulations=500)", fits=is_rule)
     is_usable = on_batch is None or callable(on_batch)
@@ -146,12 +169,12 @@ def estimate(
                 "Correct the name. Limits belong to the rule: stopping=Stopping(maximum_simulations=500)."
             )
             raise InputError(name, seen="an unknown argument", expected=expected, change=change)
-    if state_file is not None and not fingerprint:
-        expected = "a text that identifies the function and its inputs, because a state is saved"
-        change = "State one, such as fingerprint='overload, normal inputs', and change it with the function."
-        raise InputError("fingerprint", seen="none", expected=expected, change=change)
+    expected = "a text that identifies the function and its inputs, because a state is saved"
+    change = "State one, such as fingerprint='overload, normal inputs', and change it with the function."
+    is_known = bool(state_file is None or fingerprint)
+    require("fingerprint", fingerprint, expected, fits=is_known, change=change)
     problem = SystemProblem(partial(_answer, function), dimension, marginals, fingerprint, deterministic)
-    return estimate_problem(problem, generator, stopping, state_file, on_batch, **settings)
+    return estimate_problem(problem, source, stopping, state_file, on_batch, **settings)
 
 
 def estimate_problem(
@@ -186,14 +209,14 @@ def sampler_for(
     A `SystemProblem` is a formula in most cases, so neither rare lapses nor thin stripes are looked for.
     """
     is_formula = isinstance(problem, SystemProblem)
-    own = {"fingerprint": problem.fingerprint, "dimension": problem.dimension}
+    own: dict[str, Any] = {"fingerprint": problem.fingerprint, "dimension": problem.dimension}
     own["deterministic"] = settings.pop("deterministic", getattr(problem, "deterministic", None))
     if state_file is not None and Path(state_file).exists():
         size = {name: settings[name] for name in ("batch_size",) if name in settings}
         sampler = read_state(state_file, **own, **size)
         sampler.certificate = settings.get("certificate", sampler.certificate)
         return sampler
-    checks = {
+    checks: dict[str, Any] = {
         "enough_repeats": FIRST_REPEATS if is_formula else ENOUGH_REPEATS,
         "enough_draws": 0 if is_formula else ENOUGH_DRAWS,
         "upper_set": getattr(problem, "upper_set", False),
@@ -216,7 +239,16 @@ def _dimension_of(inputs: int | Sequence[Marginal]) -> tuple[int, Sequence[Margi
     """Return the number of inputs, and their distributions if they are stated."""
     if is_whole(inputs, -math.inf):
         return int(inputs), None
-    if isinstance(inputs, Sequence) and all(hasattr(law, "ppf") and hasattr(law, "isf") for law in inputs):
-        return len(inputs), inputs
-    expected = "a number of inputs, or a list of distributions with the methods ppf and isf"
-    raise InputError("inputs", seen=f"{inputs!r:.80}", expected=expected, change="Correct the argument.")
+    unknown: object = inputs
+    if isinstance(inputs, Sequence):
+        laws = [_with_usual_names(law) for law in inputs]
+        unknown = [law for law in laws if not (hasattr(law, "ppf") and hasattr(law, "isf"))]
+        if not unknown:
+            return len(laws), laws
+    expected = "a number of inputs, or a list of distributions with the methods ppf and isf (or icdf, iccdf)"
+    raise InputError("inputs", seen=f"{unknown!r:.80}", expected=expected, change="Correct the argument.")
+
+
+def _with_usual_names(law: Any) -> Any:  # noqa: ANN401
+    """Return a distribution with the methods ppf and isf, which SciPy's newer classes name differently."""
+    return SimpleNamespace(ppf=law.icdf, isf=law.iccdf) if hasattr(law, "iccdf") else law

@@ -13,21 +13,21 @@ of parts that were missed is bounded (`certificate`). Before these batches, a se
 
 from collections.abc import Callable
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike
 from threadpoolctl import ThreadpoolController
 
 from fewruns import results, wording
-from fewruns.arguments import check_settings, outcomes
-from fewruns.arrays import Array, Flags
+from fewruns.arguments import check_settings, is_whole, outcomes
+from fewruns.arrays import Array, Flags, Indices
 from fewruns.belief import Belief
 from fewruns.certificate import BY_DEFAULT, Certificate
 from fewruns.checks import Checks
 from fewruns.combining import estimate_batch
 from fewruns.constants import (
     CERTIFIED,
-    CORE,
     COVERED,
     DEFENCE,
     DEFENCE_ALONE,
@@ -45,12 +45,12 @@ from fewruns.constants import (
 )
 from fewruns.cover import Cover
 from fewruns.directions import learn_directions
-from fewruns.errors import InputError
+from fewruns.errors import InputError, require
 from fewruns.estimates import Estimate, Stopping
 from fewruns.exclusion import Exclusion
 from fewruns.pools import Defence, WholeSpace, space_along
 from fewruns.problems import Predecessor
-from fewruns.progress import LAW, PLAIN, WIDE, Batch, PlainBatch, Progress
+from fewruns.progress import LAW, PLAIN, WIDE, Asked, Batch, PlainBatch, Progress, without_failed
 from fewruns.repeats import RepeatBatch, end_differently
 from fewruns.search import Search
 from fewruns.second_phase import SecondPhase
@@ -103,6 +103,8 @@ class Sampler:
     ----------
     progress
         The runs so far: normal scores ``z``, shape (runs, d), ``happened`` and ``score``, shape (runs,).
+    numbers
+        Numbers of the runs that `ask` returned last, shape (n,), counted from 0.
     emphasis
         Factor of the inclusion probabilities as a function of z; see `SeveralLaws.emphasis`.
 
@@ -138,19 +140,7 @@ class Sampler:
         enough_draws: int = 0,
         frequent: bool = False,
     ) -> None:
-        check_settings(
-            dimension=dimension,
-            generator=generator,
-            batch_size=batch_size,
-            fingerprint=fingerprint,
-            certificate=certificate,
-            upper_set=upper_set,
-            predecessor=predecessor,
-            deterministic=deterministic,
-            enough_repeats=enough_repeats,
-            enough_draws=enough_draws,
-            frequent=frequent,
-        )
+        check_settings({name: value for name, value in locals().items() if name != "self"})
         if predecessor is not None:
             predecessor.check(dimension)
         self.dimension, self.batch_size, self.fingerprint = dimension, batch_size, fingerprint
@@ -161,6 +151,7 @@ class Sampler:
         self.progress = Progress.start(dimension)
         self.progress.chance = deterministic is False
         self.generator = generator
+        self.numbers = np.empty(0, np.int64)
         self.emphasis: Callable[[Array], Array] | None = None
         self.belief = Belief(WholeSpace(dimension), predecessor)
         self._known: tuple[object, Exclusion] | None = None  # the last exclusion, and for which runs it is
@@ -170,37 +161,87 @@ class Sampler:
 
     # ---- simulations
 
-    def ask(self, *, certify: bool = False) -> Array:
-        """Return the normal scores to simulate next, shape (n, d), until `tell` has received their outcomes.
+    def ask(self, n: int | None = None, *, certify: bool = False, exactly: bool = False) -> Array:
+        """Return the normal scores to simulate next, shape (k, d); their numbers are in `numbers`.
 
-        The array is a copy, which may be changed. The batches of the search, and those that only exclude
-        unobserved parts of the event, may be smaller than ``batch_size``.
+        Without ``n``, these are all runs whose outcomes have not been received, and a new batch if there are
+        none. The array is a copy, which may be changed. The batches of the search, and those that only
+        exclude unobserved parts of the event, may be smaller than ``batch_size``.
+
+        With ``n``, they are up to n further runs, although others are pending: as many as there are free
+        workers. There are fewer, or none, if it is better to wait for outcomes, but not with ``exactly``.
 
         With ``certify``, most runs exclude unobserved parts of the event, as needed when the interval is
         narrow. For a deterministic system with at most two inputs, such runs begin earlier.
         """
-        progress = self.progress
-        if progress.pending is None:
-            if not certify:
-                progress.narrow_at = None
-            elif progress.narrow_at is None:
-                progress.narrow_at = len(progress.z)
-            with BLAS.limit(limits=1):
-                progress.pending = self._check(certify=certify) or self._design(certify=certify)
-        return progress.pending.z.copy()
+        asked, before = self.progress.asked, self.outstanding
+        if n is None:
+            if not asked:
+                self._plan(certify=certify)
+            for each in asked:
+                each.issued = len(each.batch.z)
+            before = before[:0]
+        else:
+            require("n", n, "a whole number, at least 1, or None", fits=is_whole(n, 1))
+            while missing := n + len(before) - len(self.outstanding):
+                is_issued = not asked or asked[-1].issued == len(asked[-1].batch.z)
+                if is_issued and not (exactly or self._may_plan):
+                    break
+                if is_issued and not self._plan(certify=certify, exactly=exactly):
+                    break
+                asked[-1].issued = min(asked[-1].issued + missing, len(asked[-1].batch.z))
+        self.numbers = np.setdiff1d(self.outstanding, before)
+        z = [each.batch.z[np.isin(each.first + np.arange(len(each.batch.z)), self.numbers)] for each in asked]
+        return np.vstack([self.progress.z[:0], *z])
 
-    def tell(self, happened: ArrayLike, score: ArrayLike | None = None) -> None:
-        """Receive the outcomes of the batch that `ask` returned last: flags and scores, shape (n,).
+    @property
+    def outstanding(self) -> Indices:
+        """Numbers of the runs that `ask` has returned, and whose outcomes have not been received."""
+        return np.concatenate([np.empty(0, np.int64), *(each.outstanding for each in self.progress.asked)])
 
-        A score is smaller the closer a run came to the event. InputError is raised if no batch has been
-        requested, if the flags are not boolean, or if a shape or score is wrong.
+    def tell(
+        self,
+        happened: ArrayLike,
+        score: ArrayLike | None = None,
+        *,
+        runs: ArrayLike | None = None,
+        failed: ArrayLike | None = None,
+    ) -> None:
+        """Receive the outcomes of runs: flags and scores, shape (n,).
+
+        A score is smaller the closer a run came to the event. The outcomes are those of the runs with the
+        numbers ``runs``, in any order, and by default of all outstanding ones. They count as soon as the
+        outcomes of their batch and of all earlier batches are known, so that fast runs are not preferred.
+        Where ``failed`` is true, a run has no outcome: it leaves the estimate, and the interval contains the
+        answers for the two cases that all or none of the failed runs are events.
+        InputError is raised if a run is not outstanding, if the flags are not boolean, or if a shape or score
+        is wrong.
         """
-        progress = self.progress
-        if (batch := progress.pending) is None:
-            expected, change = "those of a requested batch", "Call `ask` once before each `tell`."
-            raise InputError("the outcomes", seen="no requested batch", expected=expected, change=change)
-        happened, score = outcomes(happened, score, len(batch.z))
-        progress.pending = None
+        asked, outstanding = self.progress.asked, self.outstanding
+        numbers = outstanding if runs is None else np.asarray(runs)
+        if not len(outstanding) or len(np.intersect1d(numbers, outstanding)) < numbers.size:
+            seen = f"the runs {numbers.tolist()}" if len(outstanding) else "no requested batch"
+            expected = f"those of the requested runs, each once: {outstanding.tolist()}"
+            change = "Call `ask` before each `tell`, and pass the `numbers` of its runs."
+            raise InputError("the outcomes", seen=seen, expected=expected, change=change)
+        received = outcomes(happened, score, failed, len(numbers))
+        for each in asked:
+            here = np.isin(numbers, each.outstanding)
+            place = numbers[here] - each.first
+            each.told[place] = True
+            for name, values in zip(("happened", "score", "failed"), received, strict=True):
+                getattr(each, name)[place] = values[here]
+        while asked and asked[0].told.all():
+            self._receive(asked.pop(0))
+
+    def _receive(self, asked: Asked) -> None:
+        """Take the outcomes of a complete batch."""
+        progress, failed, batch = self.progress, asked.failed, without_failed(asked.batch, asked.failed)
+        happened, score = asked.happened[~failed], asked.score[~failed]
+        progress.failed = np.vstack([progress.failed, asked.batch.z[failed]])
+        progress.failed_draws += (getattr(batch, "phase", None) in (LAW, PLAIN)) * int(failed.sum())
+        if isinstance(asked.batch, TwoPhaseBatch):
+            progress.estimates.append(estimate_batch(asked.batch, asked.happened, failed))
         if isinstance(batch, RepeatBatch):
             self._take_repeats(batch, happened, score)
         elif isinstance(batch, PlainBatch) and batch.phase == LAW:
@@ -211,14 +252,14 @@ class Sampler:
             progress.happened = np.append(progress.happened, happened)
             progress.score = np.append(progress.score, score)
             progress.sizes = np.append(progress.sizes, len(batch.z))
-            self._take_runs(batch, happened)
+            self._take_runs(batch, happened, int(failed.sum()))
 
-    def _take_runs(self, batch: PlainBatch | TwoPhaseBatch, happened: Flags) -> None:
-        """Update what is derived from the runs of a batch."""
+    def _take_runs(self, batch: PlainBatch | TwoPhaseBatch, happened: Flags, failed: int) -> None:
+        """Update what is derived from the runs of a batch, some of which have ``failed``."""
         progress = self.progress
         if isinstance(batch, TwoPhaseBatch):
-            progress.wide_draws = np.vstack([progress.wide_draws, batch.wide_draws])
-            progress.estimates.append(estimate_batch(batch, happened))
+            share = len(batch.z) / (len(batch.z) + failed) if failed else 1.0
+            progress.wide_draws = np.vstack([progress.wide_draws, batch.wide_draws * [share, 1, 1]])
             progress.batches.append(batch)
             progress.foreseen = np.vstack([progress.foreseen, batch.foreseen])
             if progress.centres is not None:
@@ -267,7 +308,7 @@ class Sampler:
 
     def has_converged(self, stopping: Stopping) -> bool:
         """Return whether the interval is narrow and no more runs are needed for other reasons."""
-        return self.is_narrow(stopping) and self.is_settled()
+        return results.is_narrow(self.progress, stopping, with_failed=True) and self.is_settled()
 
     def is_narrow(self, stopping: Stopping) -> bool:
         """Return whether the interval is as narrow as the rule requires, with enough events."""
@@ -278,43 +319,31 @@ class Sampler:
         if self.is_counted:
             return True
         excluded = self._has_excluded_all_else() and self._exclusion.is_sufficient
-        return excluded and not self.may_lapse and not self.progress.repeats.drift
+        return excluded and not self.progress.may_lapse and not self.progress.repeats.drift
 
     def is_done(self, stopping: Stopping, *, is_narrow: bool | None = None) -> bool:
         """Return whether the runs end: converged or not, and never above the largest number of simulations.
 
         ``is_narrow`` says whether the estimate is precise enough, by default whether the interval is narrow.
         """
-        if self.simulations + self.batch_size > stopping.maximum_simulations:
+        if self.progress.next_number + self.batch_size > stopping.maximum_simulations:
             return True
         return self.has_ended(is_narrow=self.is_narrow(stopping) if is_narrow is None else is_narrow)
 
     def has_ended(self, *, is_narrow: bool) -> bool:
         """Return whether the estimate has converged, or no further runs would help it to converge.
 
-        They would not help if the interval has been narrow for so many runs that the scores, or the shape of
-        the event, do not allow the default certificate to be met. Only the cover is then completed.
+        They would not help if the system drifts, or if the default certificate is met but does not suffice
+        for so many inputs.
         """
-        if self.may_lapse:
+        if self.progress.may_lapse:
             return is_narrow and self.is_counted
-        return self.progress.repeats.drift or (
-            is_narrow and (self._exclusion.gives_up or self._has_excluded_all_else())
-        )
-
-    @property
-    def may_lapse(self) -> bool:
-        """Whether the system may fail at random in a few of its runs, which the runs may have missed."""
-        return self.progress.may_lapse
+        return self.progress.repeats.drift or (is_narrow and self._has_excluded_all_else())
 
     @property
     def is_counted(self) -> bool:
         """Whether the estimate is the share of events among the draws of the law (`Progress.is_counted`)."""
         return self.progress.is_counted
-
-    @property
-    def unseen_lapses(self) -> float:
-        """A bound on the probability that lapses add to an estimate; 0 without lapses, or if they count."""
-        return self.progress.unseen_lapses
 
     def repeats_wanted(self, *, certify: bool) -> int:
         """Return how many repetitions are still required; ``certify`` adds those for convergence."""
@@ -334,7 +363,7 @@ class Sampler:
         progress, exclusion, checks = self.progress, self._exclusion, self._checks
         converged = self.has_converged(stopping)
         found = results.estimate(progress, self.batch_size, stopping, exclusion, converged=converged)
-        words = {
+        words: dict[str, Any] = {
             "reason": wording.reason(progress, stopping, exclusion, checks, is_settled=self.is_settled()),
             "excluded": wording.excluded(progress, exclusion, checks, found.probability),
             "warning": wording.warning(progress, exclusion),
@@ -344,9 +373,11 @@ class Sampler:
     @property
     def _exclusion(self) -> Exclusion:
         """What the runs exclude, which is computed once for each state of the runs."""
-        known = self.simulations, len(self.progress.estimates), self.certificate, self.batch_size
-        if self._known is None or self._known[0] != known or self._known[1].progress is not self.progress:
-            self._known = known, Exclusion(self.progress, self.certificate, self.batch_size)
+        progress = self.progress
+        state = self.simulations, len(progress.estimates), progress.narrow_at
+        known = *state, self.certificate, self.batch_size
+        if self._known is None or self._known[0] != known or self._known[1].progress is not progress:
+            self._known = known, Exclusion(progress, self.certificate, self.batch_size)
         return self._known[1]
 
     @property
@@ -376,14 +407,33 @@ class Sampler:
 
     # ---- design of a batch
 
+    @property
+    def _may_plan(self) -> bool:
+        """Whether a further batch may be planned: at most as many runs are pending as there are, or begin."""
+        return self.progress.next_number - self.simulations < max(self.simulations, self._first[0])
+
+    def _plan(self, *, certify: bool, exactly: bool = False) -> bool:
+        """Choose the next batch, and return whether there is one; otherwise, outcomes are needed first."""
+        progress = self.progress
+        if not certify:
+            progress.narrow_at = None
+        elif progress.narrow_at is None:
+            progress.narrow_at = len(progress.z)
+        with BLAS.limit(limits=1):
+            batch = self._check(certify=certify) or self._design(certify=certify, exactly=exactly)
+        if batch is not None:
+            progress.asked.append(Asked.start(batch, progress.next_number))
+        return batch is not None
+
     def _check(self, *, certify: bool) -> RepeatBatch | PlainBatch | None:
         """Choose runs to repeat, or draws of the law itself; return None while neither is due."""
         n, is_last, repeats = self.batch_size, certify and self._exclusion.is_certified, None
+        checks = replace(self._checks, progress=self.progress.planned)
         if not self._search.goes_on and is_last == certify:
-            repeats = self._checks.repeats(n, certify=certify)
-        return repeats or self._checks.draws(n, self.generator, is_last=is_last)
+            repeats = checks.repeats(n, certify=certify)
+        return repeats or checks.draws(n, self.generator, is_last=is_last)
 
-    def _design(self, *, certify: bool) -> Batch:
+    def _design(self, *, certify: bool, exactly: bool) -> Batch | None:
         """Choose the next batch: wide draws at first, then the search, then the second phase."""
         progress, generator, exclusion = self.progress, self.generator, self._exclusion
         by_draws = certify and isinstance(self.required, Certificate)
@@ -392,25 +442,36 @@ class Sampler:
             happened, score = progress.happened, progress.score
             start, reach = self._first
             first = start if self.dimension <= FEW else max(start, self.dimension)
-            few = self.simulations < first
-            if few or happened.all() or not (happened.any() or np.ptp(score) > 0):  # all outcomes are equal
+            early = self.simulations < first
+            if early or happened.all() or not (happened.any() or np.ptp(score) > 0):  # all outcomes are equal
                 return self._search.unguided_batch(min(self.batch_size, first), reach, generator)
             self._learn_directions()
             if self._search.goes_on:
                 return self._search.batch(self.batch_size, generator)
         self._fit()
-        cover, by_cover = np.empty((0, self.dimension)), isinstance(self.required, Cover)
-        if by_cover and (certify or (self._relies_on_cover and exclusion.can_cover)):
+        runs, by_cover = self.batch_size, isinstance(self.required, Cover)
+        cover, known = progress.z[:0], self.belief
+        if by_cover and self._cover_is_due(certify=certify):
             cover = exclusion.runs(generator)
-        # If the interval is narrow, few runs are sampled, from which the surrogate learns what a cover shows.
-        few = min(self.batch_size, CERTIFIED) if certify and by_cover else self.batch_size
-        sampled, known = max(few - len(cover), 0), self.belief
+        if certify and by_cover:  # from a few runs the surrogate learns what the cover shows
+            if progress.asked and not len(cover) and not exactly:
+                return None
+            runs = min(runs, CERTIFIED)
         if len(cover) and len(since := progress.cover_runs):
             # The estimate does not know a part that only the last runs of the cover have shown.
             known = self.belief.refitted(progress.without(since))
-        given = self.belief, progress, sampled, cover, known.probability(cover) >= CORE
-        batch, progress.centres = SecondPhase(*given, defence, self.emphasis, generator).batch()
+        phase = SecondPhase(self.belief, progress, runs, defence, self.emphasis, generator)
+        batch, progress.centres = phase.batch(cover, known)
         return batch
+
+    def _cover_is_due(self, *, certify: bool) -> bool:
+        """Return whether the next batch may exclude other parts of the event.
+
+        A sampled batch follows each batch of a cover that was not full. Little is left to exclude then, but
+        earlier batches may have excluded a part of the event.
+        """
+        is_full = len(self.progress.cover_runs) % self.batch_size == 0 or bool(self.progress.asked)
+        return is_full and (certify or (self._relies_on_cover and self._exclusion.can_cover))
 
     def _fit(self) -> None:
         """Fit the surrogates to all runs, and learn their parameters again if there are enough new runs."""

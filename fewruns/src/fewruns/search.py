@@ -25,7 +25,9 @@ class Search:
     def goes_on(self) -> bool:
         """Whether the search continues: it needs an event and one run in every step of rarity."""
         progress = self.progress
-        return not progress.happened.any() or (not progress.estimates and progress.searched < 1 / self.step)
+        pending = [each.batch for each in progress.asked if getattr(each.batch, "phase", None) == SEARCH]
+        searched = progress.searched + sum(len(batch.z) for batch in pending) / self.reach
+        return not progress.happened.any() or (not progress.estimates and searched < 1 / self.step)
 
     @property
     def reach(self) -> float:

@@ -5,15 +5,13 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from fewruns.arrays import Array, Flags
+from fewruns.arrays import Array
 from fewruns.belief import Belief
 from fewruns.constants import (
     CORE,
-    FRINGE,
     FRINGE_WEIGHT,
     KERNELS,
     MOST_POOL,
-    NOISY_FRINGE,
     NOISY_FRINGE_WEIGHT,
     POOL,
     POOL_PER_RUN,
@@ -30,20 +28,25 @@ class SecondPhase:
 
     belief: Belief  # the surrogates, fitted to all runs so far
     progress: Progress  # the runs so far
-    runs: int  # number n of runs of a batch that are sampled
-    cover: Array  # runs of the batch that only exclude modes, shape (m, d); their weight is 0
-    aimed_cover: Flags  # whether an event was known to be possible at these runs, shape (m,)
+    runs: int  # number n of runs of the batch
     defence: Defence
     # Factor for the inclusion probabilities at points, as in `Sampler`.
     emphasis: Callable[[Array], Array] | None
     generator: np.random.Generator
 
-    def batch(self) -> tuple[TwoPhaseBatch, Array | None]:
-        """Draw a pool, choose runs from it, and return them as a batch, with the centres of the pool."""
+    def batch(self, cover: Array, known: Belief) -> tuple[TwoPhaseBatch, Array | None]:
+        """Draw a pool, choose runs from it, and return them as a batch, with the centres of the pool.
+
+        If there are runs ``cover``, shape (m, d), that exclude other parts of the event, they are the batch.
+        An event is expected where the surrogates ``known`` predict that it is possible.
+        """
         centres, prediction, fringe_limit = self._look_ahead()
+        if len(cover):
+            aimed = known.probability(cover) >= CORE
+            return TwoPhaseBatch.of_cover(cover, aimed, prediction, self.belief.foresee(cover)), centres
         pool = self._pool(centres, self._pool_size)
-        expected = expect(pool, fringe_limit, self._fringe, self.emphasis)
-        given = self.runs, self.defence, self.cover, self.aimed_cover, self.belief.foresee
+        expected = expect(pool, fringe_limit, self.emphasis)
+        given = self.runs, self.defence, self.belief.foresee
         return draw_batch(pool, expected, prediction, *given, self.generator), centres
 
     def _look_ahead(self) -> tuple[Array | None, Prediction, float]:
@@ -66,24 +69,17 @@ class SecondPhase:
             w = pool.weight
             fringe_limit = (w @ (w * core)) / (w * core).sum()
             fringe_limit *= NOISY_FRINGE_WEIGHT if self.progress.is_noisy else FRINGE_WEIGHT
-            mattered = (
-                expect(pool, fringe_limit, self._fringe).probability if self.progress.is_noisy else core
-            )
+            mattered = expect(pool, fringe_limit).probability if self.progress.is_noisy else core
             share = truncated(w * np.sqrt(mattered))
             centres = pool.z[self.generator.choice(len(w), KERNELS, p=share / share.sum())]
-        expected = expect(pool, fringe_limit, self._fringe, self.emphasis)
-        prediction = predict(pool, expected, max(self.runs, 1), self._pool_size, self.defence)
+        expected = expect(pool, fringe_limit, self.emphasis)
+        prediction = predict(pool, expected, self.runs, self._pool_size, self.defence)
         return centres, prediction, fringe_limit
 
     def _pool(self, centres: Array | None, size: int) -> Pool:
         """Draw a pool around centres, shape (k, d), with the surrogate's predicted probabilities."""
         belief = self.belief
         return draw_pool(belief.space, centres, size, belief.probability, self.generator)
-
-    @property
-    def _fringe(self) -> float:
-        """Smallest predicted probability of a point of the fringe."""
-        return NOISY_FRINGE if self.progress.is_noisy else FRINGE
 
     @property
     def _pool_size(self) -> int:

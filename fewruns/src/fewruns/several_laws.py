@@ -24,7 +24,8 @@ INNER = (0.1, 0.9)  # quantile levels between which laws are used for the shared
 LARGEST_LOG = 700.0  # logarithm of the largest density ratio
 # The probability under a law is unknown, with an error of 1, if more than these shares of its estimate rest
 # on the largest terms, or on the outermost points: the event then reaches beyond all points under this law.
-LARGEST_SHARE, OUTERMOST_SHARE = 0.5, 0.1
+# The outermost points are the given share of those that are kept.
+LARGEST_SHARE, OUTERMOST, OUTERMOST_SHARE = 0.5, 0.05, 0.25
 FEWEST = 5  # smallest effective number of draws of the law with the event
 TINY = np.finfo(float).tiny  # so that nothing is divided by 0, or by a number that has underflown
 
@@ -168,7 +169,7 @@ class SeveralLaws:
         importance = np.array([estimate.importance for estimate in estimated])
         importance /= importance.sum()
         last = np.cumsum([len(batch.z) for batch in batches])
-        flags = np.split(known[len(known) - last[-1] :], last[:-1])
+        flags: list[Array] = np.split(known[len(known) - last[-1] :], last[:-1])
         found, parts = [], []
         for place, (weight, batch) in enumerate(zip(importance, batches, strict=True)):
             number = first + place
@@ -188,7 +189,7 @@ class SeveralLaws:
         share, outer = np.array([largest, importance @ outer]) / np.maximum(importance @ size, TINY)
         known = (mean > TINY) & (share < LARGEST_SHARE) & (outer < OUTERMOST_SHARE)
         errors = relative_errors(mean, np.sqrt(importance**2 @ variances), share, known, predicted)
-        laws = LawEstimates(np.maximum(mean, 0.0), errors, np.count_nonzero(importance))
+        laws = LawEstimates(np.maximum(mean, 0.0), errors, int(np.count_nonzero(importance)))
         return laws if controls is None else divided(laws, parts, predicted)
 
     def refined(self, sampler: Sampler) -> LawEstimates | None:
@@ -255,8 +256,9 @@ Reweighted = tuple[Array, Array, Array, Array, Array, Array]  # what `reweight` 
 def reweight(batch: TwoPhaseBatch, ratios: Ratios, happened: Array, control: Control) -> Reweighted:
     """Return the estimates of one batch under K laws and their observed variances, shapes (K,).
 
-    The other four arrays say on how few points an estimate rests: the largest term at a kept point, the term
-    at the outermost one, the largest term at a run, and the sum of all terms, in absolute values.
+    The other four arrays say on how few points an estimate rests: the largest term at a kept point, the sum
+    of the terms at the outermost kept points, the largest term at a run, and the sum of all terms, in
+    absolute values.
     """
     n, points = len(happened), max(len(batch.kept), 1)
     terms = ratios.runs * (batch.weight * (happened - control.runs) / batch.inclusion)
@@ -264,12 +266,13 @@ def reweight(batch: TwoPhaseBatch, ratios: Ratios, happened: Array, control: Con
     squares = controlled * ratios.kept @ batch.kept_weight + terms * ratios.runs @ batch.weight
     second_phase = (terms**2 * (1 - batch.inclusion)).sum(axis=1) * n / max(n - 1, 1)
     sizes, integral = np.abs(terms), controlled.sum(axis=1)
-    outermost = (batch.kept**2).sum(axis=1)
+    distance = (batch.kept**2).sum(axis=1)
+    farthest = distance > np.quantile(distance, 1 - OUTERMOST) if len(distance) else slice(0)
     return (
         integral + terms.sum(axis=1),
         np.maximum(squares, 0.0) + second_phase,
         controlled.max(axis=1, initial=0.0),
-        controlled[:, outermost == outermost.max(initial=0.0)].sum(axis=1),
+        controlled[:, farthest].sum(axis=1),
         sizes.max(axis=1, initial=0.0),
         integral + sizes.sum(axis=1),
     )

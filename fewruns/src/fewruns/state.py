@@ -22,16 +22,16 @@ from fewruns.cover import Cover
 from fewruns.errors import InputError
 from fewruns.pools import space_along
 from fewruns.problems import Predecessor
-from fewruns.progress import SEARCH, PlainBatch, Progress
+from fewruns.progress import SEARCH, Asked, PlainBatch, Progress
 from fewruns.sampler import Sampler
 from fewruns.typed_json import MISFIT, checksum, decode, encode
 
-FORMAT, VERSION = "fewruns sampler", 6
+FORMAT, VERSION = "fewruns sampler", 7
 RESTART = "Name the state of a sampler, or a path where there is no file yet, to begin a new run."
 
 # What is kept of the progress of another version. Only the runs are required.
 RUNS = ("z", "happened", "score")
-KEPT = (*RUNS, "law_draws", "repeats", "chance", "chance_since", "estimates")
+KEPT = (*RUNS, "failed", "failed_draws", "law_draws", "repeats", "chance", "chance_since", "estimates")
 
 
 @dataclass(frozen=True)
@@ -65,7 +65,8 @@ def content_of(sampler: Sampler) -> dict[str, Any]:
     flags, scores = sampler.belief.flags, sampler.belief.scores
     learnt = sampler.progress, flags.axes, flags.theta, flags.sites, scores.theta
     settings = (getattr(sampler, name) for name in ARGUMENTS)
-    state = encode(State(*settings, sampler.generator.bit_generator.state, *learnt))
+    values = *settings, sampler.generator.bit_generator.state, *learnt
+    state = encode(State(**dict(zip(FIELDS, values, strict=True))))
     return {"format": FORMAT, "version": VERSION, "checksum": checksum([VERSION, state]), "state": state}
 
 
@@ -78,7 +79,7 @@ def sampler_of(content: Any, where: str) -> Sampler:  # noqa: ANN401
         expected = f"format {FORMAT!r}"
         raise InputError(where, seen="no state of a sampler", expected=expected, change=RESTART)
     damage = "a checksum that does not belong to the content, so the file is damaged"
-    version, state = content.get("version"), content.get("state")
+    version, state = content.get("version"), content.get("state", {})
     if content.get("checksum") == checksum([version, state]):
         try:
             return _resumed(decode(State, state)) if version == VERSION else _rebuilt(state)
@@ -186,12 +187,15 @@ def _rebuilt(content: Mapping[str, Any]) -> Sampler:
     sampler = Sampler(generator=_generator_in(content["generator"]), **settings)
     known = _readable(Progress, content["progress"], KEPT, settings, required=RUNS)
     sampler.progress = replace(sampler.progress, **known)
-    if (pending := content["progress"].get("pending")) is not None:
-        # The outcomes of these runs are outstanding. The new version will learn from them, but cannot use
-        # them in its estimate, because it does not know their inclusion probabilities. Leaving the batch out
-        # causes no bias, because this is decided before its outcomes are known.
-        known = _readable(PlainBatch, pending, ("z",), settings, required=("z",))
-        sampler.progress.pending = PlainBatch(**known, phase=SEARCH)
+    # The outcomes of the requested runs are outstanding. The new version will learn from them, but cannot use
+    # them in its estimate, because it does not know their inclusion probabilities. Leaving the batches out
+    # causes no bias, because this is decided before their outcomes are known.
+    progress, pending = sampler.progress, content["progress"].get("pending")
+    asked = content["progress"].get("asked", [{"batch": pending}] if pending is not None else [])
+    for each in asked:
+        known = _readable(PlainBatch, each["batch"], ("z",), settings, required=("z",))
+        batch = PlainBatch(**known, phase=SEARCH)
+        progress.asked.append(replace(Asked.start(batch, progress.next_number), issued=len(batch.z)))
     return sampler
 
 
@@ -204,7 +208,8 @@ def _readable(
     required: Sequence[str],
 ) -> dict[str, Any]:
     """Return those fields of a dataclass that can be read; raise an error of `MISFIT` if one is required."""
-    types, known, found = get_type_hints(kind, include_extras=True), ChainMap({}, sizes), {}
+    types, known = get_type_hints(kind, include_extras=True), ChainMap[str, Any]({}, dict(sizes))
+    found: dict[str, Any] = {}
     for name in names:
         try:
             found[name] = decode(types[name], content[name], known)

@@ -13,12 +13,12 @@ proportional to w_j sqrt(E (1{event}_j - g_j)^2). method.md derives both results
 import math
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import Annotated
+from typing import Annotated, Self
 
 import numpy as np
 
 from fewruns.arrays import Array, Flags, Indices
-from fewruns.constants import BEYOND, CONTROLLED, CORE, FLOOR, FRINGE, KEPT, REACH, WORTHLESS
+from fewruns.constants import BEYOND, CONTROLLED, CORE, FLOOR, FRINGE, KEPT, LARGEST, REACH
 from fewruns.pools import Defence, Pool
 
 
@@ -79,15 +79,6 @@ def spread_by_mass(z: Array, mass: Array, count: int) -> Indices:
     return order[np.searchsorted(marks / marks[-1] * count, np.arange(count) + 0.5)]
 
 
-def choose_covering(inside: Flags, n: int) -> Indices:
-    """Return up to n of m points such that most of t sets contain one, given what they contain, (m, t)."""
-    open_sets, chosen = np.ones(inside.shape[1]), []
-    while len(chosen) < n and (gain := inside @ open_sets).any():
-        chosen.append(gain.argmax())
-        open_sets[inside[chosen[-1]]] = 0.0
-    return np.array(chosen, dtype=np.intp)
-
-
 @dataclass(frozen=True)
 class Expectation:
     """The predictions of the surrogate at the points of a pool; arrays of shape (m,)."""
@@ -143,6 +134,13 @@ class TwoPhaseBatch:
     kept_weight: Annotated[Array, "kept"]  # weights phi / h, divided by the number of points of the pool
     kept_control: Annotated[Array, "kept"]
 
+    @classmethod
+    def of_cover(cls, z: Array, aimed: Flags, prediction: Prediction, foreseen: Array) -> Self:
+        """Return n runs of a cover, which only exclude other parts of the event; their weight is 0."""
+        none, nothing = np.zeros(len(z)), np.empty(0)
+        pool = (z[:0], nothing, nothing)
+        return cls(z, none, none, none + 1, 0.0, 0.0, aimed, np.empty((0, 3)), prediction, foreseen, *pool)
+
 
 def reach_of(probability: float) -> float:
     """Return the rarity -log(probability) + `BEYOND`, at most `REACH`: 5 % of an event can be beyond."""
@@ -152,18 +150,17 @@ def reach_of(probability: float) -> float:
 def expect(
     pool: Pool,
     fringe_limit: float,
-    fringe: float = FRINGE,
     emphasis: Callable[[Array], Array] | None = None,
 ) -> Expectation:
     """Return the surrogate's expectations at the points of a pool.
 
     Runs are sampled preferentially from the core, where the predicted probability is at least `CORE`, and
-    from the fringe, where it is at least ``fringe`` and the weight is at most ``fringe_limit``. Elsewhere it
+    from the fringe, where it is at least `FRINGE` and the weight is at most ``fringe_limit``. Elsewhere it
     is set to 0, because it is never far below one over the number of runs, and the bulk of phi would outweigh
     the event.
     """
     p = pool.probability
-    aimed = (p >= CORE) | ((pool.weight <= fringe_limit) & (p >= fringe))
+    aimed = (p >= CORE) | ((pool.weight <= fringe_limit) & (p >= FRINGE))
     p = np.where(aimed, p, 0.0)
     control = np.where(p >= CONTROLLED, p, 0.0)
     factor = np.ones(len(p))
@@ -177,7 +174,7 @@ def predict(pool: Pool, expected: Expectation, runs: int, pool_size: int, defenc
     weight, size = pool.weight, len(pool.weight)
     probability = float((weight * expected.probability).mean())
     if probability == 0:
-        return Prediction(0.0, WORTHLESS)
+        return Prediction(0.0, LARGEST)
     runs_here = runs * size / pool_size  # the same share of this pool as of the pool of the batch
     guard = pool.guard(reach_of(probability), defence)
     inclusion = inclusion_probabilities(weight * expected.spread, guard, runs_here, defence.share)
@@ -193,14 +190,10 @@ def draw_batch(
     prediction: Prediction,
     runs: int,
     defence: Defence,
-    cover: Array,
-    aimed_cover: Flags,
     foresee: Callable[[Array], Array],
     generator: np.random.Generator,
 ) -> TwoPhaseBatch:
-    """Return a batch: runs that are drawn from a pool by systematic sampling, followed by the runs ``cover``.
-
-    The runs ``cover``, shape (m, d), only exclude other parts of the event.
+    """Return a batch of runs that are drawn from a pool by systematic sampling.
 
     ``foresee`` returns the probabilities of the event at the runs by both surrogates, shape (n, 2).
     """
@@ -212,18 +205,17 @@ def draw_batch(
     wide_draws = [[draws_of_the_wide_law(pool.within(*zone), inclusion), *zone] for zone in zones]
     w = w / len(w)
     kept = spread_by_mass(pool.z, w * control, KEPT)
-    z, none = np.vstack([pool.z[chosen], cover]), np.zeros(len(cover))
     return TwoPhaseBatch(
-        z=z,
-        weight=np.append(w[chosen], none),
-        control=np.append(control[chosen], none),
-        inclusion=np.append(inclusion[chosen], none + 1),
+        z=pool.z[chosen],
+        weight=w[chosen],
+        control=control[chosen],
+        inclusion=inclusion[chosen],
         controlled=float(w @ control),
         controlled_square=float(w * w @ control),
-        aimed=np.append(expected.probability[chosen] > 0, aimed_cover),
+        aimed=expected.probability[chosen] > 0,
         wide_draws=np.array(wide_draws),
         prediction=prediction,
-        foreseen=foresee(z),
+        foreseen=foresee(pool.z[chosen]),
         kept=pool.z[kept],
         kept_weight=w[kept],
         kept_control=control[kept],

@@ -11,6 +11,7 @@ from typing import Annotated, Any, Union, get_args, get_origin, get_type_hints
 
 import numpy as np
 
+_Sizes = ChainMap[str, Any]
 # Errors that `decode` raises if a value has not been written by `encode`.
 MISFIT = (LookupError, TypeError, ValueError, OverflowError, AttributeError)
 
@@ -26,21 +27,21 @@ def encode(value: Any) -> Any:  # noqa: ANN401
     return value.tolist() if isinstance(value, np.ndarray | np.generic) else value
 
 
-def decode(annotation: Any, value: Any, sizes: Mapping[str, int] | None = None) -> Any:  # noqa: ANN401
+def decode(annotation: Any, value: Any, sizes: _Sizes | None = None) -> Any:  # noqa: ANN401
     """Return the value of a given type that `encode` converted; raise an error of `MISFIT` if it is another.
 
     In a union of dataclasses, the names of the fields decide. ``sizes`` are known lengths of axes by name.
     """
     origin, parts = get_origin(annotation) or annotation, get_args(annotation)
     if origin is Annotated:
-        return _array(parts[0], parts[1:], value, ChainMap({}) if sizes is None else sizes)
+        return _array(parts[0], parts[1:], value, _Sizes({}) if sizes is None else sizes)
     if origin in (Union, UnionType):
         choices = [kind for kind in parts if kind is not NoneType]
         if value is None and len(choices) < len(parts):
             return None
         return decode(choices[0] if len(choices) == 1 else _with_fields(choices, value), value, sizes)
-    if is_dataclass(annotation):
-        types, known = _types(annotation), ChainMap({}, sizes or {})
+    if isinstance(annotation, type) and is_dataclass(annotation):
+        types, known = _types(annotation), _Sizes({}, sizes or {})
         known.update({name: value[name] for name, kind in types.items() if kind is int})
         return annotation(**{name: decode(kind, value[name], known) for name, kind in types.items()})
     if origin in (list, tuple) and isinstance(value, list):

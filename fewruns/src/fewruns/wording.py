@@ -23,26 +23,22 @@ def reason(
         return "outcomes may be random in a few of the runs, which the runs cannot exclude"
     if not progress.happened.any() and not progress.law_draws.events:
         return "no run has met the event"
-    if progress.has_begun_again and not progress.is_counted:
-        return (
-            "the estimate begins again without its earlier batches, because later runs did not agree "
-            "with what was predicted from them"
-        )
     if progress.chance_since and combined_estimate(progress, stopping)[0] is None:
         return "the earlier batches no longer count, because repetitions show that most outcomes are random"
     if combined_estimate(progress, stopping)[0] is None and not progress.is_counted:
         return "too few batches have given an estimate that agrees with the one before"
     if not is_narrow(progress, stopping):
         return "the interval is wider than required"
+    if not is_narrow(progress, stopping, with_failed=True):
+        return "the interval is wider than required, because the failed runs may be events or not"
     if is_settled:
         return "the interval is narrow, and the certificate is met"
     if not exclusion.is_certified:
-        after = f"after {len(progress.z) - progress.narrow_at} further runs" if exclusion.gives_up else "yet"
-        return f"the interval is narrow, but other parts of the event are not excluded {after}"
+        return "the interval is narrow, but other parts of the event are not excluded yet"
     if checks.missing:
         return f"the interval is narrow, but {checks.missing} checks for random outcomes are missing"
     if not exclusion.is_sufficient:
-        return "with so many inputs, only a stated certificate excludes other parts of the event"
+        return "the default certificate is weak for this number of inputs; state one to exclude other parts"
     return "the surrogate predicts more than the estimate, which may have missed a part that was found late"
 
 
@@ -55,6 +51,7 @@ def excluded(progress: Progress, exclusion: Exclusion, checks: Checks, probabili
         parts = f"parts of the event with more than {required.share:g} times its probability"
         if required.curvature:
             parts += f" and a radius of at least {1 / required.curvature:.2g} normal scores"
+        parts += ", except next to failed runs" * (len(progress.failed) > 0)
         by_scores = isinstance(required, Cover) and exclusion.has_scores and exclusion.dimension <= FEW
         towards = f"at most {STEEPER:g} times as steeply as towards the known parts"
         parts += f", and smaller ones if the scores fall towards them {towards}" * by_scores
@@ -72,6 +69,9 @@ def excluded(progress: Progress, exclusion: Exclusion, checks: Checks, probabili
 def warning(progress: Progress, exclusion: Exclusion) -> str:
     """Return what the runs say against statements about the problem; empty if nothing."""
     words = []
+    if failed := len(progress.failed):
+        share = f"{failed} of {progress.simulations} runs ({failed / progress.simulations:.2g} of them)"
+        words.append(f"{share} have failed; the interval allows for all or none of them to be events")
     if point_the_wrong_way(progress.happened, progress.score):
         words.append("scores of events are larger than those of other runs, but should be smaller")
     is_upper = exclusion.required == BY_DEFAULT and not progress.chance  # as stated

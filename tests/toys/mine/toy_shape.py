@@ -10,8 +10,8 @@ class ToyShape(Generalised):
     """A generalised Pareto excess with a fixed shape, which is therefore no parameter."""
 
     name = "toy shape"
-    prior_mean = ()
-    prior_deviation = ()
+    prior_mean: tuple[float, ...] = ()
+    prior_deviation: tuple[float, ...] = ()
 
     def cumulative(self, z, parameters):
         """Return the cumulative hazard at excesses z."""

@@ -1,5 +1,5 @@
 """The answer: the posterior of the crash probability over all laws that the records support.
 
-The laws are scored on held-out records, and the scores determine their weights. Further modules check the
-answer, and compare it with counted crashes.
+It has three rooms, each of which imports only earlier ones: the candidate laws, the ways to an answer, and
+what follows from it. The modules beside them use all three.
 """

@@ -5,13 +5,13 @@ from collections.abc import Mapping, Sequence
 import numpy as np
 import pandas as pd
 
-from accelerated_evaluation.answer.answer import Answer
-from accelerated_evaluation.answer.by_few_runs import crashes_table
-from accelerated_evaluation.answer.comparison import draws_table
-from accelerated_evaluation.answer.extrapolation import extrapolation
-from accelerated_evaluation.answer.fitted_records import FittedRecords
-from accelerated_evaluation.answer.posterior import PartlyKnown, Posterior
-from accelerated_evaluation.answer.rates import exposure_table
+from accelerated_evaluation.answer.candidates.fitted_records import FittedRecords
+from accelerated_evaluation.answer.consequences.rates import exposure_table
+from accelerated_evaluation.answer.ways.answer import Answer
+from accelerated_evaluation.answer.ways.by_few_runs import crashes_table
+from accelerated_evaluation.answer.ways.comparison import draws_table
+from accelerated_evaluation.answer.ways.extrapolation import extrapolation
+from accelerated_evaluation.answer.ways.posterior import PartlyKnown, Posterior
 
 RATE_DRAWS = 1000  # number of equally likely values of a probability from which rates are computed
 

@@ -6,8 +6,8 @@ import sys
 import warnings
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
-from dataclasses import dataclass
-from functools import cached_property
+from dataclasses import dataclass, replace
+from functools import cached_property, partial
 from pathlib import Path
 from typing import Any
 
@@ -15,60 +15,56 @@ import numpy as np
 import pandas as pd
 from tqdm import tqdm
 
-from accelerated_evaluation.answer.answer import Answer, Way, evaluate
-from accelerated_evaluation.answer.by_few_runs import FewRuns, Shown
-from accelerated_evaluation.answer.by_map import Map
-from accelerated_evaluation.answer.by_simulations import Simulations
-from accelerated_evaluation.answer.choice import FILE, draws_named
-from accelerated_evaluation.answer.comparison import (
-    compare_estimates,
-    compared_table,
-    require_estimate,
-    require_same_law,
-)
-from accelerated_evaluation.answer.counted_crashes import contradiction
-from accelerated_evaluation.answer.criterion import Basis, Criterion
-from accelerated_evaluation.answer.deciding import criteria_in_words, criteria_tables
+from accelerated_evaluation.answer.candidates.fitted_records import FittedRecords, records_of
+from accelerated_evaluation.answer.consequences.counted_crashes import contradictions
+from accelerated_evaluation.answer.consequences.criterion import Basis, Counted, Criterion
+from accelerated_evaluation.answer.consequences.deciding import criteria_in_words, criteria_tables
+from accelerated_evaluation.answer.consequences.in_service import judged_after, length_of, updated_rates
 from accelerated_evaluation.answer.estimate_tables import estimate_tables
-from accelerated_evaluation.answer.evidence import Evidence, checked_answers
-from accelerated_evaluation.answer.extrapolation import beyond_in_words, extrapolation_in_words
-from accelerated_evaluation.answer.fitted_records import FittedRecords, records_of
-from accelerated_evaluation.answer.posterior import LEVEL
-from accelerated_evaluation.answer.settings import Request, Settings
+from accelerated_evaluation.answer.settings import Settings
 from accelerated_evaluation.answer.study_tables import injured_by_level, risks_table
-from accelerated_evaluation.answer.words import (
+from accelerated_evaluation.answer.ways.answer import Answer, Way, evaluate
+from accelerated_evaluation.answer.ways.by_few_runs import FewRuns, Shown, runs_to_begin_with
+from accelerated_evaluation.answer.ways.by_map import Map
+from accelerated_evaluation.answer.ways.by_simulations import Simulations
+from accelerated_evaluation.answer.ways.choice import FILE, draws_named
+from accelerated_evaluation.answer.ways.comparison import compared_table
+from accelerated_evaluation.answer.ways.evidence import Evidence, checked_answers
+from accelerated_evaluation.answer.ways.extrapolation import beyond_in_words, extrapolation_in_words
+from accelerated_evaluation.answer.ways.posterior import LEVEL
+from accelerated_evaluation.answer.ways.request import Request
+from accelerated_evaluation.answer.ways.words import (
     aligned,
     answer_in_words,
     budget_in_words,
     probability_row,
     ratio_in_words,
     ratio_row,
+    updated_row,
 )
 from accelerated_evaluation.base.checking import checked
 from accelerated_evaluation.base.files import write_csv
 from accelerated_evaluation.base.numerals import counted
+from accelerated_evaluation.base.percent import in_percent
 from accelerated_evaluation.crash_map.mapping import map_crashes
 from accelerated_evaluation.crash_map.maps import Grid
 from accelerated_evaluation.laws.draws import Draws
 from accelerated_evaluation.laws.files import (
-    law_content,
-    law_digest,
     names_records,
     read_verdict,
     write_law,
 )
+from accelerated_evaluation.laws.limited import limited, limits_in_words
 from accelerated_evaluation.methods.problem import Problem
 from accelerated_evaluation.methods.surrogate import (
     assumption_in_words,
     chance_in_words,
     checks_in_words,
-    read_predecessor,
     unseen_in_words,
     weights_in_words,
 )
 from accelerated_evaluation.records.checks import Records
 from accelerated_evaluation.records.verdict import Verdict, verdict_on
-from accelerated_evaluation.scenarios.cut_in import CUT_IN
 from accelerated_evaluation.vehicles.external.slow import SlowVehicle
 
 
@@ -93,6 +89,9 @@ class Estimated:
     evidence: Evidence
     criteria: Sequence[Criterion] = ()
     remarks: Sequence[str] = ()  # warnings during the estimate, such as that of random outcomes
+    # Crashes in service, and the rate of the first replicate before and after them.
+    counted: Counted | None = None
+    in_service: pd.DataFrame | None = None
 
     def __repr__(self) -> str:
         """Return the estimate in words."""
@@ -106,6 +105,8 @@ class Estimated:
             tables["account"] = self.records.account
         if self.criteria:
             tables |= self._judged(tables["extrapolation"])
+        if self.in_service is not None:
+            tables["in_service"] = self.in_service
         return self.verdict.added_to_answers(tables)
 
     def _judged(self, extrapolation: pd.DataFrame) -> dict[str, pd.DataFrame]:
@@ -122,6 +123,9 @@ class Estimated:
             self.records.exposure,
             others,
             injured_by_level(own.posterior, risks),
+            update=partial(judged_after, counted=self.counted, records=self.records)
+            if self.counted
+            else None,
         )
 
     @checked()
@@ -131,17 +135,19 @@ class Estimated:
             write_csv(folder / f"{name}.csv", table)
         write_law(folder / "law.json", self.answers[0].draws.law, self.records.table, self.verdict)
         self.records.write(folder / "encounters.parquet")
-        if len(compared := self.compared(folder)):
+        if len(compared := self.compared()):
             write_csv(folder / "compared.csv", compared)
         return compared
 
-    @checked()
-    def compared(self, folder: Path) -> pd.DataFrame:
-        """Return the ratios to other estimates and to references, one row each."""
+    def compared(self) -> pd.DataFrame:
+        """Return the ratios to other vehicles, one row each, with the simulations of these vehicles."""
+        others = self.references.values()
         posteriors = {name: other.posterior for name, other in self.references.items()}
-        rows = compared_table({"": self.answers[0].posterior, **posteriors})
-        others = compare_estimates(folder, list(self.request.compare)) if self.request.compare else None
-        return pd.concat([others, rows], ignore_index=True) if len(rows) else pd.DataFrame(others)
+        marked = contradictions(posteriors, self.records)
+        return compared_table({"": self.answers[0].posterior, **posteriors}, marked).assign(
+            other_simulations=[other.simulations for other in others],
+            other_converged=[other.converged for other in others],
+        )
 
     def lines(self, compared: pd.DataFrame | None = None, *, verbose: bool = False) -> list[str]:
         """Return the answer in words: first what was asked; with ``verbose`` all that is known of it."""
@@ -149,6 +155,11 @@ class Estimated:
         return [
             *self.verdict.stop_lines(),
             *(f"warning: {doubt}" for doubt in self.evidence.doubts),
+            *(
+                f"warning: the estimate of {name} has not converged, so its ratio may change"
+                for name, other in self.references.items()
+                if not other.converged
+            ),
             *(self._not_converged(number) for number, each in enumerate(self.answers) if not each.converged),
             *self._summary(ratios),
             *(f"note: {remark}" for remark in (*self.remarks, *self._contradicted())),
@@ -167,14 +178,9 @@ class Estimated:
 
     def _contradicted(self) -> list[str]:
         """Return the references that counted crashes contradict, in words."""
-        if self.records.per_km is None or self.records.scenario.name != CUT_IN.name:
-            return []
         posteriors = {name: other.posterior for name, other in self.references.items()}
-        return [
-            f"the reference {name} is {words}"
-            for name, posterior in posteriors.items()
-            if posterior and (words := contradiction(posterior.interval(0.95)[0], self.records.per_km))
-        ]
+        found = contradictions(posteriors, self.records)
+        return [f"the reference {name} is {words}" for name, words in found.items()]
 
     def _summary(self, ratios: Sequence[Mapping[str, Any]]) -> list[str]:
         """Return the answer in aligned lines: probability, ratios, share beyond the records, simulations.
@@ -193,6 +199,10 @@ class Estimated:
             counts = f"{estimate.simulations:,} simulations, {estimate.events:,} of them with the event"
             if number == 0:
                 counts += f"; {self.evidence.replays.replayed:,} replays of records"
+                if (name := self.request.against) is not None:
+                    counts += f"; {self.references[name].simulations:,} simulations of {name}"
+            if number == 0 and self.in_service is not None:
+                rows.append(updated_row(self.in_service))
             rows.append(("converged" if answer.converged else "not converged", counts, ""))
         return aligned(rows)
 
@@ -227,6 +237,13 @@ class Estimated:
             yield f"replicate {number}:"
         if answer.notes["not_ended"]:
             yield f"warning: {answer.notes['not_ended']:,} runs did not end, and count as without the event"
+        if answer.notes["failed"][0]:
+            (failed, added), total = answer.notes["failed"], estimate.simulations
+            yield (
+                f"warning: {failed:,} of {total:,} runs ({in_percent(failed / total)}) failed repeatedly, "
+                "and count as without the event. With it in all of them, the probability would be higher by "
+                f"{added:.2g}, which the upper ends contain"
+            )
         assumptions = assumption_in_words(estimate.diagnostics)
         if verbose:
             yield from self._probabilities(answer)
@@ -295,10 +312,9 @@ class Estimated:
 def estimate_event(settings: Settings, request: Request) -> Estimated:
     """Estimate the probability of an event for a vehicle, with laws of records."""
     scenario = settings.scenario
-    for other in request.compare:  # before the simulations, which would otherwise be in vain
-        require_estimate(other)
     verdicts: list[Verdict] = []
-    with _remarks() as remarks, settings.vehicle.loaded() as vehicle, _progress() as (begin, show):
+    named = settings.vehicle
+    with _remarks() as remarks, named.loaded(sets_aside=True) as vehicle, _progress() as (begin, show):
         begin("reading and checking the records")
         records = records_of(
             scenario,
@@ -309,33 +325,38 @@ def estimate_event(settings: Settings, request: Request) -> Estimated:
                 _verdict(found, settings.records.name, request.law, settings.accepted)
             ),
         )
+        if settings.in_service is not None:
+            length_of(settings.in_service, records)  # an error before anything is simulated
         begin("fitting the laws of the records")
         draws = draws_named(request.law, records, settings.laws)
-        if request.compare:  # before the simulations as well
-            law = law_digest(law_content(draws.law, records.table))
-            for other in request.compare:
-                require_same_law(other, law)
+        draws = limited(draws, settings.limits, settings.laws.streams("limits"))
         problem = Problem(scenario, vehicle, settings.event, law=draws.proposal)
+        size, share = settings.batch_size, request.sampling_share
+        way = FewRuns(settings.stopping, size, named.pending(size), share, on_batch=show)
+        compared: dict[str, Answer] = {}
+        if settings.against is not None and request.against is not None:
+            begin(f"estimating {request.against}")
+            with settings.against.loaded(sets_aside=True) as other:
+                old = replace(problem, vehicle=other)
+                found = evaluate(old, draws, way, generator=settings.laws.streams("against"))
+            compared[request.against] = found
+            way = replace(way, predecessor=runs_to_begin_with(found, problem))
         begin("replaying records, and choosing the first simulations")
-        known = None if request.predecessor is None else read_predecessor(request.predecessor, problem)
-        way = FewRuns(
-            settings.stopping,
-            settings.batch_size,
-            share=request.sampling_share,
-            predecessor=known,
-            on_batch=show,
-        )
         answers, evidence = checked_answers(
             problem, draws, records, way, settings.events, settings.laws.streams, request.replicates
         )
-    compared = {}
     for name, reference in settings.references.items():
         with reference.loaded() as other:
-            own = Problem(scenario, other, settings.event), draws, records, settings.many, settings.grid
-            compared[name] = reference_answer(*own, settings.laws.streams("references", name))
+            given = Problem(scenario, other, settings.event), draws, records, settings.many, settings.grid
+            compared[name] = reference_answer(*given, settings.laws.streams("references", name))
     slow = vehicle if isinstance(vehicle, SlowVehicle) else None
     own = answers, records, verdicts[0], slow, compared, request, evidence, settings.criteria
-    return Estimated(*own, remarks)
+    remarks = [*limits_in_words(draws), *remarks]
+    if settings.in_service is None or answers[0].posterior is None:
+        return Estimated(*own, remarks)
+    generator = settings.laws.streams("in_service")
+    service = updated_rates(answers[0].posterior, settings.in_service, records, generator)
+    return Estimated(*own, remarks, settings.in_service, service)
 
 
 def _verdict(records: Records, name: str, law: str, accepted: Sequence[str]) -> Verdict:

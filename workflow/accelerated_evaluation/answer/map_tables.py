@@ -2,13 +2,10 @@
 
 from collections.abc import Mapping
 from dataclasses import dataclass
-from functools import cached_property
 
-import numpy as np
 import pandas as pd
 
-from accelerated_evaluation.answer.by_map import thinned_lines
-from accelerated_evaluation.answer.calibration import (
+from accelerated_evaluation.answer.candidates.calibration import (
     DIVISIONS,
     TENTHS,
     counts_by_fold,
@@ -18,19 +15,17 @@ from accelerated_evaluation.answer.calibration import (
     recorded_counts,
     with_poisson_limits,
 )
-from accelerated_evaluation.answer.law_study import LawStudy
-from accelerated_evaluation.answer.law_table import KNOT, PAPER, TOGETHER, papers_law
-from accelerated_evaluation.answer.near_misses import near_miss_table
-from accelerated_evaluation.answer.posterior import Posterior
-from accelerated_evaluation.answer.scores import HeldOut
-from accelerated_evaluation.answer.variants import Streams, threshold_table
+from accelerated_evaluation.answer.candidates.law_study import LawStudy
+from accelerated_evaluation.answer.candidates.law_table import KNOT, PAPER, TOGETHER, papers_law
+from accelerated_evaluation.answer.candidates.scores import HeldOut
+from accelerated_evaluation.answer.ways.answer import Answer
+from accelerated_evaluation.answer.ways.by_map import thinned_lines
+from accelerated_evaluation.answer.ways.near_misses import near_miss_table
+from accelerated_evaluation.answer.ways.variants import Streams, threshold_table
 from accelerated_evaluation.crash_map.lines import CrashLines
 from accelerated_evaluation.crash_map.maps import CrashMap
-from accelerated_evaluation.laws.draws import Draws
-from accelerated_evaluation.laws.smooth.family import DistinctRecords, Member
-from accelerated_evaluation.scenarios.events import Event
-from accelerated_evaluation.scenarios.protocol import Scenario
-from accelerated_evaluation.vehicles.protocol import CRASH, Outcomes, Vehicle
+from accelerated_evaluation.laws.smooth.family import Member
+from accelerated_evaluation.vehicles.protocol import CRASH
 
 SHOWN = (Member(), *(Member(KNOT, shape) for shape in ("exponential", "generalised", "two kinds")))
 
@@ -106,56 +101,41 @@ def fold_calibration(study: LawStudy) -> pd.DataFrame:
     return pd.DataFrame(rows)
 
 
-@dataclass(frozen=True)
-class MapTables:
-    """The laws of cut-ins, and the crash map of a vehicle, from which tables are computed."""
+def map_tables(
+    own: Answer, study: LawStudy, crash_map: CrashMap, streams: Streams
+) -> dict[str, pd.DataFrame]:
+    """Return the tables of an answer by a crash map, by name.
 
-    scenario: Scenario
-    study: LawStudy
-    draws: Draws
-    vehicle: Vehicle
-    crash_map: CrashMap
-
-    @property
-    def records(self) -> DistinctRecords:
-        """The distinct records."""
-        return self.study.smooth.records
-
-    @cached_property
-    def replayed(self) -> Outcomes:
-        """Outcomes of the records."""
-        return self.vehicle.simulate(*self.records.x.T)
-
-    def lines(self, event: Event = CRASH) -> CrashLines:
-        """Return all lines of the map with the intervals of an event."""
-        return CrashLines.of(self.crash_map, self.records.lead_speed, event, self.records.support)
-
-    def thresholds(self, streams: Streams) -> pd.DataFrame:
-        """Return the crash probability for each threshold of the laws; see `threshold_table`."""
-        lines = thinned_lines(self.lines(), self.vehicle, self.draws, streams("answer"))
-        return threshold_table(self.study, lines, streams)
-
-    def calibration(self, posteriors: Mapping[Event, Posterior]) -> pd.DataFrame:
-        """Return recorded and expected numbers of critical cut-ins; see `calibration_table`.
-
-        ``posteriors`` are those of the answer, by event.
-        """
-        named = {self.scenario.event_in_words(event): event for event in sorted(posteriors)}
-        recorded = {name: int(event.happens(self.replayed).sum()) for name, event in named.items()}
-        by_law = {name: self._by_law(event) for name, event in named.items()}
-        together = {name: posteriors[event].probabilities.mean() for name, event in named.items()}
-        return calibration_table(self.study, NearMisses(recorded, by_law, together))
-
-    def _by_law(self, event: Event) -> dict[str, float]:
-        smooth = self.study.smooth
-        found = self.lines(event).probabilities(smooth.family, smooth.members)
-        return {member.name: probability for member, probability in found.items()}
-
-    def near_misses(
-        self, posteriors: Mapping[Event, Posterior], generator: np.random.Generator
-    ) -> pd.DataFrame:
-        """Return intervals of the near misses that allow for clusters of critical records."""
-        named = {self.scenario.event_in_words(event): event for event in posteriors}
-        replayed = {name: event.happens(self.replayed) for name, event in named.items()}
-        own = {name: posteriors[event] for name, event in named.items()}
-        return near_miss_table(own, replayed, self.study.smooth.resampled, generator)
+    They are `threshold_table`, `calibration_table` with critical cut-ins, `fold_calibration`, and
+    `near_miss_table`, whose intervals allow for clusters of critical records.
+    """
+    smooth, problem, posteriors = study.smooth, own.problem, own.posteriors
+    records = smooth.records
+    outcomes = problem.vehicle.simulate(*records.x.T)
+    names = {event: problem.scenario.event_in_words(event) for event in posteriors}
+    happened = {event: event.happens(outcomes) for event in posteriors}
+    lines = {
+        event: CrashLines.of(crash_map, records.lead_speed, event, records.support)
+        for event in sorted({CRASH, *posteriors})
+    }
+    fitted = {
+        event: dict(zip(smooth.names, lines[event].masses(smooth.fitted).sum(axis=1), strict=True))
+        for event in posteriors
+    }
+    near = NearMisses(
+        {names[event]: int(happened[event].sum()) for event in sorted(posteriors)},
+        {names[event]: probabilities for event, probabilities in fitted.items()},
+        {names[event]: posterior.probabilities.mean() for event, posterior in posteriors.items()},
+    )
+    own_lines = thinned_lines(lines[CRASH], problem.vehicle, own.draws, streams("answer"))
+    return {
+        "answer_thresholds": threshold_table(study, own_lines, streams),
+        "calibration": calibration_table(study, near),
+        "fold_calibration": fold_calibration(study),
+        "near_misses": near_miss_table(
+            {names[event]: posterior for event, posterior in posteriors.items()},
+            {names[event]: each for event, each in happened.items()},
+            smooth.resampled,
+            streams("near misses"),
+        ),
+    }

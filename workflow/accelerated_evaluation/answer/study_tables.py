@@ -6,12 +6,27 @@ from collections.abc import Iterable, Mapping, Sequence
 import pandas as pd
 from scipy.special import ndtri
 
-from accelerated_evaluation.answer.all_cut_ins import every_encounter
-from accelerated_evaluation.answer.answer import Answer, Replayed, evaluate
-from accelerated_evaluation.answer.by_few_runs import FewRuns
-from accelerated_evaluation.answer.by_map import Map
-from accelerated_evaluation.answer.by_simulations import Simulations
-from accelerated_evaluation.answer.comparison import (
+from accelerated_evaluation.answer.candidates.fitted_records import FittedRecords
+from accelerated_evaluation.answer.candidates.law_study import LawStudy
+from accelerated_evaluation.answer.consequences.all_cut_ins import every_encounter
+from accelerated_evaluation.answer.consequences.counted_crashes import contradictions
+from accelerated_evaluation.answer.consequences.criterion import Basis, Criterion
+from accelerated_evaluation.answer.consequences.deciding import criteria_tables
+from accelerated_evaluation.answer.consequences.injuries.curves import LEVELS
+from accelerated_evaluation.answer.consequences.injuries.tables import (
+    Injured,
+    Key,
+    injury_tables,
+    mean_risks,
+    tabulated_risks,
+)
+from accelerated_evaluation.answer.estimate_tables import estimate_tables, exposure_of
+from accelerated_evaluation.answer.map_tables import calibration_table, fold_calibration, map_tables
+from accelerated_evaluation.answer.ways.answer import Answer, Replayed, evaluate
+from accelerated_evaluation.answer.ways.by_few_runs import FewRuns
+from accelerated_evaluation.answer.ways.by_map import Map
+from accelerated_evaluation.answer.ways.by_simulations import Simulations
+from accelerated_evaluation.answer.ways.comparison import (
     compared_table,
     draws_table,
     is_resolved,
@@ -19,30 +34,16 @@ from accelerated_evaluation.answer.comparison import (
     vehicle_row,
     vehicle_table,
 )
-from accelerated_evaluation.answer.crash_shares import crash_shares
-from accelerated_evaluation.answer.criterion import Basis, Criterion
-from accelerated_evaluation.answer.deciding import criteria_tables
-from accelerated_evaluation.answer.estimate_tables import estimate_tables, exposure_of
-from accelerated_evaluation.answer.evidence import checked_answers
-from accelerated_evaluation.answer.extrapolation import drawn_crashes, extrapolation
-from accelerated_evaluation.answer.fitted_records import FittedRecords
-from accelerated_evaluation.answer.injuries.curves import LEVELS
-from accelerated_evaluation.answer.injuries.tables import (
-    Injured,
-    Key,
-    injury_tables,
-    mean_risks,
-    tabulated_risks,
-)
-from accelerated_evaluation.answer.law_study import LawStudy
-from accelerated_evaluation.answer.map_tables import MapTables, calibration_table, fold_calibration
-from accelerated_evaluation.answer.posterior import Posterior
-from accelerated_evaluation.answer.restricted import restricted
-from accelerated_evaluation.answer.variants import Streams
+from accelerated_evaluation.answer.ways.crash_shares import crash_shares
+from accelerated_evaluation.answer.ways.evidence import checked_answers
+from accelerated_evaluation.answer.ways.extrapolation import drawn_crashes, extrapolation
+from accelerated_evaluation.answer.ways.posterior import Posterior
+from accelerated_evaluation.answer.ways.variants import Streams
 from accelerated_evaluation.base.arrays import Array
 from accelerated_evaluation.base.errors import InputError
 from accelerated_evaluation.crash_map.maps import read_crash_map
 from accelerated_evaluation.laws.draws import Draws
+from accelerated_evaluation.laws.limited import LimitedDraws, Where
 from accelerated_evaluation.methods.problem import Problem
 from accelerated_evaluation.scenarios.events import Event
 from accelerated_evaluation.scenarios.protocol import Scenario
@@ -88,7 +89,7 @@ def answer_tables(
         tables["calibration"] = calibration_table(study)
         tables["fold_calibration"] = fold_calibration(study)
     if isinstance(way, Map):
-        tables |= _map_tables(own, study, way, streams)
+        tables |= map_tables(own, study, way.crash_map, streams)
     if isinstance(way, Simulations):
         tables |= _simulation_tables(own, study, way, events, streams)
     return tables
@@ -160,10 +161,11 @@ def comparison_tables(
         if risks:
             risks[name] = risks_table(each)
         del each  # before the next answer is computed
+    contradicted = contradictions(posteriors, records)
     tables = {
-        "vehicles": vehicle_table(pd.concat(rows), posteriors, references),
+        "vehicles": vehicle_table(pd.concat(rows), posteriors, references, contradicted),
         "vehicle_draws": pd.concat([table for table in drawn if len(table)] or drawn, ignore_index=True),
-        "compared": compared_table(posteriors),
+        "compared": compared_table(posteriors, contradicted),
     }
     if not risks:
         return tables
@@ -206,16 +208,6 @@ def study_criteria(
     )
 
 
-def _map_tables(own: Answer, study: LawStudy, way: Map, streams: Streams) -> Tables:
-    more = MapTables(own.problem.scenario, study, own.draws, own.problem.vehicle, way.crash_map)
-    return {
-        "answer_thresholds": more.thresholds(streams),
-        "calibration": more.calibration(own.posteriors),
-        "fold_calibration": fold_calibration(study),
-        "near_misses": more.near_misses(own.posteriors, streams("near misses")),
-    }
-
-
 def _simulation_tables(
     own: Answer, study: LawStudy, way: Simulations, events: Sequence[Event], streams: Streams
 ) -> Tables:
@@ -224,7 +216,8 @@ def _simulation_tables(
     answers = [own.table().assign(encounters=WHOLE)]
     for name, holds in scenario.restrictions.items():
         generator = streams(name)
-        part = evaluate(problem, restricted(own.draws, holds, generator), way, events, generator=generator)
+        draws = LimitedDraws.given(own.draws, Where(holds), generator)
+        part = evaluate(problem, draws, way, events, generator=generator)
         answers.append(part.table().assign(encounters=name))
     return {
         "answer": pd.concat(answers, ignore_index=True),

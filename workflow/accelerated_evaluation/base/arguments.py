@@ -64,15 +64,20 @@ def described(value: object) -> str:
     return f"{kind} {name}{columns}"[:LONGEST]
 
 
-def one_of(*kinds: type, words: str, change: str = "Correct the argument.") -> Argument:
-    """Return an argument that is an instance of one of the given classes, and is used as it is."""
+def if_it(fits: Callable[[Any], bool]) -> Callable[[Any], Any]:
+    """Return the function `Argument.take` of an argument that is used as it is, if it fits."""
 
     def take(value: object) -> object:
-        if not isinstance(value, kinds):
+        if not fits(value):
             raise TypeError
         return value
 
-    return Argument(words, take, change)
+    return take
+
+
+def one_of(*kinds: type, words: str, change: str = "Correct the argument.") -> Argument:
+    """Return an argument that is an instance of one of the given classes, and is used as it is."""
+    return Argument(words, if_it(lambda value: isinstance(value, kinds)), change)
 
 
 def a_number(low: float = -math.inf, high: float = math.inf, *, whole: bool = False) -> Argument:
@@ -88,24 +93,12 @@ def a_number(low: float = -math.inf, high: float = math.inf, *, whole: bool = Fa
     return Argument(f"a {'whole ' * whole}number{'' if low == -math.inf else ends[0]}", take)
 
 
-def _function(value: object) -> object:
-    if not callable(value) or isinstance(value, type):
-        raise TypeError
-    return value
-
-
-A_FUNCTION = Argument("a function", _function)
+A_FUNCTION = Argument("a function", if_it(lambda value: callable(value) and not isinstance(value, type)))
 
 
 def a_choice(names: Sequence[str]) -> Argument:
     """Return an argument that is one of a few names."""
-
-    def take(value: object) -> object:
-        if value not in names:
-            raise ValueError
-        return value
-
-    return Argument(f"one of {', '.join(names)}", take)
+    return Argument(f"one of {', '.join(names)}", if_it(lambda value: value in names))
 
 
 def by_name(registry: Mapping[str, Any], kind: type, words: str) -> Argument:

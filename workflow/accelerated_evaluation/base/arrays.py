@@ -7,6 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 Array = NDArray[np.float64]
+Chosen = NDArray[np.intp] | NDArray[np.bool_]  # indices, or a mask
 Units = Mapping[str, float]
 SPEED: Units = {"m/s": 1.0, "km/h": 1 / 3.6, "mph": 0.44704, "ft/s": 0.3048}
 LENGTH: Units = {"m": 1.0, "km": 1000.0, "ft": 0.3048}

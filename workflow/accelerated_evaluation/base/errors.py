@@ -5,6 +5,8 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 
 FORBIDDEN = (errno.EACCES, errno.EPERM, errno.EROFS)
+# Errors of code that reads contents which are not what it expects.
+DAMAGE = (ArithmeticError, AttributeError, LookupError, TypeError, ValueError)
 
 
 class StudyError(Exception):
@@ -76,6 +78,21 @@ def located(place: str) -> Iterator[None]:
         raise ConvergenceError(
             f"{place}, {error.what}", reached=error.reached, limit=error.limit, change=error.change
         ) from error
+
+
+@contextmanager
+def readable(
+    where: str, expected: str, change: str, errors: tuple[type[Exception], ...] = DAMAGE
+) -> Iterator[None]:
+    """Raise InputError if one of the ``errors`` is raised in the block.
+
+    The other arguments are as in `InputError`.
+    """
+    try:
+        yield
+    except errors as error:
+        seen = f"{type(error).__name__}: {error}"
+        raise InputError(where, seen=seen, expected=expected, change=change) from error
 
 
 def forbidden(path: str) -> InputError:

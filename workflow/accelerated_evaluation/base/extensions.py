@@ -27,8 +27,9 @@ GROUP = "accelerated_evaluation"
 VARIABLE = "ACCELERATED_EVALUATION_MODULES"  # paths of the files, separated as in PATH
 LIBRARY = "accelerated_evaluation."
 EXTENSIONS: dict[str, "Extension"] = {}
-SLOW = 5.0  # [s], after which a message names the module that is still being imported
 _being_imported: list["Extension"] = []
+# Time [s] after which an import is reported, because one that hangs would seem to be the command.
+PATIENCE = 10.0
 _reported: set[str] | None = None  # extensions whose faults were reported; None if a fault is an error
 
 
@@ -111,7 +112,7 @@ def load_known() -> None:
             if _reported is None:
                 raise
             _reported.add(name)
-            print(f"warning: {error} The command continues without this package.", file=sys.stderr)
+            print(f"warning: {error} What needs no extension continues without it.", file=sys.stderr)
     load_files(map(Path, filter(None, os.environ.get(VARIABLE, "").split(os.pathsep))))
 
 
@@ -155,10 +156,10 @@ def _add(extension: Extension, load: Callable[[], ModuleType]) -> None:
     """Import an extension; if this fails, no member of it remains."""
     EXTENSIONS[extension.name] = extension  # set first, because the module may look up a member
     _being_imported.append(extension)
-    word = f"importing {extension.name}, which takes more than {SLOW:g} s; Ctrl+C ends it"
-    timer = Timer(SLOW, print, [word], {"file": sys.stderr, "flush": True})
-    timer.daemon = True
-    timer.start()
+    word = f"waiting: {extension.name} is being imported. Remove it, or correct it, if it does not end."
+    waiting = Timer(PATIENCE, print, [word], {"file": sys.stderr, "flush": True})
+    waiting.daemon = True
+    waiting.start()
     try:
         with located(extension.name):
             with running("import", "a module that Python can import", "Correct it, or remove the package."):
@@ -177,7 +178,7 @@ def _add(extension: Extension, load: Callable[[], ModuleType]) -> None:
             registry.remove(name)
         raise
     finally:
-        timer.cancel()
+        waiting.cancel()
         _being_imported.pop()
 
 

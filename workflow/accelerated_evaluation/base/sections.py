@@ -15,7 +15,8 @@ AUTO = "auto"  # value of a limit that is derived from the records
 # Elements of lists.
 SHARE: Schema = {"type": "number", "exclusiveMinimum": 0, "exclusiveMaximum": 1}
 TEXT: Schema = {"type": "string", "minLength": 1}
-OR_AUTO = {"type": ["array", "string"], "pattern": f"^{AUTO}$"}  # further limits of a list that may be auto
+# Further limits of a list that may be auto.
+OR_AUTO: dict[str, Any] = {"type": ["array", "string"], "pattern": f"^{AUTO}$"}
 Sections = Mapping[str, Mapping[str, Any]]  # values of some sections of the configuration, by their names
 
 
@@ -33,14 +34,6 @@ class Check:
 def section(**keys: Schema) -> Schema:
     """Return the schema of a mapping that has exactly the given keys, each with its own schema."""
     return {"type": "object", "additionalProperties": False, "required": [*keys], "properties": keys}
-
-
-def with_constants(schema: Schema, values: Mapping[str, Any]) -> Schema:
-    """Return the schema of a section some of whose former keys are constants now, with their values.
-
-    A configuration that still has such a key gets an error that says so.
-    """
-    return {**schema, "constants": values}
 
 
 def default_of(schema: Schema) -> Any:  # noqa: ANN401

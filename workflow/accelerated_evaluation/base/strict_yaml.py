@@ -2,27 +2,27 @@
 
 import re
 from collections.abc import Hashable
-from datetime import date
 from typing import Any
 
 import yaml
 
 INT, FLOAT, TIMESTAMP = (f"tag:yaml.org,2002:{name}" for name in ("int", "float", "timestamp"))
 MERGE = "tag:yaml.org,2002:merge"  # the tag of the key <<, which may be repeated
-POWER = re.compile(r"[-+]?(\d+(\.\d*)?|\.\d+)[eE][-+]?\d+$")  # a number such as 1e9 or 2.5E-3
-# Octal numbers, numbers to the base 60, as for times, and numbers with underscores.
-UNEXPECTED = re.compile(r"[-+]?0[0-7]+$|.*[:_]")
+WHOLE = re.compile(r"[-+]?(0|[1-9]\d*|0x[0-9a-fA-F]+)$")
+NUMBER = re.compile(
+    r"[-+]?(\d+\.\d*|\.\d+|\d+(?=[eE]))([eE][-+]?\d+)?$|[-+]?\.(inf|Inf|INF)$|\.(nan|NaN|NAN)$"
+)
 
 
 class _Loader(yaml.SafeLoader):
     """A YAML loader without the surprises of YAML 1.1.
 
-    A number such as 1e9 is a number, although it has no point, and a date is a text. Numbers such as 017,
-    1:30 and 1_0, which YAML 1.1 reads as 15, 90 and 10, are errors, and so is a key that a mapping has twice.
+    A number such as 1e9 is a number, although it has no point. Dates are texts, and so are 017, 1:30 and 1_0,
+    which YAML 1.1 reads as 15, 90 and 10. A key that a mapping has twice is an error.
     """
 
     yaml_implicit_resolvers = {  # noqa: RUF012
-        first: [(tag, pattern) for tag, pattern in resolvers if tag != TIMESTAMP]
+        first: [(tag, pattern) for tag, pattern in resolvers if tag not in (INT, FLOAT, TIMESTAMP)]
         for first, resolvers in yaml.SafeLoader.yaml_implicit_resolvers.items()
     }
 
@@ -37,39 +37,11 @@ class _Loader(yaml.SafeLoader):
             keys |= {key} if isinstance(key, Hashable) else set()
         return super().construct_mapping(node, deep)
 
-    def construct_number(self, node: yaml.ScalarNode) -> float:
-        is_whole = node.tag == INT
-        value = (self.construct_yaml_int if is_whole else self.construct_yaml_float)(node)
-        if UNEXPECTED.match(node.value):
-            problem = f"{node.value}, which YAML reads as {value:g}; write the number without leading zeros"
-            problem += ", colons and underscores, or put a text in quotation marks"
-            raise yaml.MarkedYAMLError(problem=problem, problem_mark=node.start_mark)
-        return value
 
-
-_Loader.add_implicit_resolver(FLOAT, POWER, list("-+.0123456789"))
-for _tag in (INT, FLOAT):
-    _Loader.add_constructor(_tag, _Loader.construct_number)
+for _tag, _pattern in ((INT, WHOLE), (FLOAT, NUMBER)):
+    _Loader.add_implicit_resolver(_tag, _pattern, list("-+.0123456789"))
 
 
 def load(text: str) -> Any:  # noqa: ANN401
-    """Return the content of a YAML text; ``yaml.YAMLError`` is raised if it has none, or an ambiguous one."""
+    """Return the content of a YAML text; ``yaml.YAMLError`` is raised if it has none."""
     return yaml.load(text, Loader=_Loader)  # a safe loader
-
-
-def restored(value: Any, read: Any) -> Any:  # noqa: ANN401
-    """Correct a value that another program has read from YAML, to what `load` would have read.
-
-    Programs that follow YAML 1.1, such as Snakemake, read a number such as 1e9 as a text, and a text such as
-    2024-01-01 as a date. ``read`` is what `load` returns for the same files.
-    """
-    if isinstance(value, dict):
-        known = read if isinstance(read, dict) else {}
-        return {key: restored(part, known.get(key)) for key, part in value.items()}
-    if isinstance(value, list):
-        parts = read if isinstance(read, list) and len(read) == len(value) else [None] * len(value)
-        return [restored(*pair) for pair in zip(value, parts, strict=True)]
-    if isinstance(value, date):
-        return value.isoformat()
-    is_number = isinstance(read, float) and isinstance(value, str) and POWER.match(value)
-    return read if is_number and float(value) == read else value

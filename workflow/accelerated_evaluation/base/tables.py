@@ -1,8 +1,10 @@
 """Read tables from files; a table that cannot be read causes one clear error."""
 
 import csv
+import gzip
 import os
 import re
+import zlib
 from collections import Counter
 from collections.abc import Callable, Mapping, Sequence
 from difflib import get_close_matches
@@ -106,8 +108,8 @@ def require_columns(path: str | os.PathLike, seen: Sequence[str], named: Mapping
             raise InputError(
                 f"{path}, column {name!r}",
                 seen=f"only the columns {names_in_words(seen, name)}",
-                expected=f"the column that {key} states",
-                change="Correct the header of the table, or the name there, in the configuration.",
+                expected="a column of this name" if key == name else f"the column that {key} states",
+                change=f"Correct the header of the table{', or the name there' * (key != name)}.",
             )
 
 
@@ -151,9 +153,12 @@ def write_parquet(path: str | os.PathLike, table: pd.DataFrame) -> None:
         table.to_parquet(temporary, index=False)
 
 
-def read_csv(path: str | os.PathLike, named: Mapping[str, str] = MappingProxyType({})) -> pd.DataFrame:
-    """Read a CSV file with all cells as text, so that pandas does not guess types.
+def read_csv(
+    path: str | os.PathLike, named: Mapping[str, str] = MappingProxyType({}), *, whole: bool = False
+) -> pd.DataFrame:
+    """Read a CSV file, which may be compressed (.gz), with all cells as text, without guessing types.
 
+    An empty cell, or a code for one such as NA, is NaN; with ``whole`` it stays as it is.
     InputError is raised if it is damaged, lacks one of the columns ``named`` (see `require_columns`), or has
     two columns of the same name.
     """
@@ -161,21 +166,23 @@ def read_csv(path: str | os.PathLike, named: Mapping[str, str] = MappingProxyTyp
     try:
         # The header is checked first: pandas takes a minute for a very wide table, and would rename the
         # second of two equal columns.
-        with open(path, encoding="utf-8-sig", newline="") as file:
+        opened = gzip.open if str(path).endswith(".gz") else open
+        with opened(path, "rt", encoding="utf-8-sig", newline="") as file:
             first = next(filter(None, csv.reader(file)), None)
-        header = [name for name in first or [] if name]
+        header = [name.strip() for name in first or [] if name]
         if first is not None:  # pandas reports an empty file
             require_columns(path, header, named)
         if len(header) > MOST_COLUMNS:
             raise ValueError(f"{len(header):,} columns, more than {MOST_COLUMNS:,}")
-        table = pd.read_csv(path, dtype=str, encoding="utf-8-sig")
-    except (ValueError, csv.Error) as error:  # pandas' and Unicode errors derive from ValueError
+        table = pd.read_csv(path, dtype=str, encoding="utf-8-sig", keep_default_na=not whole)
+    # pandas' and Unicode errors derive from ValueError
+    except (ValueError, csv.Error, gzip.BadGzipFile, EOFError, zlib.error) as error:
         raise _unreadable(path, error, expected) from error
     if twice := [name for name, count in Counter(header).items() if count > 1]:
         raise _unreadable(path, f"column {', '.join(map(cut, twice[:SHOWN]))} twice", expected)
     if not isinstance(table.index, pd.RangeIndex):  # otherwise pandas would silently shift the columns
         raise _unreadable(path, "more cells in a row than in the header", expected)
-    return table
+    return table.rename(columns=str.strip)
 
 
 def cut(text: str) -> str:

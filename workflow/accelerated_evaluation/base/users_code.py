@@ -2,7 +2,6 @@
 
 import importlib.util
 import inspect
-import os
 import sys
 import zlib
 from collections.abc import Callable, Iterable, Iterator
@@ -11,55 +10,23 @@ from dataclasses import replace
 from functools import partial, wraps
 from pathlib import Path
 from types import ModuleType, SimpleNamespace
-from typing import Any, NoReturn, Self, get_type_hints
+from typing import Any, Self, get_type_hints
 
 from accelerated_evaluation.base.arguments import Argument, described
 from accelerated_evaluation.base.errors import InputError, StudyError, located
 from accelerated_evaluation.base.files import begins_in
 from accelerated_evaluation.base.hints import NOTHING, by_hint
 
-FOLDER: dict[str, str] = {}
-"""The working folder of users' code, after some of it has changed the folder."""
-
-
-@contextmanager
-def kept_alive() -> Iterator[None]:
-    """Run a user's code in a ``with`` block such that it changes nothing of the process outside of the block.
-
-    If the block calls ``os._exit``, which would end the study without a message, SystemExit is raised
-    instead. Processes that the block forks may still call it. If the block changes the working folder, the
-    new folder is used in all later blocks, but not outside of them. The standard streams are restored.
-    """
-    own, leave, folder = os.getpid(), os._exit, os.getcwd()
-    streams = sys.stdin, sys.stdout, sys.stderr
-    os.chdir(FOLDER.get("user's code", folder))
-
-    def refuse(status: int) -> NoReturn:
-        if os.getpid() != own:
-            leave(status)
-        raise SystemExit(f"os._exit({status!r})")
-
-    os._exit = refuse
-    try:
-        yield
-    finally:
-        os._exit = leave
-        sys.stdin, sys.stdout, sys.stderr = streams
-        if (changed := os.getcwd()) != folder:
-            FOLDER["user's code"] = changed
-            os.chdir(folder)
-
 
 @contextmanager
 def running(where: str, expected: str, change: str) -> Iterator[None]:
-    """Run a user's code in a ``with`` block as in `kept_alive`; InputError is raised if it fails or exits.
+    """Run a user's code in a ``with`` block; InputError is raised if it fails or exits.
 
     The arguments are as in `InputError`: ``where`` names the code, and ``expected`` what it should do or
     return. A `StudyError` of the code is raised unchanged.
     """
     try:
-        with kept_alive():
-            yield
+        yield
     except (StudyError, KeyboardInterrupt):
         raise
     except BaseException as error:  # code that calls sys.exit must not end the study without a message
@@ -81,8 +48,13 @@ def call(function: Callable, *given: Any, where: str, returns: Argument, **named
     this library fails, exits, or does not return what is expected. Functions of this library are called
     without checks, so that their faults have a traceback.
     """
-    file = getattr(getattr(function, "__code__", None), "co_filename", function.__module__)
-    if is_of_library(function) or file == __file__:  # a method of `guard`, which is called from here anyway
+    own = inspect.unwrap(function)
+    wrapper, file = (
+        getattr(getattr(each, "__code__", None), "co_filename", each.__module__) for each in (function, own)
+    )
+    if (
+        is_of_library(function) or wrapper == __file__
+    ):  # a method of `guard`, which is called from here anyway
         return function(*given, **named)
     where = f"{where}, {described(function)} in {file}"
     with running(where, f"a function that returns {returns.in_words}", returns.change), located(where):

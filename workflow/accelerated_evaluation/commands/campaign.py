@@ -2,38 +2,26 @@
 
 import argparse
 from collections.abc import Sequence
+from dataclasses import dataclass, fields
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 from accelerated_evaluation.base.errors import InputError
-from accelerated_evaluation.commands import (
-    COMMANDS,
-    LAW,
-    add_accept,
-    add_law,
-    add_seed,
-    given_law,
-    refuse_options,
-    require_seed,
-)
+from accelerated_evaluation.base.options import argument, option, options_in, switch
+from accelerated_evaluation.commands import COMMANDS
+from accelerated_evaluation.commands.shared import LAW, Command, OfLaw, given_law, refuse_options
 
 if TYPE_CHECKING:  # this import takes seconds, and --help does not need it
     from accelerated_evaluation.track.campaign import Run
 
 LEAST = 1e-6  # half-width and confidence have to be from LEAST to 1 - LEAST
-LIMITS = (  # of the proving ground, for cut-ins
-    ("host_speed_max", "m/s", "highest host speed"),
-    ("closing_speed_max", "m/s", "highest closing speed"),
-    ("range_min", "m", "smallest range"),
+LIMITS = (
+    "limits of the proving ground for cut-ins; see docs/campaign.md",
+    "By default the host speed is at most 50 m/s and the range at least 0.5 m.",
 )
 DETERMINISTIC = {"yes": True, "no": False, "unknown": None}
 DESCRIPTION = """\
 Estimate the probability of an event for a real vehicle, from as few runs on a proving ground as possible.
-
-  campaign new     begin a campaign: choose the law of cut-ins, the event and the width of the interval
-  campaign ask     write the next runs to drive, as a table and as OpenSCENARIO XML files
-  campaign tell    read the outcomes of some of these runs, in any order
-  campaign status  print the estimate, its interval, the number of runs still needed, and whether to stop
 
 The complete state of a campaign is in one readable file, CAMPAIGN.json. Keep a copy of it.
 docs/campaign.md shows a campaign from start to end.
@@ -97,199 +85,124 @@ example:
   accelerated-evaluation campaign status campaign.json --under results/STUDY/estimate/law.json"""
 
 
-@COMMANDS.add("campaign")
-class CampaignCommand:
-    """The subcommand with its four steps: new, ask, tell and status."""
+@dataclass(frozen=True)
+class New(OfLaw):
+    """The step ``campaign new``, which begins a campaign."""
 
-    help = "estimate from runs on a proving ground: new, ask, tell, status"
-    description = DESCRIPTION
-
-    @staticmethod
-    def add_arguments(command: argparse.ArgumentParser) -> None:
-        """Add the four steps with their arguments to the parser."""
-        steps = command.add_subparsers(title="steps", metavar="STEP", required=True)
-        for name, summary, text, add, step in (
-            ("new", "begin a campaign", NEW, _add_new, _new),
-            ("ask", "write the next runs to drive", ASK, _add_ask, _ask),
-            ("tell", "read the outcomes of runs", TELL, _add_tell, _tell),
-            ("status", "print the estimate and the runs still needed", STATUS, _add_status, _status),
-        ):
-            own = steps.add_parser(
-                name, help=summary, description=text, formatter_class=argparse.RawDescriptionHelpFormatter
-            )
-            own.add_argument("campaign", metavar="CAMPAIGN.json", type=Path, help="file of the campaign")
-            add(own)
-            own.set_defaults(step=step)
-
-    @staticmethod
-    def run(arguments: argparse.Namespace) -> None:
-        """Begin a campaign, request runs, receive outcomes or print the status, as the arguments say.
-
-        Other processes with a campaign in the same folder wait until this step has ended.
-        """
-        from accelerated_evaluation.track.campaign_file import locked
-
-        with locked(arguments.campaign):
-            arguments.step(arguments)
-
-
-def _add_new(command: argparse.ArgumentParser) -> None:
-    add_law(command)
-    command.add_argument(
-        "--event",
-        default="crash",
-        metavar="EVENT",
-        help="crash, or an outcome of the scenario with a limit, such as impact_speed=5 [m/s] or, for "
-        "cut-ins, min_range=1 [m] or min_ttc=1.5 [s] (default: crash)",
+    campaign: Path = argument("CAMPAIGN.json", "file of the campaign")
+    event: str = option(
+        "EVENT",
+        "crash, or an outcome of the scenario with a limit, such as impact_speed=5 [m/s] or, for cut-ins, "
+        "min_range=1 [m] or min_ttc=1.5 [s] (default: %(default)s)",
+        "crash",
     )
-    command.add_argument(
-        "--half-width",
-        type=float,
-        default=0.2,
-        metavar="SHARE",
-        help="required half-width of the interval, divided by the estimate (default: 0.2)",
+    half_width: float = option(
+        "SHARE", "required half-width of the interval, divided by the estimate (default: %(default)s)", 0.2
     )
-    command.add_argument(
-        "--confidence",
-        type=float,
-        default=0.8,
-        metavar="LEVEL",
-        help="confidence level of the interval (default: 0.8)",
-    )
-    command.add_argument(
-        "--interval",
+    confidence: float = option("LEVEL", "confidence level of the interval (default: %(default)s)", 0.8)
+    interval: str = option(
+        None,
+        "anytime: the confidence is for all checks together; usual: the confidence is for one check that was "
+        "planned beforehand, with about a seventh fewer runs (default: %(default)s)",
+        "anytime",
         choices=("anytime", "usual"),
-        default="anytime",
-        help="anytime: the confidence is for all checks together; usual: the confidence is for one check "
-        "that was planned beforehand, with about a seventh fewer runs (default: %(default)s)",
     )
-    command.add_argument(
-        "--batch-size", type=int, default=10, metavar="N", help="number of runs in a batch (default: 10)"
+    batch_size: int = option("N", "number of runs in a batch (default: %(default)s)", 10)
+    predecessor: Path | None = option(
+        "OTHER.json", "campaign of a similar vehicle; it saves about two fifths of the runs"
     )
-    command.add_argument(
-        "--predecessor",
-        metavar="OTHER.json",
-        type=Path,
-        help="campaign of a similar vehicle; it saves about two fifths of the runs",
-    )
-    command.add_argument(
-        "--deterministic",
+    deterministic: str = option(
+        None,
+        "whether the vehicle always has the same outcome in the same encounter; with unknown, some runs are "
+        "repeated to find out (default: %(default)s)",
+        "unknown",
         choices=DETERMINISTIC,
-        default="unknown",
-        help="whether the vehicle always has the same outcome in the same encounter; with unknown, some runs "
-        "are repeated to find out (default: %(default)s)",
     )
-    add_seed(command)
-    add_accept(command)
-    limits = command.add_argument_group(
-        "limits of the proving ground for cut-ins; see docs/campaign.md",
-        "By default the host speed is at most 50 m/s and the range at least 0.5 m.",
-    )
-    for name, unit, what in LIMITS:
-        limits.add_argument(
-            f"--{name.replace('_', '-')}", type=float, metavar="X", help=f"{what} at the cut-in [{unit}]"
+    host_speed_max: float | None = option("X", "highest host speed at the cut-in [m/s]", group=LIMITS)
+    closing_speed_max: float | None = option("X", "highest closing speed at the cut-in [m/s]", group=LIMITS)
+    range_min: float | None = option("X", "smallest range at the cut-in [m]", group=LIMITS)
+    no_limits: bool = switch("only the limits that are stated", group=LIMITS)
+
+    def start(self) -> None:
+        """Run this step."""
+        from accelerated_evaluation.track.campaign import Campaign
+        from accelerated_evaluation.track.campaign_file import read_campaign, stopping, write_campaign
+        from accelerated_evaluation.track.limits import Limits, usual_where_open
+        from accelerated_evaluation.vehicles.protocol import event_named
+
+        if self.campaign.exists():
+            change = "Name another file, or remove this one if its campaign is over."
+            raise InputError(str(self.campaign), seen="a file", expected="no file yet", change=change)
+        for name in ("half_width", "confidence"):
+            if not LEAST <= (value := getattr(self, name)) <= 1 - LEAST:
+                where, expected = f"--{name.replace('_', '-')}", f"a number from {LEAST:g} to 1 - {LEAST:g}"
+                raise InputError(where, seen=f"{value:g}", expected=expected, change="Correct the value.")
+        print(f"reading the law {self.law}, and checking the records behind it ...", flush=True)
+        given = given_law(self)
+        limits = options_in(self, Limits)
+        if given.table is None:
+            refuse_options(self, given.scenario.name, *(each.name for each in fields(Limits)))
+        elif not self.no_limits:
+            limits = usual_where_open(limits, given.law)
+        print("checking the limits, and preparing the first batch ...", flush=True)
+        campaign = Campaign.begin(
+            given.sources["law"],
+            given.sources.get("encounters"),
+            event_named(self.event, given.scenario),
+            stopping(self.confidence, self.half_width, anytime=self.interval == "anytime"),
+            batch_size=self.batch_size,
+            seed=self.seed,
+            limits=limits,
+            predecessor=None if self.predecessor is None else read_campaign(self.predecessor),
+            deterministic=DETERMINISTIC[self.deterministic],
+            scenario=given.scenario,
         )
-    limits.add_argument("--no-limits", action="store_true", help="only the limits that are stated")
+        campaign.description = "; ".join([campaign.description, *given.verdict.lines()])
+        write_campaign(self.campaign, campaign)
+        for line in given.verdict.lines():
+            print(line)
+        if campaign.limits:
+            print(f"the campaign drives only runs within: {campaign.limits.in_words}")
+            print(f"{campaign.beyond:.2g} of all cut-ins of the law lie beyond these limits")
+        print(f"began {self.campaign}; next: accelerated-evaluation campaign ask {self.campaign} FOLDER")
 
 
-def _add_ask(command: argparse.ArgumentParser) -> None:
-    command.add_argument("folder", metavar="FOLDER", type=Path, help="where to write the runs")
-    command.add_argument(
-        "--batch-size", type=int, metavar="N", help="number of runs of the next batch and of all later ones"
-    )
-    command.add_argument(
-        "--again", action="store_true", help="write the runs again whose outcomes have not been reported yet"
-    )
-    command.add_argument("--no-scenarios", action="store_true", help="write only the table")
+@dataclass(frozen=True)
+class Ask(Command):
+    """The step ``campaign ask``, which writes the next runs to drive."""
 
+    campaign: Path = argument("CAMPAIGN.json", "file of the campaign")
+    folder: Path = argument("FOLDER", "where to write the runs")
+    batch_size: int | None = option("N", "number of runs of the next batch and of all later ones")
+    again: bool = switch("write the runs again whose outcomes have not been reported yet")
+    no_scenarios: bool = switch("write only the table")
 
-def _add_tell(command: argparse.ArgumentParser) -> None:
-    command.add_argument("results", metavar="RESULTS.csv", type=Path, help="table of outcomes")
-    command.add_argument(
-        "--correct", action="store_true", help="replace earlier reports of runs of the open batch"
-    )
+    def start(self) -> None:
+        """Run this step."""
+        from accelerated_evaluation.track.campaign_file import law_of, read_campaign, write_campaign
+        from accelerated_evaluation.track.results import write_table
+        from accelerated_evaluation.track.scenarios import (
+            NOT_WRITTEN,
+            require_scenariogeneration,
+            write_scenarios,
+        )
 
-
-def _add_status(command: argparse.ArgumentParser) -> None:
-    command.add_argument(
-        "--under",
-        metavar="LAW.json",
-        type=Path,
-        help="law with draws, fitted to the same encounters, such as results/STUDY/estimate/law.json",
-    )
-
-
-def _new(arguments: argparse.Namespace) -> None:
-    from accelerated_evaluation.track.campaign import Campaign
-    from accelerated_evaluation.track.campaign_file import read_campaign, stopping, write_campaign
-    from accelerated_evaluation.track.limits import Limits, usual_where_open
-    from accelerated_evaluation.vehicles.protocol import event_named
-
-    if arguments.campaign.exists():
-        change = "Name another file, or remove this one if its campaign is over."
-        raise InputError(str(arguments.campaign), seen="a file", expected="no file yet", change=change)
-    for name in ("half_width", "confidence"):
-        if not LEAST <= (value := getattr(arguments, name)) <= 1 - LEAST:
-            where, expected = f"--{name.replace('_', '-')}", f"a number from {LEAST:g} to 1 - {LEAST:g}"
-            raise InputError(where, seen=f"{value:g}", expected=expected, change="Correct the value.")
-    require_seed(arguments.seed)
-    print(f"reading the law {arguments.law}, and checking the records behind it ...", flush=True)
-    given = given_law(arguments)
-    limits = Limits(*(getattr(arguments, name) for name, *_ in LIMITS))
-    if given.table is None:
-        refuse_options(arguments, given.scenario.name, *(name for name, *_ in LIMITS))
-    elif not arguments.no_limits:
-        limits = usual_where_open(limits, given.law)
-    print("checking the limits, and preparing the first batch ...", flush=True)
-    campaign = Campaign.begin(
-        given.sources["law"],
-        given.sources.get("encounters"),
-        event_named(arguments.event, given.scenario),
-        stopping(arguments.confidence, arguments.half_width, anytime=arguments.interval == "anytime"),
-        batch_size=arguments.batch_size,
-        seed=arguments.seed,
-        limits=limits,
-        predecessor=None if arguments.predecessor is None else read_campaign(arguments.predecessor),
-        deterministic=DETERMINISTIC[arguments.deterministic],
-        scenario=given.scenario,
-    )
-    campaign.description = "; ".join([campaign.description, *given.verdict.lines()])
-    write_campaign(arguments.campaign, campaign)
-    for line in given.verdict.lines():
-        print(line)
-    if campaign.limits:
-        print(f"the campaign drives only runs within: {campaign.limits.in_words}")
-        print(f"{campaign.beyond:.2g} of all cut-ins of the law lie beyond these limits")
-    print(
-        f"began {arguments.campaign}; next: accelerated-evaluation campaign ask {arguments.campaign} FOLDER"
-    )
-
-
-def _ask(arguments: argparse.Namespace) -> None:
-    from accelerated_evaluation.track.campaign_file import law_of, read_campaign, write_campaign
-    from accelerated_evaluation.track.results import write_table
-    from accelerated_evaluation.track.scenarios import (
-        NOT_WRITTEN,
-        require_scenariogeneration,
-        write_scenarios,
-    )
-
-    campaign = read_campaign(arguments.campaign)
-    writes_files = campaign.scenario.has_scenario_files and not arguments.no_scenarios
-    if writes_files:
-        require_scenariogeneration()
-    elif not arguments.no_scenarios:
-        print(NOT_WRITTEN)
-    if campaign.outstanding and not arguments.again:
-        raise _already_requested(arguments.campaign, campaign.outstanding)
-    if campaign.estimate().converged and not campaign.outstanding:
-        print("the goal is met, so no further runs are needed; new runs are written nevertheless")
-    runs = campaign.ask(law_of(campaign), arguments.batch_size)
-    write_campaign(arguments.campaign, campaign)
-    write_table(arguments.folder / "runs.csv", runs, campaign.scenario)
-    if writes_files:
-        write_scenarios(arguments.folder, [run.concrete for run in runs])
-    print(f"{runs_in_words(runs)} to drive: {arguments.folder / 'runs.csv'}")
+        campaign = read_campaign(self.campaign)
+        writes_files = campaign.scenario.has_scenario_files and not self.no_scenarios
+        if writes_files:
+            require_scenariogeneration()
+        elif not self.no_scenarios:
+            print(NOT_WRITTEN)
+        if campaign.outstanding and not self.again:
+            raise _already_requested(self.campaign, campaign.outstanding)
+        if campaign.estimate().converged and not campaign.outstanding:
+            print("the goal is met, so no further runs are needed; new runs are written nevertheless")
+        runs = campaign.ask(law_of(campaign), self.batch_size)
+        write_campaign(self.campaign, campaign)
+        write_table(self.folder / "runs.csv", runs, campaign.scenario)
+        if writes_files:
+            write_scenarios(self.folder, [run.concrete for run in runs])
+        print(f"{runs_in_words(runs)} to drive: {self.folder / 'runs.csv'}")
 
 
 def _already_requested(path: Path, runs: Sequence["Run"]) -> InputError:
@@ -311,31 +224,83 @@ def runs_in_words(runs: Sequence["Run"]) -> str:
     return f"{len(numbers)} run{'s' if len(numbers) > 1 else ''} ({shown})"
 
 
-def _tell(arguments: argparse.Namespace) -> None:
-    from accelerated_evaluation.track.campaign_file import read_campaign, write_campaign
-    from accelerated_evaluation.track.results import read_results
+@dataclass(frozen=True)
+class Tell(Command):
+    """The step ``campaign tell``, which reads the outcomes of runs."""
 
-    campaign = read_campaign(arguments.campaign)
-    results = read_results(arguments.results, campaign)
-    news = campaign.tell(results, correct=arguments.correct)
-    write_campaign(arguments.campaign, campaign)
-    print(
-        f"outcomes: {news} new or corrected, {len(results) - news} known before; "
-        f"{len(campaign.outstanding)} runs outstanding"
+    campaign: Path = argument("CAMPAIGN.json", "file of the campaign")
+    results: Path = argument("RESULTS.csv", "table of outcomes")
+    correct: bool = switch("replace earlier reports of runs of the open batch")
+
+    def start(self) -> None:
+        """Run this step."""
+        from accelerated_evaluation.track.campaign_file import read_campaign, write_campaign
+        from accelerated_evaluation.track.results import read_results
+
+        campaign = read_campaign(self.campaign)
+        results = read_results(self.results, campaign)
+        news = campaign.tell(results, correct=self.correct)
+        write_campaign(self.campaign, campaign)
+        print(
+            f"outcomes: {news} new or corrected, {len(results) - news} known before; "
+            f"{len(campaign.outstanding)} runs outstanding"
+        )
+
+
+@dataclass(frozen=True)
+class Status(Command):
+    """The step ``campaign status``, which prints the estimate and whether to stop."""
+
+    campaign: Path = argument("CAMPAIGN.json", "file of the campaign")
+    under: Path | None = option(
+        "LAW.json", "law with draws, fitted to the same encounters, such as results/STUDY/estimate/law.json"
     )
 
+    def start(self) -> None:
+        """Run this step."""
+        from accelerated_evaluation.track.campaign_file import law_of, read_campaign
+        from accelerated_evaluation.track.results import status_in_words, status_of
+        from accelerated_evaluation.track.under_draws import read_draws, whole_in_words
 
-def _status(arguments: argparse.Namespace) -> None:
-    from accelerated_evaluation.track.campaign_file import law_of, read_campaign
-    from accelerated_evaluation.track.results import status_in_words, status_of
-    from accelerated_evaluation.track.under_draws import read_draws, whole_in_words
+        campaign = read_campaign(self.campaign)
+        draws = None if self.under is None else read_draws(self.under, campaign)
+        print(status_in_words(campaign, status_of(campaign)))
+        try:
+            law = law_of(campaign)
+        except InputError as error:  # the status without the uncertainty of the records needs no law
+            print(f"laws        the uncertainty of the records is not reported: {error}")
+        else:
+            print(*whole_in_words(campaign, law, draws), sep="\n")
 
-    campaign = read_campaign(arguments.campaign)
-    draws = None if arguments.under is None else read_draws(arguments.under, campaign)
-    print(status_in_words(campaign, status_of(campaign)))
-    try:
-        law = law_of(campaign)
-    except InputError as error:  # the status without the uncertainty of the records needs no law
-        print(f"laws        the uncertainty of the records is not reported: {error}")
-    else:
-        print(*whole_in_words(campaign, law, draws), sep="\n")
+
+@COMMANDS.add("campaign")
+class CampaignCommand:
+    """The subcommand with its four steps: new, ask, tell and status."""
+
+    help = "estimate from runs on a proving ground: new, ask, tell, status"
+    description = DESCRIPTION
+
+    @staticmethod
+    def add_arguments(command: argparse.ArgumentParser) -> None:
+        """Add the four steps with their arguments to the parser."""
+        steps = command.add_subparsers(title="steps", metavar="STEP", required=True)
+        for name, summary, text, step in (
+            ("new", "begin a campaign: the law, the event and the width of the interval", NEW, New),
+            ("ask", "write the next runs to drive, as a table and as OpenSCENARIO XML files", ASK, Ask),
+            ("tell", "read the outcomes of some of these runs, in any order", TELL, Tell),
+            ("status", "print the estimate, the runs still needed, and whether to stop", STATUS, Status),
+        ):
+            own = steps.add_parser(name, help=summary, description=text)
+            step.add_arguments(own)
+            own.set_defaults(step=step.run)
+
+    @staticmethod
+    def run(arguments: argparse.Namespace) -> None:
+        """Begin a campaign, request runs, receive outcomes or print the status, as the arguments say.
+
+        Other processes with a campaign in the same folder wait until this step has ended.
+        """
+        from accelerated_evaluation.track.campaign_file import locked
+
+        with locked(arguments.campaign):
+            arguments.step(arguments)

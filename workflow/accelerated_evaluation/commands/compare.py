@@ -1,9 +1,12 @@
 """The subcommand ``compare``, which lists what differs between two finished studies."""
 
-import argparse
+from dataclasses import dataclass
+from pathlib import Path
 
 from accelerated_evaluation.base.errors import InputError
-from accelerated_evaluation.commands import COMMANDS, csv_file
+from accelerated_evaluation.base.options import argument, csv_file, option
+from accelerated_evaluation.commands import COMMANDS
+from accelerated_evaluation.commands.shared import Command
 
 SHOWN = {  # columns that are printed, by published table
     "answer": ["probability", "low80", "high80"],
@@ -27,32 +30,23 @@ Run it in the folder in which the studies ran, for example
 
 
 @COMMANDS.add("compare")
-class Compare:
-    """List what differs between two finished studies."""
+@dataclass(frozen=True)
+class Compare(Command, description=DESCRIPTION):
+    """List what differs between two finished studies: settings and published numbers."""
 
-    help = "list what differs between two finished studies: settings and published numbers"
-    description = DESCRIPTION
+    first: str = argument("STUDY", "name of the study to compare with, such as spmd")
+    second: str = argument("OTHER", "name of the other study")
+    target: Path | None = option(
+        "OUT.csv", "table to write (default: results/OTHER/compared_with_STUDY.csv)", type=csv_file
+    )
 
-    @staticmethod
-    def add_arguments(command: argparse.ArgumentParser) -> None:
-        """Add the names of the studies and the table to write to the parser."""
-        command.add_argument("first", metavar="STUDY", help="name of the study to compare with, such as spmd")
-        command.add_argument("second", metavar="OTHER", help="name of the other study")
-        command.add_argument(
-            "--target",
-            metavar="OUT.csv",
-            type=csv_file,
-            help="table to write (default: results/OTHER/compared_with_STUDY.csv)",
-        )
-
-    @staticmethod
-    def run(arguments: argparse.Namespace) -> None:
+    def start(self) -> None:
         """Print the settings and probabilities that differ, and write the table of all cells that differ."""
         from accelerated_evaluation.base.files import write_csv
         from accelerated_evaluation.publishing.compared_studies import changed_cells, changed_settings
         from accelerated_evaluation.publishing.study import Study
 
-        names = arguments.first, arguments.second
+        names = self.first, self.second
         if names[0] == names[1]:
             raise InputError(
                 "OTHER", seen=names[1], expected="another study than STUDY", change="Name two studies."
@@ -73,6 +67,6 @@ class Compare:
             print(shown.to_string(index=False, float_format="{:.3g}".format))
         else:
             print("The probabilities are equal.")
-        target = arguments.target or studies[1].results / f"compared_with_{names[0]}.csv"
+        target = self.target or studies[1].results / f"compared_with_{names[0]}.csv"
         write_csv(target, cells)
         print(f"{target}: {len(cells)} cells of the published tables differ")

@@ -1,11 +1,13 @@
 """The subcommand ``crate``, which packs a study into an RO-Crate."""
 
-import argparse
+from dataclasses import dataclass
 from importlib.util import find_spec
 from pathlib import Path
 
 from accelerated_evaluation.base.errors import StudyError
+from accelerated_evaluation.base.options import argument, option
 from accelerated_evaluation.commands import COMMANDS
+from accelerated_evaluation.commands.shared import Command
 
 LICENCE = "https://spdx.org/licenses/MIT"
 DESCRIPTION = """\
@@ -26,32 +28,22 @@ Consider this before you pass the file on, and state the licence under which you
 
 
 @COMMANDS.add("crate")
-class Crate:
-    """Pack a study and the record of its origin into one file."""
+@dataclass(frozen=True)
+class Crate(Command, description=DESCRIPTION):
+    """Pack a study and the record of its origin into one file (RO-Crate)."""
 
-    help = "pack a study and the record of its origin into one file (RO-Crate)"
-    description = DESCRIPTION
+    study: str = argument("STUDY", "name of the study, as in its configuration")
+    target: Path | None = option("FILE.zip", "file to write (default: results/STUDY.crate.zip)")
+    licence: str = option(None, "address or name of the licence (default: %(default)s)", LICENCE)
 
-    @staticmethod
-    def add_arguments(command: argparse.ArgumentParser) -> None:
-        """Add the study, the file to write and the licence to the parser."""
-        command.add_argument("study", metavar="STUDY", help="name of the study, as in its configuration")
-        command.add_argument(
-            "--target", metavar="FILE.zip", type=Path, help="file to write (default: results/STUDY.crate.zip)"
-        )
-        command.add_argument(
-            "--licence", default=LICENCE, help="address or name of the licence (default: %(default)s)"
-        )
-
-    @staticmethod
-    def run(arguments: argparse.Namespace) -> None:
+    def start(self) -> None:
         """Write the crate, and print its path."""
         if find_spec("rocrate") is None:
             raise StudyError("the library rocrate is missing: pip install accelerated-evaluation[provenance]")
         from accelerated_evaluation.publishing.crate import write_crate
         from accelerated_evaluation.publishing.study import Study
 
-        name = arguments.study
-        target = arguments.target or Path("results") / f"{name}.crate.zip"
-        files = write_crate(Study.named(name), target, arguments.licence)
+        name = self.study
+        target = self.target or Path("results") / f"{name}.crate.zip"
+        files = write_crate(Study.named(name), target, self.licence)
         print(f"{target}: {files:,} files, {target.stat().st_size / 1e6:.1f} MB")

@@ -1,18 +1,11 @@
 """The subcommand ``export``, which writes a weighted set of scenarios."""
 
-import argparse
+from dataclasses import dataclass
 from pathlib import Path
 
-from accelerated_evaluation.commands import (
-    COMMANDS,
-    LAW,
-    add_accept,
-    add_law,
-    add_seed,
-    given_law,
-    refuse_options,
-    require_seed,
-)
+from accelerated_evaluation.base.options import argument, option
+from accelerated_evaluation.commands import COMMANDS
+from accelerated_evaluation.commands.shared import LAW, OfLaw, given_law, refuse_options
 
 SAFE = 1.5  # [m/s^2], cut-ins that need a smaller deceleration are assumed to be safe
 DESCRIPTION = f"""\
@@ -31,37 +24,23 @@ example, after `make study`:
 
 
 @COMMANDS.add("export")
-class Export:
-    """Write a weighted set of scenarios with instructions."""
+@dataclass(frozen=True)
+class Export(OfLaw, description=DESCRIPTION):
+    """Write a weighted set of scenarios for others to drive."""
 
-    help = "write a weighted set of scenarios for others to drive"
-    description = DESCRIPTION
+    folder: Path = argument("FOLDER", "new folder for the set")
+    size: int = option("N", "largest number of scenarios (default: %(default)s)", 300)
+    safe_deceleration: float | None = option(
+        "A", f"cut-ins that this deceleration avoids are assumed to be safe [m/s^2] (default: {SAFE})"
+    )
+    motion: str | None = option(
+        None,
+        "for cut-ins, let the other car change its speed as in the recordings of NGSIM (default: it keeps "
+        "its speed)",
+        choices=["ngsim"],
+    )
 
-    @staticmethod
-    def add_arguments(command: argparse.ArgumentParser) -> None:
-        """Add the arguments to the parser: the folder, the law, and the properties of the scenario set."""
-        command.add_argument("folder", metavar="FOLDER", type=Path, help="new folder for the set")
-        add_law(command)
-        command.add_argument(
-            "--size", type=int, default=300, metavar="N", help="largest number of scenarios (default: 300)"
-        )
-        command.add_argument(
-            "--safe-deceleration",
-            type=float,
-            metavar="A",
-            help=f"cut-ins that this deceleration avoids are assumed to be safe [m/s^2] (default: {SAFE})",
-        )
-        command.add_argument(
-            "--motion",
-            choices=["ngsim"],
-            help="for cut-ins, let the other car change its speed as in the recordings of NGSIM (default: it "
-            "keeps its speed)",
-        )
-        add_seed(command)
-        add_accept(command)
-
-    @staticmethod
-    def run(arguments: argparse.Namespace) -> None:
+    def start(self) -> None:
         """Draw the set, write it, and print its path."""
         from accelerated_evaluation.base.errors import InputError
         from accelerated_evaluation.base.randomness import child_generator
@@ -70,19 +49,18 @@ class Export:
         from accelerated_evaluation.track.scenarios import NOT_WRITTEN
         from accelerated_evaluation.track.weighted_set import draw_scored_set, draw_weighted_set
 
-        require_seed(arguments.seed)
-        given = given_law(arguments)
+        given = given_law(self)
         scenario, law = given.scenario, given.law
-        generator, data = child_generator(arguments.seed, "export"), {}
+        generator, data = child_generator(self.seed, "export"), {}
         if given.table is None:
-            refuse_options(arguments, scenario.name, "safe_deceleration", "motion")
+            refuse_options(self, scenario.name, "safe_deceleration", "motion")
         else:
             data["data"] = given.table.attrs.get("description", "not described")
-        safe = arguments.safe_deceleration
+        safe = self.safe_deceleration
         if law.strata:
-            drawn = draw_weighted_set(law, arguments.size, SAFE if safe is None else safe, generator)
+            drawn = draw_weighted_set(law, self.size, SAFE if safe is None else safe, generator)
         elif safe is None:
-            drawn = draw_scored_set(scenario, law, arguments.size, generator)
+            drawn = draw_scored_set(scenario, law, self.size, generator)
         else:
             raise InputError(
                 "--safe-deceleration",
@@ -90,19 +68,19 @@ class Export:
                 expected="a law of cut-ins in strata of the lead speed",
                 change="Leave the option out. No cut-in is then assumed to be safe.",
             )
-        if arguments.motion:
-            drawn = with_motion(drawn, MOTIONS[arguments.motion](), child_generator(arguments.seed, "motion"))
+        if self.motion:
+            drawn = with_motion(drawn, MOTIONS[self.motion](), child_generator(self.seed, "motion"))
             data["lead motion"] = (
-                f"{arguments.motion}; cut-ins are assumed to be safe as with a constant lead speed"
+                f"{self.motion}; cut-ins are assumed to be safe as with a constant lead speed"
             )
         origin = {
             f"law of {scenario.noun}s": law.description,
             **data,
             **{f"{name}, SHA-256": source.sha256 for name, source in given.sources.items()},
-            "seed": str(arguments.seed),
+            "seed": str(self.seed),
             **dict(line.split(": ", 1) for line in given.verdict.lines()),
         }
-        write_set(arguments.folder, drawn, origin, scenario)
+        write_set(self.folder, drawn, origin, scenario)
         for line in [*given.verdict.lines(), *([NOT_WRITTEN] if given.table is None else [])]:
             print(line)
-        print(f"{len(drawn.table)} scenarios: {arguments.folder}; read {arguments.folder / 'README.md'}")
+        print(f"{len(drawn.table)} scenarios: {self.folder}; read {self.folder / 'README.md'}")

@@ -1,10 +1,12 @@
 """The subcommand ``extract``, which finds cut-ins in recordings."""
 
-import argparse
 import sys
+from dataclasses import dataclass
 from pathlib import Path
 
+from accelerated_evaluation.base.options import argument
 from accelerated_evaluation.commands import COMMANDS
+from accelerated_evaluation.commands.shared import Command
 
 DESCRIPTION = """\
 Find the cut-ins in raw recordings, and write them as a table for the source `table`.
@@ -29,22 +31,14 @@ example:
 
 
 @COMMANDS.add("extract")
-class Extract:
+@dataclass(frozen=True)
+class Extract(Command, description=DESCRIPTION):
     """Find the cut-ins in raw recordings."""
 
-    help = "find the cut-ins in raw recordings"
-    description = DESCRIPTION
+    study: Path = argument("STUDY.yaml", "configuration that names the recordings")
+    target: Path = argument("OUT.parquet", "table to write, or OUT.csv")
 
-    @staticmethod
-    def add_arguments(command: argparse.ArgumentParser) -> None:
-        """Add the configuration and the table to write to the parser."""
-        command.add_argument(
-            "study", metavar="STUDY.yaml", type=Path, help="configuration that names the recordings"
-        )
-        command.add_argument("target", metavar="OUT.parquet", type=Path, help="table to write, or OUT.csv")
-
-    @staticmethod
-    def run(arguments: argparse.Namespace) -> None:
+    def start(self) -> None:
         """Extract the cut-ins from recordings, and write them to a table.
 
         The table of dropped rows (the account) and the exposure are written next to it.
@@ -57,7 +51,7 @@ class Extract:
         from accelerated_evaluation.records.sources import SOURCES
         from accelerated_evaluation.study.configuration import load
 
-        target = arguments.target
+        target = self.target
         if target.suffix not in (".csv", ".parquet"):
             raise InputError(
                 str(target),
@@ -65,11 +59,11 @@ class Extract:
                 expected=".parquet or .csv",
                 change="Choose another ending.",
             )
-        data = load([arguments.study])["data"]
+        data = load([self.study])["data"]
         cut_ins = SOURCES[data["source"]].read(data[data["source"]])
         if "account" not in cut_ins.attrs:
             raise InputError(
-                f"{arguments.study}, data.source",
+                f"{self.study}, data.source",
                 seen=data["source"],
                 expected="a source of recordings, such as spmd_raw, highd, exid or osi",
                 change="A source of finished cut-ins needs no extraction.",

@@ -1,11 +1,13 @@
 """The subcommand ``inspect``, which checks records."""
 
-import argparse
 import sys
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from accelerated_evaluation.commands import COMMANDS, csv_file
+from accelerated_evaluation.base.options import argument, csv_file, option
+from accelerated_evaluation.commands import COMMANDS
+from accelerated_evaluation.commands.shared import Command
 
 DESCRIPTION = """\
 Check records before any study: units, signs, repeated rows, stuck sensors, heaps, gaps, outliers, sample
@@ -29,31 +31,20 @@ examples:
 
 
 @COMMANDS.add("inspect")
-class Inspect:
-    """Check records before any study."""
+@dataclass(frozen=True)
+class Inspect(Command, description=DESCRIPTION):
+    """Check records before any study: fine, warning or stop."""
 
-    help = "check records before any study: fine, warning or stop"
-    description = DESCRIPTION
+    records: Path = argument("TABLE_OR_CONFIG", "records to check")
+    vehicle: str | None = option(
+        "NAME",
+        "vehicle that replays the records: a built-in vehicle, or path/to/file.py:ClassName (default: the "
+        "vehicle of the configuration)",
+    )
+    scenario: str | None = option("NAME", "scenario of the records (default: that of the configuration)")
+    report: Path | None = option("OUT.csv", "write the report also as a table", type=csv_file)
 
-    @staticmethod
-    def add_arguments(command: argparse.ArgumentParser) -> None:
-        """Add the records, the vehicle and the file to write to the parser."""
-        command.add_argument("records", metavar="TABLE_OR_CONFIG", type=Path, help="records to check")
-        command.add_argument(
-            "--vehicle",
-            metavar="NAME",
-            help="vehicle that replays the records: a built-in vehicle, or path/to/file.py:ClassName "
-            "(default: the vehicle of the configuration)",
-        )
-        command.add_argument(
-            "--scenario", metavar="NAME", help="scenario of the records (default: that of the configuration)"
-        )
-        command.add_argument(
-            "--report", metavar="OUT.csv", type=csv_file, help="write the report also as a table"
-        )
-
-    @staticmethod
-    def run(arguments: argparse.Namespace) -> None:
+    def start(self) -> None:
         """Check the records, and print the report; exit with status 1 if a verdict is ``stop``."""
         from accelerated_evaluation.base.files import write_csv
         from accelerated_evaluation.base.randomness import child_generator
@@ -66,14 +57,14 @@ class Inspect:
         from accelerated_evaluation.vehicles.loading import section_of
         from accelerated_evaluation.vehicles.named import NamedVehicle
 
-        is_config = arguments.records.suffix.lower() in (".yaml", ".yml")
-        given = _given(arguments.records, arguments.scenario, is_config=is_config)
-        config = load([arguments.records] if is_config else [], given)
+        is_config = self.records.suffix.lower() in (".yaml", ".yml")
+        given = _given(self.records, self.scenario, is_config=is_config)
+        config = load([self.records] if is_config else [], given)
         scenario = SCENARIOS[config["scenario"]["name"]]
         vehicle = config["vehicle"]
-        if arguments.vehicle is not None:
-            vehicle = section_of(arguments.vehicle)
-        if "segments" in scenario.stages:
+        if self.vehicle is not None:
+            vehicle = section_of(self.vehicle)
+        if scenario.has_support:
             config = resolved(config)
             cap = config["models"]["closing_speed_max"]
             print(limits_in_words(config["filters"], config["segments"]["lead_speed_edges"], cap))
@@ -82,8 +73,8 @@ class Inspect:
             raw = records.read(child_generator(config["seed"], "sample"))
             report = inspect_records(records.for_checks(raw, car.simulate))
         print(report_in_words(report))
-        if arguments.report is not None:
-            write_csv(arguments.report, report)
+        if self.report is not None:
+            write_csv(self.report, report)
         if STOP in set(report["verdict"]):
             sys.exit(1)
 

@@ -1,10 +1,14 @@
 """The subcommand ``monitor``, which compares the crashes of a fleet in service with the prediction."""
 
-import argparse
+from collections.abc import Sequence
+from dataclasses import dataclass
 from pathlib import Path
 
 from accelerated_evaluation.base.errors import InputError
-from accelerated_evaluation.commands import COMMANDS, csv_file
+from accelerated_evaluation.base.options import argument, csv_file, option
+from accelerated_evaluation.commands import COMMANDS
+from accelerated_evaluation.commands.shared import Command
+from accelerated_evaluation.commands.total import A_STUDY, PER, study_rates
 
 DESCRIPTION = """\
 Compare the crashes of a fleet in service with the prediction of a finished study.
@@ -26,55 +30,43 @@ The exit status is 1 if there is an alarm."""
 
 
 @COMMANDS.add("monitor")
-class Monitor:
-    """Compare the crashes of a fleet in service with the prediction."""
+@dataclass(frozen=True)
+class Monitor(Command, description=DESCRIPTION):
+    """Compare the crashes and kilometres of a fleet in service with the predicted rate, at any time."""
 
-    help = "compare the crashes and kilometres of a fleet in service with the predicted rate, at any time"
-    description = DESCRIPTION
+    study: str = argument("STUDY[=RATE]", A_STUDY)
+    fleet: Path = argument("FLEET.csv", "what was driven and counted")
+    per: str = option(None, "unit (default: %(default)s)", "kilometre", choices=PER)
+    reported: Sequence[float] = option(
+        ("LOW", "HIGH"),
+        "limits of the share of the crashes that are counted; all values between them are equally likely "
+        "(default: 1 1)",
+        (1.0, 1.0),
+        nargs=2,
+    )
+    target: Path = option(
+        "OUT.csv",
+        "table of the periods to write (default: %(default)s)",
+        Path("results/monitor.csv"),
+        type=csv_file,
+    )
 
-    @staticmethod
-    def add_arguments(command: argparse.ArgumentParser) -> None:
-        """Add the study, the table of the fleet, the unit, the share of reported crashes and the tables."""
-        command.add_argument(
-            "study",
-            metavar="STUDY[=RATE]",
-            help="name of a study, and its number of encounters per kilometre or hour if it does not know it",
-        )
-        command.add_argument("fleet", metavar="FLEET.csv", type=Path, help="what was driven and counted")
-        command.add_argument(
-            "--per", choices=("kilometre", "hour"), default="kilometre", help="unit (default: %(default)s)"
-        )
-        command.add_argument(
-            "--reported",
-            nargs=2,
-            type=float,
-            default=(1.0, 1.0),
-            metavar=("LOW", "HIGH"),
-            help="limits of the share of the crashes that are counted; all values between them are equally "
-            "likely (default: 1 1)",
-        )
-        command.add_argument(
-            "--target",
-            metavar="OUT.csv",
-            type=csv_file,
-            default=Path("results/monitor.csv"),
-            help="table of the periods to write (default: %(default)s)",
-        )
-
-    @staticmethod
-    def run(arguments: argparse.Namespace) -> int:
+    def start(self) -> int:
         """Print the rate before and after the counts and the e-values, and write them."""
         import numpy as np
         import pandas as pd
 
-        from accelerated_evaluation.answer.in_service import FALSE_ALARMS, InService, in_service_table
-        from accelerated_evaluation.answer.rates import UNITS
+        from accelerated_evaluation.answer.consequences.in_service import (
+            FALSE_ALARMS,
+            InService,
+            in_service_table,
+        )
+        from accelerated_evaluation.answer.consequences.rates import UNITS
         from accelerated_evaluation.base.errors import StudyError
         from accelerated_evaluation.base.files import write_csv
         from accelerated_evaluation.base.tables import column_of_numbers, read_csv, require_file
-        from accelerated_evaluation.commands.total import study_rates
 
-        low, high = arguments.reported
+        low, high = self.reported
         if not 0 < low <= high <= 1:
             raise InputError(
                 "--reported",
@@ -82,12 +74,12 @@ class Monitor:
                 expected="two shares above 0 and at most 1, the smaller one first",
                 change="Correct the shares.",
             )
-        key = next(name for name, unit in UNITS.items() if unit == arguments.per)
-        require_file(arguments.fleet, "Correct the path of the table.")
-        table = read_csv(arguments.fleet, {"monitor --help": key, "--help": "crashes"})
+        key = next(name for name, unit in UNITS.items() if unit == self.per)
+        require_file(self.fleet, "Correct the path of the table.")
+        table = read_csv(self.fleet, {"monitor --help": key, "--help": "crashes"})
 
         def where(row: int) -> str:
-            return f"{arguments.fleet}, row {row + 2}"
+            return f"{self.fleet}, row {row + 2}"
 
         columns = (key, "crashes")
         found = pd.DataFrame({name: column_of_numbers(table[name], where, "Correct it.") for name in columns})
@@ -102,10 +94,11 @@ class Monitor:
                 expected=f"{key} of 0 or more, in all above 0, and a whole number of crashes",
                 change="Correct the table.",
             )
-        rates, basis = study_rates(arguments.study, arguments.per)
+        bounds, basis = study_rates(self.study, self.per)
+        rates = bounds[1]  # so that a rate that is known only to be low gives no alarm
         if not rates.any():
             raise InputError(
-                arguments.study,
+                self.study,
                 seen="a predicted rate of 0",
                 expected="a study that predicts crashes",
                 change="Name a study whose vehicle crashes in some encounters.",
@@ -117,10 +110,10 @@ class Monitor:
         found = found.assign(
             expected=(rates * reported).mean() * counts.exposure, counted=counts.events, e_value=e_values
         )
-        write_csv(arguments.target, found)
-        print(f"crashes per {arguments.per}, for {basis.encounters}")
+        write_csv(self.target, found)
+        print(f"crashes per {self.per}, for {basis.encounters}")
         try:
-            updated = in_service_table(rates, reported, counts)
+            updated = in_service_table(bounds, reported, counts)
             print(updated.drop(columns="probability").to_string(index=False, float_format="{:.3g}".format))
         except StudyError as error:
             print(f"warning: {error}")
@@ -132,5 +125,5 @@ class Monitor:
             print(f"ALARM since row {alarms[0] + 2}: more crashes than predicted ({last})")
         else:
             print(f"no alarm: {last}; an alarm needs {1 / FALSE_ALARMS:g}")
-        print(arguments.target)
+        print(self.target)
         return int(alarms.size > 0)

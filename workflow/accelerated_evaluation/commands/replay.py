@@ -1,19 +1,15 @@
 """The subcommand ``replay``, which simulates one encounter and writes its states over time."""
 
-import argparse
+from collections.abc import Sequence
+from dataclasses import dataclass
 from pathlib import Path
 
 from accelerated_evaluation.base.arrays import Array
 from accelerated_evaluation.base.errors import InputError
+from accelerated_evaluation.base.options import argument, csv_file, option
 from accelerated_evaluation.base.randomness import child_generator
-from accelerated_evaluation.commands import (
-    COMMANDS,
-    add_scenario,
-    add_seed,
-    csv_file,
-    refuse_options,
-    require_seed,
-)
+from accelerated_evaluation.commands import COMMANDS
+from accelerated_evaluation.commands.shared import OfVehicle, Seeded, refuse_options
 from accelerated_evaluation.scenarios import SCENARIOS
 from accelerated_evaluation.scenarios.protocol import Scenario
 from accelerated_evaluation.vehicles.lead_motion import lead_speeds_of
@@ -43,40 +39,25 @@ example: a lead vehicle at 20 m/s cuts in 15 m ahead of a host that is 6 m/s fas
 
 
 @COMMANDS.add("replay")
-class Replay:
-    """Write the states of both cars over time in one encounter."""
+@dataclass(frozen=True)
+class Replay(OfVehicle, Seeded, description=DESCRIPTION):
+    """Write the states over time in one encounter."""
 
-    help = "write the states over time in one encounter"
-    description = DESCRIPTION
+    values: Sequence[float] = argument(
+        "VALUE", "variables of the encounter, in the units of the scenario", nargs="+"
+    )
+    target: Path = argument("OUT.csv", "table of the states to write", type=csv_file)
+    figure: Path | None = option("FILE", "figure to write: .png, .pdf or .svg")
+    motion: str | None = option(
+        "MOTION",
+        "lead speed over time in a cut-in: ngsim, drawn with the statistics of NGSIM; a CSV table with the "
+        "columns time_s, from 0 to 8, and lead_speed_m_per_s; or a Parquet table of recorded cut-ins with "
+        "lead speeds over time, of which a similar one is drawn (default: constant)",
+    )
 
-    @staticmethod
-    def add_arguments(command: argparse.ArgumentParser) -> None:
-        """Add the encounter, the files to write and the vehicle to the parser."""
-        command.add_argument(
-            "values",
-            metavar="VALUE",
-            type=float,
-            nargs="+",
-            help="variables of the encounter, in the units of the scenario",
-        )
-        command.add_argument("target", metavar="OUT.csv", type=csv_file, help="table of the states to write")
-        command.add_argument(
-            "--figure", metavar="FILE", type=Path, help="figure to write: .png, .pdf or .svg"
-        )
-        command.add_argument(
-            "--motion",
-            metavar="MOTION",
-            help="lead speed over time in a cut-in: ngsim, drawn with the statistics of NGSIM; a CSV table "
-            "with the columns time_s, from 0 to 8, and lead_speed_m_per_s; or a Parquet table of recorded "
-            "cut-ins with lead speeds over time, of which a similar one is drawn (default: constant)",
-        )
-        add_seed(command)
-        add_scenario(command)
-
-    @staticmethod
-    def run(arguments: argparse.Namespace) -> None:
+    def start(self) -> None:
         """Simulate the encounter, and write the states over time as a table and, on demand, a figure."""
-        scenario, encounter = SCENARIOS[arguments.scenario], arguments.values
+        scenario, encounter = SCENARIOS[self.scenario], self.values
         if len(encounter) != scenario.dimension:
             raise InputError(
                 "the encounter",
@@ -84,20 +65,19 @@ class Replay:
                 expected=f"{scenario.dimension}, the values of {', '.join(scenario.names)}",
                 change="Give the values in this order, and then the table to write.",
             )
-        vehicle = arguments.vehicle or scenario.default_vehicle
-        speeds = None if arguments.motion is None else _lead_speeds(arguments, scenario)
+        vehicle = self.vehicle or scenario.default_vehicle
+        speeds = None if self.motion is None else _lead_speeds(self, scenario)
         trace = trace_encounter(vehicle, *encounter, scenario=scenario, lead_speeds=speeds)
         numbers = ", ".join(
             f"{each.in_title} {value:g} {each.unit}"
             for each, value in zip(scenario.variables, encounter, strict=True)
         )
-        write_trace(trace, arguments.target, arguments.figure, f"{vehicle}: {numbers}", scenario.panels)
+        write_trace(trace, self.target, self.figure, f"{vehicle}: {numbers}", scenario.panels)
 
 
-def _lead_speeds(arguments: argparse.Namespace, scenario: Scenario) -> Array:
+def _lead_speeds(arguments: Replay, scenario: Scenario) -> Array:
     """Return the lead speeds over time [m/s] that the option ``--motion`` specifies."""
     if "lead_speed" not in scenario.names:
         refuse_options(arguments, scenario.name, "motion")
-    require_seed(arguments.seed)
     encounter = scenario.checked(*([value] for value in arguments.values))[:, 0]
     return lead_speeds_of(arguments.motion, encounter, child_generator(arguments.seed, "replay"))

@@ -1,17 +1,22 @@
 """The subcommand ``total``, which sums the crash rates of several scenarios."""
 
-import argparse
+from collections.abc import Sequence
+from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 from accelerated_evaluation.base.errors import InputError
 from accelerated_evaluation.base.numerals import number_in
-from accelerated_evaluation.commands import COMMANDS, csv_file
+from accelerated_evaluation.base.options import argument, csv_file, option
+from accelerated_evaluation.commands import COMMANDS
+from accelerated_evaluation.commands.shared import Command
 
 if TYPE_CHECKING:  # these imports take seconds, and --help does not need them
-    from accelerated_evaluation.answer.criterion import Basis
+    from accelerated_evaluation.answer.consequences.criterion import Basis
     from accelerated_evaluation.base.arrays import Array
 
+PER = ("kilometre", "hour")
+A_STUDY = "name of a study, and its number of encounters per kilometre or hour if it does not know it"
 DESCRIPTION = """\
 Sum the crash rates of finished studies of different scenarios into one rate with one interval, such as those
 of cut-ins, left turns and pedestrians for the same vehicle.
@@ -28,59 +33,38 @@ Run it in the folder in which the studies ran, for example
 
 
 @COMMANDS.add("total")
-class Total:
-    """Sum the crash rates of several scenarios."""
+@dataclass(frozen=True)
+class Total(Command, description=DESCRIPTION):
+    """Sum the crash rates of studies of several scenarios into one rate with one interval."""
 
-    help = "sum the crash rates of studies of several scenarios into one rate with one interval"
-    description = DESCRIPTION
+    studies: Sequence[str] = argument("STUDY[=RATE]", A_STUDY, nargs="+")
+    per: str = option(None, "unit (default: %(default)s)", "kilometre", choices=PER)
+    criterion: float | None = option("LIMIT", "upper limit by which the sum is judged")
+    target: Path = option("OUT.csv", "table to write", Path("results/total.csv"), type=csv_file)
 
-    @staticmethod
-    def add_arguments(command: argparse.ArgumentParser) -> None:
-        """Add the studies, the unit, the criterion and the table to write to the parser."""
-        command.add_argument(
-            "studies",
-            metavar="STUDY[=RATE]",
-            nargs="+",
-            help="name of a study, and its number of encounters per kilometre or hour if it does not know it",
-        )
-        command.add_argument(
-            "--per", choices=("kilometre", "hour"), default="kilometre", help="unit (default: %(default)s)"
-        )
-        command.add_argument(
-            "--criterion", metavar="LIMIT", type=float, help="upper limit by which the sum is judged"
-        )
-        command.add_argument(
-            "--target",
-            metavar="OUT.csv",
-            type=csv_file,
-            default=Path("results/total.csv"),
-            help="table to write",
-        )
-
-    @staticmethod
-    def run(arguments: argparse.Namespace) -> int:
+    def start(self) -> int:
         """Print the rates of all studies and their sum, and write the table."""
-        from accelerated_evaluation.answer.criterion import criterion_in_words, exit_status
-        from accelerated_evaluation.answer.total import judged_total, total_table
+        from accelerated_evaluation.answer.consequences.criterion import criterion_in_words, exit_status
+        from accelerated_evaluation.answer.consequences.total import judged_total, total_table
         from accelerated_evaluation.base.files import write_csv
 
         rates, bases = {}, {}
-        for text in arguments.studies:
+        for text in self.studies:
             name = text.partition("=")[0]
             if name in rates:
                 raise InputError(text, seen="named twice", expected="each study once", change="Remove one.")
-            rates[name], bases[name] = study_rates(text, arguments.per)
-        table = total_table(rates, arguments.per, bases)
-        write_csv(arguments.target, table)
+            rates[name], bases[name] = study_rates(text, self.per)
+        table = total_table(rates, self.per, bases)
+        write_csv(self.target, table)
         shown = table[["scenario", "share", "median", "low80", "high80", "upper95", "beyond", "encounters"]]
-        print(f"crashes per {arguments.per}")
+        print(f"crashes per {self.per}")
         print(shown.to_string(index=False, float_format="{:.3g}".format))
         verdicts = []
-        if arguments.criterion is not None:
-            judged = judged_total(rates, arguments.per, bases, arguments.criterion)
+        if self.criterion is not None:
+            judged = judged_total(rates, self.per, bases, self.criterion)
             verdicts.append(judged.verdict)
             print(criterion_in_words(judged.row()))
-        print(arguments.target)
+        print(self.target)
         return exit_status(verdicts)
 
 
@@ -90,12 +74,12 @@ def study_rates(text: str, per: str) -> "tuple[Array, Basis]":
     ``text`` is STUDY or STUDY=RATE, with the number of encounters per kilometre or hour (``per``). InputError
     is raised if the study has no answer, or if this number is neither given nor known.
     """
-    from accelerated_evaluation.answer.all_cut_ins import every_encounter
-    from accelerated_evaluation.answer.comparison import posterior_of
-    from accelerated_evaluation.answer.criterion import CONFIDENCE, Basis
-    from accelerated_evaluation.answer.rates import UNITS, Rate
+    from accelerated_evaluation.answer.consequences.all_cut_ins import every_encounter
+    from accelerated_evaluation.answer.consequences.criterion import CONFIDENCE, Basis
+    from accelerated_evaluation.answer.consequences.rates import UNITS, Rate
+    from accelerated_evaluation.answer.consequences.total import rate_values
     from accelerated_evaluation.answer.study_tables import UNDER_TEST
-    from accelerated_evaluation.answer.total import rate_values
+    from accelerated_evaluation.answer.ways.comparison import posterior_of
     from accelerated_evaluation.base.files import read_json
     from accelerated_evaluation.base.randomness import child_generator
     from accelerated_evaluation.publishing.study import Study

@@ -3,62 +3,63 @@
 from dataclasses import replace
 
 import numpy as np
+from numpy.typing import NDArray
 
 from accelerated_evaluation.base.arrays import Array
+from accelerated_evaluation.crash_map.intervals import ENCOUNTERS_AT_ONCE
 from accelerated_evaluation.crash_map.lines import CrashLines
 from accelerated_evaluation.laws.smooth.conditional import SpeedLaw
 from accelerated_evaluation.scenarios.cut_in import SPEED_LIMIT
 from accelerated_evaluation.vehicles.protocol import Vehicle
 
-PARTS = 8  # number of parts of a wide interval of a crash map
+# Ends of the parts of a wide interval of a crash map, above its start [m/s]. They are so narrow that the laws
+# of all draws have nearly the same impact speeds in a part.
+STEPS = np.array([1.0, 2.5, 4.5, 7.0, 10.0, 13.0, 16.5, 20.0, 24.0, 29.0, 35.0, 45.0])
 POINTS = 4  # number of closing speeds that are simulated in a part
 INSIDE = (np.arange(POINTS) + 0.5) / POINTS  # positions of these closing speeds in the part, from 0 to 1
-NARROW = 0.5  # [m/s], intervals up to this width are not divided
-TAIL = 4  # exponent by which the parts at large closing speeds have smaller probabilities
 FAR = 50.0  # largest cumulative hazard in a part, in place of an infinite one
+DENSEST = 2**14  # largest number of closing speeds that are simulated in a part until one of them crashes
 
 
 def with_impacts(lines: CrashLines, vehicle: Vehicle, law: SpeedLaw) -> tuple[CrashLines, Array]:
     """Divide the wide intervals of a crash map, and simulate the vehicle at some closing speeds in each part.
 
-    Quantiles of the law of the closing speed determine the ends of the parts. With the divided map come the
-    impact speeds [m/s] at `POINTS` closing speeds in each part, NaN without a crash, shape (parts, POINTS).
+    With the divided map come the impact speeds [m/s] at `POINTS` closing speeds in each part, which are
+    quantiles of the law there, NaN without a crash, shape (parts, POINTS).
+
+    Every part contains a crash, but it may be a narrow stripe between these closing speeds. Such a part has
+    the mean impact speed of the crashes at more and more closing speeds, until some are in the stripe.
     """
     if not lines.row.size:
         return lines, np.empty((0, POINTS))
-    wide = lines.end - lines.start > NARROW
-    divided = _whole(_only(lines, ~wide)), _divided(_only(lines, wide), law)
-    row, start, end, points = (np.concatenate(column) for column in zip(*divided, strict=True))
+    row, start, end, points = _divided(lines, law)
     # With few records, quantiles of the laws may exceed any speed that a vehicle accepts.
     points = np.minimum(points, SPEED_LIMIT)
-    outcomes = lines.simulate(vehicle, np.repeat(row, POINTS), points.ravel())
-    speed = np.where(outcomes.crash, outcomes.impact_speed, np.nan).reshape(points.shape)
+    speed = _impact_speeds(lines, vehicle, row, points)
+    width, count = np.where(np.isfinite(end), end, points[:, -1]) - start, POINTS
+    while (count := 2 * count) <= DENSEST and (rest := np.flatnonzero(np.isnan(speed).all(axis=1))).size:
+        inside = (np.arange(count) + 0.5) / count
+        for part in np.array_split(rest, rest.size * count // ENCOUNTERS_AT_ONCE + 1):
+            found = _impact_speeds(lines, vehicle, row[part], start[part, None] + width[part, None] * inside)
+            speed[part, 0] = np.ma.masked_invalid(found).mean(axis=1).filled(np.nan)
     return replace(lines, row=row, start=start, end=end), speed
 
 
-def _only(lines: CrashLines, chosen: Array) -> CrashLines:
-    return replace(lines, row=lines.row[chosen], start=lines.start[chosen], end=lines.end[chosen])
+def _impact_speeds(lines: CrashLines, vehicle: Vehicle, row: NDArray[np.int_], points: Array) -> Array:
+    """Return the impact speeds [m/s] at closing speeds on lines, NaN without a crash, (parts, points)."""
+    outcomes = lines.simulate(vehicle, np.repeat(row, points.shape[1]), points.ravel())
+    return np.where(outcomes.crash, outcomes.impact_speed, np.nan).reshape(points.shape)
 
 
-def _whole(lines: CrashLines) -> tuple[Array, Array, Array, Array]:
-    """Return row, start, end and simulated closing speeds of intervals that are not divided."""
-    points = lines.start[:, None] + (lines.end - lines.start)[:, None] * INSIDE
-    return lines.row, lines.start, lines.end, points
-
-
-def _divided(lines: CrashLines, law: SpeedLaw) -> tuple[Array, Array, Array, Array]:
+def _divided(lines: CrashLines, law: SpeedLaw) -> tuple[NDArray[np.int_], Array, Array, Array]:
     """Return row, start, end and simulated closing speeds of each part of all intervals."""
-    given = law.given(lines.places.only(lines.row))
-    start, end = given.cumulative(lines.start), given.cumulative(lines.end)
+    inner = np.minimum(lines.start[:, None] + STEPS, lines.end[:, None])
+    edges = np.column_stack([lines.start, inner, lines.end])
+    interval, part = np.nonzero(edges[:, :-1] < edges[:, 1:])
+    row, low, high = lines.row[interval], edges[interval, part], edges[interval, part + 1]
+    given = law.given(lines.places.only(row))
+    start, end = given.cumulative(low), given.cumulative(high)
     start = np.where(np.isfinite(start), start, 0.0)  # the law may have no probability beyond a finite end
-
-    def above(share: float) -> Array:
-        """Return the closing speed above which a given share of the probability of each interval lies."""
-        level = start - np.log1p((1 - share) * np.expm1(start - end))
-        return np.clip(given.inverse(np.minimum(level, start + FAR)), lines.start, lines.end)
-
-    shares = (1 - np.arange(PARTS + 1) / PARTS) ** TAIL
-    edges = np.column_stack([lines.start, *(above(share) for share in shares[1:-1]), lines.end])
-    inside = shares[:-1, None] + np.diff(shares)[:, None] * INSIDE
-    points = np.column_stack([above(share) for share in inside.ravel()]).reshape(-1, POINTS)
-    return np.repeat(lines.row, PARTS), edges[:, :-1].ravel(), edges[:, 1:].ravel(), points
+    levels = (start - np.log1p(share * np.expm1(start - end)) for share in INSIDE)
+    points = [np.clip(given.inverse(np.minimum(level, start + FAR)), low, high) for level in levels]
+    return row, low, high, np.column_stack(points)

@@ -1,31 +1,28 @@
 """Crash maps prepared for smooth laws: the lines on which an event happens, and impact speeds on them.
 
-The splines on the lines and the probabilities of the lead speeds do not depend on the parameters of a law,
-and are computed once. For each law, or each draw of its parameters, only the cumulative hazards at the ends
-of the intervals have to be computed.
+A line represents the cut-ins with its lead speed and its range, by the density with which it was drawn. The
+probability of an interval under any law is the weight of its line times the integral of the density of the
+law along the line.
 """
 
-from collections.abc import Iterable, Iterator
+import math
+from collections.abc import Callable, Iterable
 from dataclasses import dataclass, replace
-from functools import cached_property
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from accelerated_evaluation.base.arrays import Array
 from accelerated_evaluation.crash_map.maps import LINES_PER_CELL, CrashMap, Lines
-from accelerated_evaluation.laws.protocol import NODE_WEIGHTS, NODES, Law, density_over
-from accelerated_evaluation.laws.smooth.conditional import Given, Places, SpeedLaw
-from accelerated_evaluation.laws.smooth.draws import SmoothDraws
-from accelerated_evaluation.laws.smooth.family import LawFamily, Member
-from accelerated_evaluation.laws.smooth.segments import parts
-from accelerated_evaluation.laws.smooth.smooth_hazard import SmoothHazard
+from accelerated_evaluation.laws.protocol import Law
+from accelerated_evaluation.laws.smooth.conditional import Places, SpeedLaw
 from accelerated_evaluation.laws.smooth.support import SUPPORT, Support
 from accelerated_evaluation.scenarios.events import Event
 from accelerated_evaluation.vehicles.protocol import CRASH
 
 STEPS = 200  # number of closing speeds in an interval at which a density is evaluated to draw one of them
-AT_ONCE = 1_000_000  # number of closing speeds of which the hazards, with all temporary arrays, need 100 MB
+AT_ONCE = 20_000  # number of intervals whose probabilities are computed at once
 EVEN = 0.05  # share of the kept lines that are selected independently of their probability
 
 
@@ -37,11 +34,10 @@ class CrashLines(Lines):
     """
 
     places: Places
-    # Probability that the lead speed is in the cell of a line, divided by the number of lines in a cell. If
-    # the lines were thinned, it is also divided by the probability that the line was kept.
-    share: Array
-    farther: Array  # log(R_max / R) at the farther end of the cell
-    nearer: Array  # log(R_max / R) at the nearer end; infinite at a range of 0
+    # Probability that the lead speed is in the cell of a line, times the width of the cell's ranges [m] per
+    # line, that is divided by the density with which the range of the line was drawn. If the lines were
+    # thinned, it is also divided by the probability that the line was kept.
+    weight: Array
     row: NDArray[np.int_]  # index of the line of each interval.
     start: Array  # m/s
     end: Array  # m/s; it may be infinite
@@ -57,102 +53,42 @@ class CrashLines(Lines):
         """Return the lines on which an event happens and whose cells contain recorded lead speeds [m/s]."""
         intervals, shares = crash_map.intervals(event), lead_speed_shares(crash_map, lead_speeds)
         kept = shares[intervals.line // LINES_PER_CELL] > 0
-        lines, row = np.unique(intervals.line[kept], return_inverse=True)
-        cells = lines // LINES_PER_CELL
-        farther, nearer = np.log(support.range_max * crash_map.cells.inverse_range[cells]).T
+        line = intervals.line[kept]
+        lines = np.unique(line)
+        cells, range_ = lines // LINES_PER_CELL, 1 / crash_map.inverse_range[lines]
+        # The square root of the range is uniform in the cell.
+        width = -np.diff(crash_map.cells.root[cells])[:, 0] * 2 * np.sqrt(crash_map.cells.range_max * range_)
         return cls(
-            Places.of(crash_map.lead_speed[lines], 1 / crash_map.inverse_range[lines], support),
-            shares[cells] / LINES_PER_CELL,
-            np.maximum(farther, 0.0),
-            nearer,
-            row,
+            Places.of(crash_map.lead_speed[lines], range_, support),
+            shares[cells] * width / LINES_PER_CELL,
+            np.searchsorted(lines, line),
             intervals.start[kept],
             intervals.end[kept],
             None if crash_map.inner is None else crash_map.inner[lines],
         )
 
-    def masses(self, ranges: SmoothHazard, law: SpeedLaw) -> Array:
-        """Return the probability that a cut-in is in each interval, shape (intervals,)."""
-        return self._masses(self._line_masses(ranges), law.given(self.places))
+    def masses(self, draws: Any) -> Array:  # noqa: ANN401
+        """Return the probability of each interval under each draw, (K, intervals); see `Draws.log_slices`.
 
-    def masses_of(self, family: LawFamily, members: Iterable[Member]) -> Iterator[Array]:
-        """Yield the probabilities of the intervals under each member of a family, shape (intervals,).
-
-        The quantities that all members have in common are computed once.
+        On each line, the density of the law at the range of the line is integrated over the closing speed. It
+        has no cap: impact speeds differ between closing speeds at which every vehicle crashes.
         """
-        lines, below = self._line_masses(family.ranges), self.places.body(family.body)
-        for member in members:
-            yield self._masses(lines, family.law(member).given(self.places, below))
-
-    def masses_of_draws(self, draws: SmoothDraws) -> Array:
-        """Return the probability of each interval under each draw of smooth laws, (K, intervals)."""
-        masses = np.empty((draws.size, self.row.size))
-        for place, (ranges, body) in enumerate(zip(draws.ranges, draws.bodies, strict=True)):
-            lines, below = self._line_masses(ranges), self.places.body(body)
-            for k in np.flatnonzero(draws.shared == place):
-                own = lines if self.weights is None else lines * self.weights[k][self.row]
-                masses[k] = self._masses(own, draws.laws[k].given(self.places, below))
+        draws, x = draws.with_cap_at(math.inf), self.x
+        masses = np.empty((draws.size, self.row.size))  # filled in parts, which need little memory besides
+        for first in range(0, self.row.size, AT_ONCE):
+            part = slice(first, first + AT_ONCE)
+            row, mass = self.row[part], masses[:, part]
+            np.exp(draws.log_slices(2, x[row], self.start[part], self.end[part]), out=mass)
+            mass *= self.weight[row]
+            if self.weights is not None:
+                mass *= self.weights[:, row]
         return masses
 
-    def _line_masses(self, ranges: SmoothHazard) -> Array:
-        """Return for each interval the probability of the cell of its line, shape (intervals,)."""
-        return (self.share * self.range_probability(ranges))[self.row]
-
-    def _masses(self, lines: Array, given: Given) -> Array:
-        start = _hazards(given, self.start, self.row)
-        # Many intervals end where the next one begins, so the hazard is computed once for both.
-        end = np.roll(start, -1)
-        end[self._apart] = _hazards(given, self.end[self._apart], self.row[self._apart])
-        reached = np.isfinite(start)  # the law may have no probability beyond a finite end
-        start, end = start[reached], end[reached]
-        masses = np.zeros(self.row.size)
-        masses[reached] = lines[reached] * np.exp(-start) * -np.expm1(start - end)
-        return masses
-
-    @cached_property
-    def _apart(self) -> NDArray[np.int_]:
-        """Indices of the intervals that do not end where the next one begins."""
-        same = (self.row[:-1] == self.row[1:]) & (self.end[:-1] == self.start[1:])
-        return np.flatnonzero(np.append(~same, [True] * min(self.row.size, 1)))
-
-    def range_probability(self, ranges: SmoothHazard) -> Array:
-        """Return P(range in the cell of a line | its lead speed), shape (lines,)."""
-        cumulative, finite = self.places.range_hazards(ranges), np.isfinite(self.nearer)
-        far, near = cumulative.at(self.farther), cumulative.at(np.where(finite, self.nearer, 0.0))
-        return np.exp(-far) * np.where(finite, -np.expm1(np.minimum(far - near, 0.0)), 1.0)
-
-    def probability(self, ranges: SmoothHazard, law: SpeedLaw) -> float:
-        """Return the probability of the event if cut-ins follow the given conditional distributions.
-
-        The lead speed has the distribution of the recorded lead speeds.
-        """
-        return float(self.masses(ranges, law).sum())
-
-    def masses_by_density(self, law: Law) -> Array:
-        """Return the probability of each interval under a law of cut-ins by its density, shape (intervals,).
-
-        The ranges of a cell have their probability under the law, and the closing speed has its distribution
-        at the range of the line, so that the result agrees with that of `masses` for the same law.
-        """
-        lead_speed, range_ = self.places.lead_speed, self.places.range_
-        farthest = np.asarray(law.box.upper[1])
-        ends = [np.minimum(farthest, farthest * np.exp(-edge)) for edge in (self.nearer, self.farther)]
-        ranges = ends[0] + np.outer(NODES + 1, ends[1] - ends[0]) / 2  # shape (nodes, lines)
-        cell = np.zeros(self.share.size)
-        for weight, each in zip(NODE_WEIGHTS, ranges, strict=True):
-            cell += weight / 2 * (ends[1] - ends[0]) * _over_speeds(law, lead_speed, each)
-        start, end = self.start, np.minimum(self.end, law.box.upper[2])
-        at_line = _over_speeds(law, lead_speed[self.row], range_[self.row], start, end)
-        whole = _over_speeds(law, lead_speed, range_)
-        with np.errstate(invalid="ignore", divide="ignore"):
-            given = np.where(whole[self.row] > 0, at_line / whole[self.row], 0.0)
-        return (self.share * cell)[self.row] * np.where(end > start, given, 0.0)
-
-    def probabilities(self, family: LawFamily, members: Iterable[Member]) -> dict[Member, float]:
-        """Return the probability of the event under each of the given members of a fitted family of laws."""
-        members = tuple(members)
-        masses = self.masses_of(family, members)
-        return {member: float(mass.sum()) for member, mass in zip(members, masses, strict=True)}
+    @property
+    def x(self) -> Array:
+        """The lines as cut-ins whose closing speed is not known, shape (lines, 3)."""
+        unknown = np.full(self.weight.size, np.nan)
+        return np.column_stack([self.places.lead_speed, self.places.range_, unknown])
 
     def place(self, line: NDArray) -> tuple[Array, Array]:
         """Return the lead speeds [m/s] and ranges [m] of the n lines with the given indices."""
@@ -164,50 +100,60 @@ class CrashLines(Lines):
         middle = np.where(np.isfinite(self.end), (self.start + self.end) / 2, self.start + 1.0)
         return np.column_stack([*self.place(self.row), middle])
 
-    def of_draw(self, draw: int) -> "CrashLines":
-        """Return the lines for one draw of the uncertain parameters of the vehicle.
+    def below(self, largest: Callable[[int, Array], Array]) -> "CrashLines":
+        """Return the lines with intervals that end at the largest closing speeds at the latest.
 
-        If the lines have weights, the shares of the lines are multiplied by the weights of this draw;
-        otherwise the lines are returned unchanged.
+        ``largest`` returns them [m/s] for the index of the variable and cut-ins of shape (n, 3). An interval
+        above the largest closing speed remains, without any width.
         """
-        return self if self.weights is None else replace(self, share=self.share * self.weights[draw])
-
-    def of_draws(self, first: int, end: int) -> "CrashLines":
-        """Return the lines with the weights, if any, of the draws from ``first`` to before ``end``."""
-        return self if self.weights is None else replace(self, weights=self.weights[first:end])
+        end = np.maximum(largest(2, self.inside), 0.0)
+        return replace(self, start=np.minimum(self.start, end), end=np.minimum(self.end, end))
 
     def thinned(self, mass: Array, size: int, generator: np.random.Generator) -> "CrashLines":
         """Return a systematic sample of about ``size`` lines.
 
-        The selection probability of a line is proportional to its mass plus a small constant. The shares of
+        The selection probability of a line is proportional to its mass plus a small constant. The weights of
         the selected lines are divided by it, so that the probabilities of events are unbiased for any law.
-        Their error is small if the probability of the law is distributed similarly to ``mass``. ``mass`` are
-        probabilities of the intervals under a law, or their mean under several laws.
+        Their error is small if the probability of the law is distributed similarly to ``mass``, the
+        probabilities of the lines under a law, or their mean under several laws.
         """
-        lines = np.bincount(self.row, mass, self.share.size)
-        chance = np.minimum(size * ((1 - EVEN) * lines / lines.sum() + EVEN / lines.size), 1.0)
-        steps = np.floor(np.cumsum(chance) + generator.random())
-        kept = np.flatnonzero(np.diff(steps, prepend=0.0) > 0)
+        kept, chance = _kept(mass, size, generator)
         inside = np.isin(self.row, kept)
         return replace(
             self,
             places=self.places.only(kept),
-            share=self.share[kept] / chance[kept],
-            farther=self.farther[kept],
-            nearer=self.nearer[kept],
+            weight=self.weight[kept] / chance,
             row=np.searchsorted(kept, self.row[inside]),
             start=self.start[inside],
             end=self.end[inside],
             inner=None if self.inner is None else self.inner[kept],
         )
 
+    def thinned_intervals(self, mass: Array, size: int, generator: np.random.Generator) -> "CrashLines":
+        """Return a systematic sample of about ``size`` intervals, each on a line of its own; see `thinned`.
 
-def _hazards(given: Given, speeds: Array, row: NDArray[np.int_]) -> Array:
-    """Return the cumulative hazard at each closing speed [m/s] on the line of index ``row``, shape (n,)."""
-    hazards = np.empty(len(speeds))
-    for part in parts(len(speeds), AT_ONCE):
-        hazards[part] = given.cumulative(speeds[part], row[part])
-    return hazards
+        It is for maps with random closing speeds, whose lines have many narrow intervals each.
+        """
+        kept, chance = _kept(mass, size, generator)
+        row = self.row[kept]
+        return replace(
+            self,
+            places=self.places.only(row),
+            weight=self.weight[row] / chance,
+            row=np.arange(row.size),
+            start=self.start[kept],
+            end=self.end[kept],
+            inner=None if self.inner is None else self.inner[row],
+        )
+
+
+def _kept(mass: Array, size: int, generator: np.random.Generator) -> tuple[NDArray[np.intp], Array]:
+    """Return the indices of a systematic sample, nearly in proportion to mass, and their probabilities."""
+    chance = np.minimum(size * ((1 - EVEN) * mass / mass.sum() + EVEN / mass.size), 1.0)
+    steps = np.cumsum(chance) + generator.random()
+    # The indices at which the sum reaches a whole number. Rounding may let it reach two at the same index.
+    kept = np.unique(np.searchsorted(steps, np.arange(1, np.floor(steps[-1]) + 1)))
+    return kept, chance[kept]
 
 
 def crash_places(
@@ -239,21 +185,6 @@ def lead_speed_shares(crash_map: CrashMap, lead_speeds: Array) -> Array:
     """Return the share of the recorded lead speeds [m/s] that is in each cell of a map, shape (cells,)."""
     speeds = np.sort(lead_speeds)
     return np.diff(np.searchsorted(speeds, crash_map.cells.lead_speed), axis=1)[:, 0] / speeds.size
-
-
-def _over_speeds(
-    law: Law, lead_speed: Array, range_: Array, start: Array | float = 0.0, end: Array | None = None
-) -> Array:
-    """Integrate the density of a law over the closing speed from start to end [m/s], shape (n,).
-
-    By default the end is that of the law, whose closing speeds are bounded.
-    """
-    x = np.column_stack([lead_speed, range_, np.empty(range_.size)])
-    low, high = (
-        np.broadcast_to(start, range_.shape),
-        np.full(range_.size, law.box.upper[2]) if end is None else end,
-    )
-    return density_over(law, 2, x, low, high)
 
 
 def divided_at(lines: CrashLines, limits: Iterable[Array]) -> tuple[CrashLines, NDArray[np.intp]]:

@@ -16,6 +16,7 @@ import os
 from abc import ABC, abstractmethod
 from collections.abc import Mapping
 from dataclasses import asdict, dataclass, replace
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -23,23 +24,15 @@ from numpy.typing import NDArray
 from accelerated_evaluation.base.arguments import a_number
 from accelerated_evaluation.base.arrays import Array
 from accelerated_evaluation.base.checking import checked
-from accelerated_evaluation.base.errors import InputError
+from accelerated_evaluation.base.errors import DAMAGE, InputError, readable
 from accelerated_evaluation.base.files import atomic_path, read_arrays
+from accelerated_evaluation.crash_map.intervals import Intervals
 from accelerated_evaluation.scenarios.cut_in import CUT_IN
 from accelerated_evaluation.scenarios.events import Event
 from accelerated_evaluation.vehicles.protocol import CRASH, Outcomes, Vehicle, simulate_inner
 
 LINES_PER_CELL = 2  # the standard error of the mean of a cell is estimated from the difference of its lines
 POSITIVE, COUNT = a_number(1e-9, 1e9), a_number(1, 100_000, whole=True)
-
-
-@dataclass(frozen=True)
-class Intervals:
-    """The intervals of closing speeds in which an event happens, on the lines of a crash map."""
-
-    line: NDArray[np.int32]  # index of the line of each interval, (n,)
-    start: Array  # m/s, (n,)
-    end: Array  # excluded [m/s]; infinite if the interval contains the largest scanned closing speed
 
 
 @checked(
@@ -59,9 +52,10 @@ class Grid:
     """Cells and resolution of a crash map.
 
     At first, the plane is divided into equal cells of v_L and of the square root of the range. Each cell is
-    then divided into up to ``refinement`` by ``refinement`` parts, most finely where the crash probability of
-    lines varies most under a reference law. The reference law only controls the resolution. It influences the
-    errors of the computed probabilities, but not their expected values.
+    then divided into up to ``refinement`` by ``refinement`` parts, most finely where the probability of
+    crashes on lines varies most under a reference law, and half as finely for other events. The reference law
+    only controls the resolution. It influences the errors of the computed probabilities, but not their
+    expected values.
 
     Attributes
     ----------
@@ -79,8 +73,9 @@ class Grid:
         short ranges occur at small closing speeds. Intervals that are narrower than the distance between two
         points may be missed.
     reference_inverse_range, reference_inverse_ttc
-        Means of the exponential reference distributions of R^-1 [1/m] and TTC^-1 [1/s]; that of v_L is
-        uniform.
+        Scale of the reference distribution of R^-1 [1/m], and mean of that of TTC^-1 [1/s], which is
+        exponential; that of v_L is uniform. The distribution of R^-1 is a Pareto distribution for the
+        resolution, and exponential with this mean where a map is checked (`crash_map.checked`).
 
     Examples
     --------
@@ -220,7 +215,7 @@ class CrashMap(Lines):
 
 def write_crash_map(path: str | os.PathLike, crash_map: CrashMap) -> None:
     """Write a crash map as a compressed NumPy archive, atomically; equal maps give equal bytes."""
-    arrays = {"grid": np.array(json.dumps(asdict(crash_map.grid)))}
+    arrays: dict[str, Any] = {"grid": np.array(json.dumps(asdict(crash_map.grid)))}
     arrays |= {"lead_speed": crash_map.lead_speed, "inverse_range": crash_map.inverse_range}
     arrays |= {"lead_speed_cells": crash_map.cells.lead_speed, "root_cells": crash_map.cells.root}
     if crash_map.inner is not None:
@@ -236,7 +231,7 @@ def write_crash_map(path: str | os.PathLike, crash_map: CrashMap) -> None:
 
 def read_crash_map(path: str | os.PathLike) -> CrashMap:
     """Return the crash map in a file of `write_crash_map`; InputError is raised if it is none."""
-    try:
+    with readable(str(path), "a crash map", "Compute the map again.", (*DAMAGE, OSError)):
         arrays = read_arrays(path)
         grid = Grid(**json.loads(str(arrays.pop("grid"))))
         lead_speed, inverse_range = arrays.pop("lead_speed"), arrays.pop("inverse_range")
@@ -247,9 +242,6 @@ def read_crash_map(path: str | os.PathLike) -> CrashMap:
             quantity, threshold, name = key.split()
             columns.setdefault(CUT_IN.event(quantity, float(threshold)), {})[name] = values
         events = {event: Intervals(**parts) for event, parts in columns.items()}
-    except (LookupError, OSError, TypeError, ValueError) as error:
-        seen, expected = f"{type(error).__name__}: {error}", "a crash map"
-        raise InputError(str(path), seen=seen, expected=expected, change="Compute the map again.") from error
     return CrashMap(
         grid, cells, lead_speed, inverse_range, events, inner, None if vehicle is None else str(vehicle)
     )

@@ -4,12 +4,12 @@ from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
+from numpy.typing import NDArray
 
-from accelerated_evaluation.crash_map.maps import CrashMap, Intervals
+from accelerated_evaluation.crash_map.intervals import Intervals, in_batches
+from accelerated_evaluation.crash_map.maps import CrashMap
 from accelerated_evaluation.scenarios.events import Event
 from accelerated_evaluation.vehicles.protocol import CRASH, Vehicle
-
-ENCOUNTERS_AT_ONCE = 500_000  # number of encounters that are simulated at once, which need about 100 MB
 
 
 def sample_crashes(
@@ -35,20 +35,14 @@ def sample_crashes(
     steps = finer * grid.closing_speed_points
     edges = grid.closing_speed_max * (np.arange(steps + 1) / steps) ** 2
     edges[-1] = np.inf  # the outcome does not change above the largest closing speed
-    batch = max(1, ENCOUNTERS_AT_ONCE // steps)
-    found: dict[Event, list[tuple]] = {event: [] for event in events}
-    for first in range(0, lines, batch):
-        line = np.arange(first, min(first + batch, lines))
+
+    def find(line: NDArray) -> dict[Event, Intervals]:
         share = (np.arange(steps) + generator.random((line.size, steps))) / steps
         closing_speed = grid.closing_speed_max * share.ravel() ** 2
         outcomes = crash_map.simulate(vehicle, np.repeat(line, steps), closing_speed)
-        for event, parts in found.items():
-            row, step = np.nonzero(event.happens(outcomes).reshape(share.shape))
-            parts.append((line[row], edges[step], edges[step + 1]))
-    sampled = {event: _joined(parts) for event, parts in found.items()}
-    return replace(crash_map, events=sampled)
+        places = {event: np.nonzero(event.happens(outcomes).reshape(share.shape)) for event in events}
+        return {
+            event: Intervals(line[row], edges[step], edges[step + 1]) for event, (row, step) in places.items()
+        }
 
-
-def _joined(parts: list[tuple]) -> Intervals:
-    row, start, end = (np.concatenate(column) for column in zip(*parts, strict=True))
-    return Intervals(row.astype(np.int32), start, end)
+    return replace(crash_map, events=in_batches(lines, steps, find))

@@ -7,12 +7,12 @@ from itertools import product
 
 import numpy as np
 import pandas as pd
-from numpy.typing import ArrayLike
+from numpy.typing import ArrayLike, NDArray
 from scipy.special import ndtri
 from tqdm import trange
 
 from accelerated_evaluation.base.arrays import Array
-from accelerated_evaluation.base.sections import integer, section, with_constants
+from accelerated_evaluation.base.sections import integer, section
 from accelerated_evaluation.crash_map.exact import ALL, exact_probabilities
 from accelerated_evaluation.crash_map.maps import CrashMap
 from accelerated_evaluation.crash_map.sensitivity import Levels, Refit, is_repeated, warning_of_failure
@@ -20,17 +20,8 @@ from accelerated_evaluation.laws.paper.models import IndependentLaw
 
 PAPER_INTERVAL = 7.0e-7, 7.8e-7  # of importance sampling in the paper (section VI.C)
 INVERSE_TTC_KNOTS = 0.925, 0.95, 0.975  # the paper's quantile for the knot of TTC^-1, and its neighbours
-SECTION = with_constants(
-    section(
-        replicates=integer(
-            500, 10, 1_000_000, "Number of bootstrap samples, to each of which the law is fitted."
-        )
-    ),
-    {
-        "block_runs": 1,
-        "inverse_ttc_knots": [*INVERSE_TTC_KNOTS],
-        "sampling_interval": [*PAPER_INTERVAL],
-    },
+SECTION = section(
+    replicates=integer(500, 10, 1_000_000, "Number of bootstrap samples, to each of which the law is fitted.")
 )
 NORMAL_POINTS = 100  # number of quantiles that represent a normal distribution
 
@@ -98,7 +89,7 @@ def bootstrap_probabilities(
     return probabilities
 
 
-def resampled_rows(starts: Array, rows: int, generator: np.random.Generator) -> Array:
+def resampled_rows(starts: NDArray[np.intp], rows: int, generator: np.random.Generator) -> NDArray[np.intp]:
     """Return the rows of one bootstrap sample: as many random runs as there are in the data.
 
     A run is a row and the rows after it that are equal to it. ``starts`` has the first row of each run, in

@@ -25,7 +25,7 @@ from accelerated_evaluation.base.randomness import A_GENERATOR, DRAWING
 from accelerated_evaluation.laws import LAWS, nested_content, nested_law
 from accelerated_evaluation.laws.joint.truncated_normals import TruncatedNormalMixture
 from accelerated_evaluation.laws.mixed import MixedLaws
-from accelerated_evaluation.laws.protocol import Box, Law
+from accelerated_evaluation.laws.protocol import Box, Law, log_slice_of
 from accelerated_evaluation.laws.smooth.support import Support
 
 COMPONENTS = 8  # number of components of the mixture that approximates the mean of the draws
@@ -35,14 +35,8 @@ POINTS = 8_000  # number of points to which this mixture is fitted
 class EventLines(Protocol):
     """Lines of a crash map, with the intervals of one variable in which an event happens."""
 
-    def of_draw(self, k: int) -> Self:
-        """Return the lines with the weights of draw k, if the vehicle has any."""
-
-    def of_draws(self, first: int, end: int) -> Self:
-        """Return the lines with the weights, if any, of the draws from ``first`` to before ``end``."""
-
-    def masses_by_density(self, law: Law) -> Array:
-        """Return the probability of each interval under a law, shape (intervals,)."""
+    def below(self, largest: Callable[[int, Array], Array]) -> Self:
+        """Return the lines with intervals that end at the largest values of the variable at the latest."""
 
 
 class Draws(ABC):
@@ -106,6 +100,18 @@ class Draws(ABC):
     def log_densities(self, x: Array) -> Array:
         """Return the log density of each draw at points x, shape (n, d), as an array of shape (K, n)."""
 
+    def log_slices(self, k: int, x: Array, low: Array, high: Array) -> Array:
+        """Return the log of the integral of the density of each draw over variable k, shape (K, n).
+
+        The arguments are those of `SlicedLaw.log_slice`. The density of other laws is integrated numerically.
+        """
+        return np.array([log_slice_of(law, k, x, low, high) for law in self.laws])
+
+    @property
+    def sliced(self) -> Sequence[Any]:
+        """The laws that must be a `SlicedLaw` for `log_slices` and for slices of the proposal."""
+        return (*self.laws, self.proposal)
+
     def log_ratios(self, x: Array) -> Array:
         """Return log f_k / f for each draw f_k and the proposal f at points x, shape (n, d), as (K, n)."""
         return self.log_densities(x) - self.proposal.log_density(x)
@@ -119,9 +125,18 @@ class Draws(ABC):
     def draw_from_mean(self, n: int, generator: np.random.Generator) -> Array:
         """Draw n points or a few more from the mean of the draws."""
 
-    def masses(self, lines: EventLines) -> Array:
-        """Return the probability of each interval of a crash map under each draw, shape (K, intervals)."""
-        return np.array([lines.of_draw(k).masses_by_density(law) for k, law in enumerate(self.laws)])
+    @property
+    def unlimited(self) -> "Draws":
+        """The draws without limits of the encounters that can happen; most draws have none."""
+        return self
+
+    def holds(self, x: Array) -> NDArray[np.bool_]:
+        """Return whether each of n encounters, shape (n, d), can happen, shape (n,)."""
+        return np.ones(len(x), dtype=bool)
+
+    def within(self, lines: EventLines) -> EventLines:
+        """Return the lines of a crash map without the encounters that cannot happen."""
+        return lines
 
     @property
     def support(self) -> Support:
@@ -141,8 +156,8 @@ class Draws(ABC):
         return {}
 
     @abstractmethod
-    def with_cap_of(self, law: Law) -> Self:
-        """Return the draws with the cap on the closing speed of another law, if they can have one."""
+    def with_cap_at(self, closing_speed_max: float) -> Self:
+        """Return the draws with another cap on the closing speed [m/s], if they can have one."""
 
     @checked()
     def __add__(self, other: "Draws | Law") -> "DrawnLaws":
@@ -193,8 +208,7 @@ class OneLaw(Draws):
     Examples
     --------
     >>> import accelerated_evaluation as ae
-    >>> turns = ae.read_records("left_turn")
-    >>> law = ae.LAWS["independent_variables"].fit(turns.x, turns.data.box, ae.child_generator(1))
+    >>> law = ae.choose_draws("independent_variables", ae.read_records("left_turn")).law
     >>> ae.OneLaw(law).size
     1
     """
@@ -230,9 +244,9 @@ class OneLaw(Draws):
         """Draw n points from the law."""
         return self.proposal.draw(n, generator)
 
-    def with_cap_of(self, law: Law) -> Self:
-        """Return the law with the cap on the closing speed of another law."""
-        return replace(self, proposal=self.proposal.with_cap_of(law))
+    def with_cap_at(self, closing_speed_max: float) -> Self:
+        """Return the law with another cap on the closing speed [m/s], if it can have one."""
+        return replace(self, proposal=self.proposal.with_cap_at(closing_speed_max))
 
     def subset(self, chosen: NDArray[np.intp]) -> Draws:
         """Return the law itself, or repeated if there are several indices."""
@@ -347,18 +361,21 @@ class DrawnLaws(Draws, Law):
         """Return the log density of each draw at points x, shape (n, d), as an array of shape (K, n)."""
         return np.concatenate([part.log_densities(x) for part in self.parts])
 
+    def log_slices(self, k: int, x: Array, low: Array, high: Array) -> Array:
+        """Return the log of the integral of the density of each draw over variable k, shape (K, n)."""
+        return np.concatenate([part.log_slices(k, x, low, high) for part in self.parts])
+
+    @property
+    def sliced(self) -> Sequence[Any]:
+        """Those of the parts, and the proposal if it is not the mixture of theirs."""
+        own = [] if self.own is None else [self.own]
+        return [law for part in self.parts for law in part.sliced] + own
+
     @checked(**DRAWING)
     def draw_from_mean(self, n: int, generator: np.random.Generator) -> Array:
         """Draw from the mean of each part in proportion to its size, n points or a few more together."""
         return np.concatenate(
             [part.draw_from_mean(-(-n * part.size // self.size), generator) for part in self.parts]
-        )
-
-    def masses(self, lines: EventLines) -> Array:
-        """Return the probability of each interval of a crash map under each draw, shape (K, intervals)."""
-        pairs = zip(self.parts, self._first, strict=True)
-        return np.concatenate(
-            [part.masses(lines.of_draws(first, first + part.size)) for part, first in pairs]
         )
 
     def fixed(self) -> Mapping[str, Draws]:
@@ -367,10 +384,10 @@ class DrawnLaws(Draws, Law):
         names = dict.fromkeys(name for own, _ in pairs for name in own)
         return {name: replace(self, parts=[own.get(name, part) for own, part in pairs]) for name in names}
 
-    def with_cap_of(self, law: Law) -> Self:
-        """Return the draws and their proposal with the cap on the closing speed of another law."""
-        own = None if self.own is None else self.own.with_cap_of(law)
-        return replace(self, parts=[part.with_cap_of(law) for part in self.parts], own=own)
+    def with_cap_at(self, closing_speed_max: float) -> Self:
+        """Return the draws and their proposal with another cap on the closing speed [m/s]."""
+        own = None if self.own is None else self.own.with_cap_at(closing_speed_max)
+        return replace(self, parts=[part.with_cap_at(closing_speed_max) for part in self.parts], own=own)
 
     def mapped(self, change: Callable[[Law], Law]) -> Self:
         """Return single laws, and their own proposal, each replaced by a function of it."""
@@ -410,8 +427,7 @@ def as_draws(law: Law | Draws) -> Draws:
     Examples
     --------
     >>> import accelerated_evaluation as ae
-    >>> turns = ae.read_records("left_turn")
-    >>> law = ae.LAWS["independent_variables"].fit(turns.x, turns.data.box, ae.child_generator(1))
+    >>> law = ae.choose_draws("independent_variables", ae.read_records("left_turn")).law
     >>> ae.as_draws(law).size
     1
     """

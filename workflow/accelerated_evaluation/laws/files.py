@@ -11,7 +11,7 @@ import numpy as np
 import pandas as pd
 
 from accelerated_evaluation.base.checking import checked
-from accelerated_evaluation.base.errors import InputError, located
+from accelerated_evaluation.base.errors import InputError, located, readable
 from accelerated_evaluation.base.files import read_json, require_format, value_digest, write_json
 from accelerated_evaluation.base.tables import require_file
 from accelerated_evaluation.laws import LAWS, Box, Law
@@ -64,12 +64,6 @@ def law_content(law: Law, records: pd.DataFrame | None) -> dict[str, Any]:
     return header | law.content()
 
 
-def law_digest(content: Mapping[str, Any]) -> str:
-    """Return a digest of the content of a law file without its verdict on the records."""
-    law = {key: value for key, value in content.items() if key not in ("verdict", CHECKSUM)}
-    return value_digest(json.loads(json.dumps(law)))
-
-
 def signed(content: Mapping[str, Any]) -> dict[str, Any]:
     """Return the content of a law file with its checksum, which an edited or damaged file does not have."""
     plain = json.loads(json.dumps({key: value for key, value in content.items() if key != CHECKSUM}))
@@ -120,7 +114,7 @@ def read_law(path: str | os.PathLike, records: pd.DataFrame | None = None) -> La
     True
     """
     require_file(path, CHANGE)
-    try:
+    with readable(str(path), "a complete law file", CHANGE):
         content = _read(path)
         if content["kind"] not in LAWS:
             seen = f"a law of kind {content['kind']!r}"
@@ -133,22 +127,13 @@ def read_law(path: str | os.PathLike, records: pd.DataFrame | None = None) -> La
             law = kind.from_content(content, box, records)
         _require_possible(law, box)
         json.dumps(law.content(), allow_nan=False)  # raises ValueError if a number is NaN or infinite
-        return law
-    except (ArithmeticError, AttributeError, LookupError, TypeError, ValueError) as error:
-        raise _incomplete(path, error) from error
-
-
-def _incomplete(path: str | os.PathLike, error: Exception) -> InputError:
-    seen = f"{type(error).__name__}: {error}"
-    return InputError(str(path), seen=seen, expected="a complete law file", change=CHANGE)
+    return law
 
 
 def names_records(path: str | os.PathLike) -> bool:
     """Return whether a law file names the encounter table to which its law was fitted."""
-    try:
+    with readable(str(path), "a complete law file", CHANGE):
         return "records" in _read(path)
-    except (AttributeError, TypeError, ValueError) as error:
-        raise _incomplete(path, error) from error
 
 
 def read_verdict(path: str | os.PathLike, accepted: Iterable[str] = ()) -> Verdict:
@@ -158,14 +143,8 @@ def read_verdict(path: str | os.PathLike, accepted: Iterable[str] = ()) -> Verdi
     cannot be read.
     """
     require_file(path, CHANGE)
-    try:
-        content = _read(path)
-        verdict = Verdict.from_content(content.get("verdict", NOT_CHECKED), accepted)
-    except (AttributeError, LookupError, TypeError, ValueError) as error:
-        seen = f"{type(error).__name__}: {error}"
-        raise InputError(
-            f"{path}, verdict", seen=seen, expected="a verdict on records", change=CHANGE
-        ) from error
+    with readable(f"{path}, verdict", "a verdict on records", CHANGE):
+        verdict = Verdict.from_content(_read(path).get("verdict", NOT_CHECKED), accepted)
     verdict.require_accepted(str(path))
     return verdict
 

@@ -14,7 +14,7 @@ from accelerated_evaluation.base.files import value_digest
 from accelerated_evaluation.laws import LAWS, nested_content, nested_law
 from accelerated_evaluation.laws.distributions import Empirical
 from accelerated_evaluation.laws.draws import DrawnLaws
-from accelerated_evaluation.laws.protocol import Box, Law, density_over
+from accelerated_evaluation.laws.protocol import Box, Law, density_over, log_slice_of
 from accelerated_evaluation.laws.strata import VARIABLES
 
 
@@ -60,9 +60,18 @@ class WithLeadSpeeds(Law):
             density[capped] = np.log(density_over(self.law, 1, x[capped, 1:], *ends))
         return density
 
-    def with_cap_of(self, law: Law) -> Self:
-        """Return the law with the cap on the closing speed of another law with strata."""
-        return replace(self, closing_speed_max=law.closing_speed_max) if law.strata else self
+    def log_slice(self, k: int, x: Array, low: Array, high: Array) -> Array:
+        """Return the log of the integral of the density over variable k; see `SlicedLaw`.
+
+        As in `log_density`, it is the density given the lead speed, and the cap has a probability.
+        """
+        cap, top = self.box.upper[k], self.law.box.upper[k - 1]
+        ends = np.where(low < cap, low, top), np.where(high >= cap, top, high)
+        return log_slice_of(self.law, k - 1, x[:, 1:], *ends)
+
+    def with_cap_at(self, closing_speed_max: float) -> Self:
+        """Return the law with another cap on the closing speed [m/s]; `math.inf` is no cap."""
+        return replace(self, closing_speed_max=closing_speed_max)
 
     @property
     def digest(self) -> str:

@@ -11,7 +11,7 @@ from scipy.special import logsumexp, ndtr, ndtri
 from accelerated_evaluation.base.arrays import Array, numbers_in
 from accelerated_evaluation.base.files import value_digest
 from accelerated_evaluation.laws import LAWS, nested_content, nested_law
-from accelerated_evaluation.laws.protocol import Box, Law
+from accelerated_evaluation.laws.protocol import Box, Law, log_slice_of
 
 
 @LAWS.add("mixed")
@@ -59,9 +59,14 @@ class MixedLaws(Law):
         parts = [law.log_density(x) for law in self.laws]
         return logsumexp(np.log(self.weights)[:, None] + parts, axis=0)
 
-    def with_cap_of(self, law: Law) -> Self:
-        """Return the mixture of the laws with the cap on the closing speed of another law."""
-        return replace(self, laws=[each.with_cap_of(law) for each in self.laws])
+    def log_slice(self, k: int, x: Array, low: Array, high: Array) -> Array:
+        """Return the log of the integral of the density over variable k; see `SlicedLaw`."""
+        parts = [log_slice_of(law, k, x, low, high) for law in self.laws]
+        return logsumexp(np.log(self.weights)[:, None] + parts, axis=0)
+
+    def with_cap_at(self, closing_speed_max: float) -> Self:
+        """Return the mixture of the laws with another cap on the closing speed [m/s]."""
+        return replace(self, laws=[each.with_cap_at(closing_speed_max) for each in self.laws])
 
     def content(self) -> dict[str, Any]:
         """Return the weights and the content of the laws."""

@@ -253,15 +253,8 @@ class Law(ABC):
         """Draw n independent points from the law, shape (n, d)."""
         return self.from_normal_scores(generator.standard_normal((n, self.dimension)))
 
-    def folded(self, variable: int) -> "Law":
-        """Return the law in which one variable is replaced by its absolute value.
-
-        A kind of law that cannot be folded returns itself.
-        """
-        return self
-
-    def with_cap_of(self, law: "Law") -> "Law":
-        """Return the law with the cap on the closing speed of another law; most laws have no cap."""
+    def with_cap_at(self, closing_speed_max: float) -> "Law":
+        """Return the law with another cap on the closing speed [m/s]; most laws have no cap."""
         return self
 
     @property
@@ -304,3 +297,12 @@ def density_over(law: Law, k: int, x: Array, low: Array, high: Array) -> Array:
     points = np.repeat(x, NODES.size, axis=0)
     points[:, k] = values.ravel()
     return half[:, 0] * (np.exp(law.log_density(points)).reshape(values.shape) @ NODE_WEIGHTS)
+
+
+def log_slice_of(law: Law, k: int, x: Array, low: Array, high: Array) -> Array:
+    """Return the result of `SlicedLaw.log_slice` for any law, by quadrature if it has no such method."""
+    if isinstance(law, SlicedLaw):
+        return law.log_slice(k, x, low, high)
+    high = np.minimum(high, law.box.upper[k])
+    with np.errstate(divide="ignore"):
+        return np.where(low < high, np.log(density_over(law, k, x, low, high)), -np.inf)

@@ -22,6 +22,7 @@ from scipy.special import ndtr
 
 from accelerated_evaluation.base.arrays import Array
 from accelerated_evaluation.base.checking import checked
+from accelerated_evaluation.base.errors import InputError
 from accelerated_evaluation.base.files import value_digest
 from accelerated_evaluation.base.randomness import DRAWING
 from accelerated_evaluation.laws.distributions import Empirical, Tiltable
@@ -115,8 +116,8 @@ class Stratum(ABC):
         The end may be infinite. The exact crash probability of a crash map needs the distribution of the
         closing speed only in the form of these probabilities.
         """
-        ends = (self.second(lead_speed, inverse_range, speed) for speed in (start, end))
-        return self.factors.second.interval_probability(*ends)
+        ends = self.second_at(lead_speed, inverse_range, np.column_stack([start, end]))
+        return self.factors.second.interval_probability(*ends.T)
 
     def cell_probability(self, lead_speed: Array, inverse_range: Array) -> Array:
         """Return the probability of cells of v_L [m/s] and R^-1 [1/m], given by bounds (cells, 2).
@@ -144,14 +145,29 @@ class Stratum(ABC):
         """
         lead_speed, range_, closing_speed = x.T
         inverse_range = 1 / range_
-        first = self.first(lead_speed, inverse_range)
         second = self.second(lead_speed, inverse_range, closing_speed)
-        # |d(first) / dR| = |d(first) / d(R^-1)| R^-2
-        of_range = self.log_first_slope(lead_speed, inverse_range) + 2 * np.log(inverse_range)
         of_speed = self.factors.second.logpdf(second)
         of_speed += self.log_second_slope(lead_speed, inverse_range, closing_speed)
         of_speed = np.where(closing_speed >= cap, self.factors.second.logsf(second), of_speed)
-        return self.factors.first.logpdf(first) + of_range + of_speed
+        return self._log_density_of_range(lead_speed, inverse_range) + of_speed
+
+    def log_slice(self, x: Array, low: Array, high: Array) -> Array:
+        """Return the log of the density of the range given v_L, times P(low <= closing speed < high).
+
+        Lead speeds [m/s] and ranges [m] are those of cut-ins x, shape (n, 3). The ends [m/s] have the shape
+        (n,), and the upper ones may be infinite.
+        """
+        lead_speed, inverse_range = x[:, 0], 1 / x[:, 1]
+        with np.errstate(divide="ignore"):
+            of_speed = np.log(self.closing_speed_probability(lead_speed, inverse_range, low, high))
+        return self._log_density_of_range(lead_speed, inverse_range) + of_speed
+
+    def _log_density_of_range(self, lead_speed: Array, inverse_range: Array) -> Array:
+        """Return the log density of the range given v_L [m/s], at n values of R^-1 [1/m]."""
+        first = self.first(lead_speed, inverse_range)
+        # |d(first) / dR| = |d(first) / d(R^-1)| R^-2
+        slope = self.log_first_slope(lead_speed, inverse_range) + 2 * np.log(inverse_range)
+        return self.factors.first.logpdf(first) + slope
 
 
 class StratifiedLaw(Law):
@@ -269,6 +285,35 @@ class StratifiedLaw(Law):
             here = inside & (stratum == k)
             logs[here] = each.log_density(x[here], self.closing_speed_max)
         return logs
+
+    def log_slice(self, k: int, x: Array, low: Array, high: Array) -> Array:
+        """Return the log of the integral of the density over the closing speed; see `SlicedLaw`.
+
+        As in `log_density`, it is the density given the lead speed. The probability of the cap belongs to the
+        intervals that contain the cap. InputError is raised for another variable than the closing speed.
+        """
+        low, high = self._speed_interval(k, low, high)
+        logs, stratum = np.full(len(x), -math.inf), self._stratum_of(x[:, 0])
+        met = (x[:, 1] > 0) & (x[:, 1] <= self.box.upper[1]) & (low < high)
+        for index, each in enumerate(self.strata.values()):
+            here = met & (stratum == index)
+            logs[here] = each.log_slice(x[here], low[here], high[here])
+        return logs
+
+    def _speed_interval(self, k: int, low: Array, high: Array) -> tuple[Array, Array]:
+        """Return intervals of the closing speed, with an infinite end where they contain the cap.
+
+        An interval above the cap is empty.
+        """
+        if k != VARIABLES.index("closing_speed"):
+            raise InputError(
+                "log_slice of a law of cut-ins, argument k",
+                seen=f"{k}, the variable {VARIABLES[k]}",
+                expected="2, the closing speed, whose conditional distribution is known in closed form",
+                change="Integrate over the closing speed.",
+            )
+        cap = self.closing_speed_max
+        return np.where(low < cap, low, math.inf), np.where(high >= cap, math.inf, high)
 
     def _stratum_of(self, lead_speed: Array) -> NDArray[np.intp]:
         """Return the index of the stratum of each lead speed [m/s]; strata begin at their least record."""

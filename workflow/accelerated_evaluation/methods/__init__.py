@@ -72,7 +72,7 @@ class Method(ABC):
     sections: ClassVar[tuple[str, ...]] = ()
     # Names of those that `replicates` and `stopping` read.
     plan: ClassVar[tuple[str, ...]] = ("importance_sampling",)
-    tables: ClassVar[tuple[str, ...]] = ()  # names of the tables in its estimates
+    tables: ClassVar[tuple[str, ...]] = ()  # names of the tables that a study keeps
     # Whether the study runs the learning in separate jobs, whose results the replicates share.
     learns_apart: ClassVar[bool] = False
 

@@ -65,8 +65,7 @@ INTERVALS = {
 }
 BLOCK = 50_000  # simulations drawn at once: small blocks take longer
 LARGEST = 1_000_000  # largest fixed size of a replicate, so that its weights fit into memory
-VANISHING = 1e-290  # for a smaller probability the number of simulations is too large for a float
-RARE = 1e-15  # below it the number of simulations exceeds the largest integer, and Poisson replaces binomial
+RARE = 1e-15  # for a smaller probability the number of simulations exceeds the largest integer
 
 
 def predicted_size(
@@ -155,27 +154,22 @@ def stop_crude(
     With k crashes, the relative half-width of the normal interval is z / sqrt(k) for a rare event. The
     paper's rule therefore stops at a fixed number of crashes, and the number of simulations until then is
     negative binomial. The result has, for each rule, the sums at its end, and whether its criterion was met.
-    There is no largest number of simulations, except that below the probability `VANISHING` every rule ends
+    There is no largest number of simulations, except that below the probability `RARE` every rule ends
     without an event at that of ``stopping``.
     """
-    if probability < VANISHING:
+    if probability < RARE:
         nothing = Sums.unweighted(stopping.maximum_simulations, 0), False
         return dict.fromkeys(INTERVALS, nothing)
     probability = min(probability, 1.0)  # a sum of shares may exceed 1 by rounding
 
     def draw(size: int) -> Sums:
-        if probability < RARE:
-            return Sums.unweighted(size, int(generator.poisson(size * probability)))
         return Sums.unweighted(size, int(generator.binomial(size, probability)))
 
     alpha, beta = stopping.alpha, stopping.beta
     at_fixed = draw(max(math.ceil(crude_simulations(probability, alpha, beta)), 1)), True
     events = max(math.ceil((normal_reach(alpha) / beta) ** 2), stopping.minimum_events)
-    if probability < RARE:
-        simulations = math.ceil(generator.gamma(events) / probability)
-    else:
-        simulations = events + int(generator.negative_binomial(events, probability))
-    endless = Stopping(alpha, beta, stopping.minimum_events, max(sys.maxsize, math.ceil(1e6 / probability)))
+    simulations = events + int(generator.negative_binomial(events, probability))
+    endless = Stopping(alpha, beta, stopping.minimum_events, sys.maxsize)
     return {
         "fixed": at_fixed,
         "fixed_gamma": at_fixed,
@@ -201,7 +195,7 @@ def replicate_rows(
             "stopping": stopping,
             "converged": converged,
             # A number that is too large for an integer column of a table is stored as a float.
-            "simulations": sums.simulations if sums.simulations <= sys.maxsize else float(sums.simulations),
+            "simulations": sums.simulations,
             "events": sums.events,
             "probability": sums.probability,
             "cov_reported": sums.coefficient_of_variation,

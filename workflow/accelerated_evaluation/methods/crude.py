@@ -1,24 +1,18 @@
 """Crude Monte Carlo over all strata: every cut-in is drawn from f itself and simulated (table III).
 
-The study runs it in batches, each with its own random generator, and saves the counts of every batch. The
-same batches therefore give the same results, even if the run is interrupted, shortened or extended.
+The study runs it in batches, each with its own random generator. The same batches therefore give the same
+results, even if the run is shortened or extended.
 """
 
-import os
-import warnings
-from collections.abc import Iterable, Mapping
-from dataclasses import dataclass
-from pathlib import Path
 from typing import Any, ClassVar
 
 import numpy as np
 import pandas as pd
 from fewruns.problems import ScoreProblem
-from tqdm import tqdm
+from tqdm import trange
 
-from accelerated_evaluation.base.files import file_digest, read_json, value_digest, write_json
 from accelerated_evaluation.base.randomness import child_generator
-from accelerated_evaluation.base.sections import Schema, Sections, integer, section, with_constants
+from accelerated_evaluation.base.sections import Schema, Sections, integer, section
 from accelerated_evaluation.methods import METHODS, Estimate, Method, Stopping
 from accelerated_evaluation.methods.intervals import (
     Sums,
@@ -30,67 +24,15 @@ from accelerated_evaluation.methods.problem import Problem
 
 ALL = "all"
 Counts = dict[str, list[int]]  # simulations and crashes of one batch, by segment
-SAVE_EVERY = 4  # number of batches after which the counts are saved
-SETTINGS = with_constants(
-    section(
-        simulations=integer(
-            60_000_000,
-            100,
-            100_000_000_000,
-            "Simulations of crude Monte Carlo (section VI.C extrapolates to 5.5e7).",
-        ),
-        batch_size=integer(500_000, 100, 10_000_000, "Simulations of a batch."),
+SETTINGS = section(
+    simulations=integer(
+        60_000_000,
+        100,
+        100_000_000_000,
+        "Simulations of crude Monte Carlo (section VI.C extrapolates to 5.5e7).",
     ),
-    {"save_every": SAVE_EVERY},
+    batch_size=integer(500_000, 100, 10_000_000, "Simulations of a batch."),
 )
-
-
-@dataclass(frozen=True)
-class Checkpoint:
-    """The file that contains the counts of all finished batches of one piece of work."""
-
-    path: str | os.PathLike
-    # Digest of the files and settings of the work, from `fingerprint`; counts with another digest are
-    # ignored.
-    work: str
-
-    def read(self) -> list[Counts]:
-        """Return the counts of the finished batches.
-
-        If there is no file, the list is empty. If the file is damaged or belongs to other work, the list is
-        empty as well, and a warning is given.
-        """
-        if not Path(self.path).is_file():
-            return []
-        try:
-            content = read_json(self.path)
-            work, checksum, batches = (content[name] for name in ("work", "checksum", "batches"))
-        except (ValueError, TypeError, KeyError):  # not JSON, or not written by `write`
-            work, checksum, batches = self.work, "", None
-        if checksum != value_digest([work, batches]):
-            warnings.warn(f"{self.path} is damaged; all batches are simulated again", stacklevel=2)
-            return []
-        if work != self.work:
-            warnings.warn(
-                f"{self.path} belongs to other inputs or settings; all batches are simulated again",
-                stacklevel=2,
-            )
-            return []
-        return batches
-
-    def write(self, batches: list[Counts]) -> None:
-        """Write the counts of the finished batches with a checksum, atomically."""
-        checksum = value_digest([self.work, batches])
-        write_json(self.path, {"work": self.work, "checksum": checksum, "batches": batches})
-
-
-def fingerprint(paths: Iterable[str | os.PathLike], settings: Mapping[str, Any]) -> str:
-    """Return a digest of the files and settings on which a piece of work depends.
-
-    It changes if the contents of any file, or any setting, change.
-    """
-    files = {str(path): file_digest(Path(path)) for path in paths}
-    return value_digest([files, settings])
 
 
 def _simulate_batch(problem: Problem, generator: np.random.Generator, size: int) -> Counts:
@@ -106,34 +48,10 @@ def _simulate_batch(problem: Problem, generator: np.random.Generator, size: int)
     return {name: [int(simulations[k]), int(events[k])] for k, name in enumerate(names)}
 
 
-def simulate_batches(
-    problem: Problem,
-    checkpoint: Checkpoint,
-    *,
-    seed: int,
-    batches: int,
-    batch_size: int,
-    save_every: int = SAVE_EVERY,
-) -> list[Counts]:
-    """Simulate the batches that are not in the checkpoint, and return the counts of all batches by stratum.
-
-    The checkpoint is written after every ``save_every`` batches and at the end. The random generator of every
-    batch is derived from the root seed.
-    """
-    done = checkpoint.read()
-    with tqdm(
-        desc="crude Monte Carlo",
-        total=batches * batch_size,
-        initial=min(len(done), batches) * batch_size,
-        unit=" simulations",
-        unit_scale=True,
-    ) as progress:
-        for batch in range(len(done), batches):
-            done.append(_simulate_batch(problem, child_generator(seed, "crude", batch), batch_size))
-            if len(done) % save_every == 0 or len(done) == batches:
-                checkpoint.write(done)
-            progress.update(batch_size)
-    return done[:batches]
+def simulate_batches(problem: Problem, *, seed: int, batches: int, batch_size: int) -> list[Counts]:
+    """Simulate batches, each with a generator derived from the root seed; return their counts by stratum."""
+    steps = trange(batches, desc="crude Monte Carlo", unit_scale=batch_size, unit=" simulations")
+    return [_simulate_batch(problem, child_generator(seed, "crude", batch), batch_size) for batch in steps]
 
 
 @METHODS.add("crude")

@@ -10,14 +10,9 @@ import pandas as pd
 from numpy.typing import NDArray
 
 from accelerated_evaluation.base.arrays import Array
-from accelerated_evaluation.laws import Factors, StratifiedLaw
+from accelerated_evaluation.laws import Factors
 from accelerated_evaluation.methods import Estimate, Stopping, normal_reach
 from accelerated_evaluation.methods.problem import Problem
-
-# Numbers of draws, without simulation, by which `limit_without_event` computes an upper limit.
-UNSEEN_DRAWS = 100  # expected draws from f* in the worst set, whose probability is the limit
-MAXIMUM_DRAWS = 2_000_000  # largest number of draws from f*
-LAW_DRAWS = 200_000  # draws from f
 
 
 @dataclass(frozen=True)
@@ -81,62 +76,14 @@ def draw_weights(
     return weights
 
 
-def draw_log_ratios(
-    law: StratifiedLaw,
-    proposals: Mapping[str, Factors],
-    generator: np.random.Generator,
-    size: int,
-    *,
-    of_law: bool = False,
-) -> Array:
-    """Draw cut-ins over all strata, and return log f / f*, sorted by stratum; nothing is simulated.
-
-    They are drawn from f*, or from f if ``of_law`` is true.
-    """
-    shares = np.array(list(law.shares.values()))
-    counts = generator.multinomial(size, shares / shares.sum())
-    parts = []
-    for (name, stratum), count in zip(law.strata.items(), counts.tolist(), strict=True):
-        coordinates = (stratum.factors if of_law else proposals[name]).rvs(generator, count)
-        parts.append(stratum.factors.logpdf(*coordinates) - proposals[name].logpdf(*coordinates))
-    return np.concatenate(parts)
-
-
-def limit_without_event(
-    law: StratifiedLaw,
-    proposals: Mapping[str, Factors],
-    simulations: int,
-    alpha: float,
-    generator: np.random.Generator,
-) -> float:
-    """Return an upper limit of the probability of an event that did not happen in n simulations from f*.
-
-    With confidence 1 - alpha / 2, the probability of the event under f* is at most b = 1 - (alpha / 2)^(1/n),
-    the binomial limit of Clopper and Pearson. Among all sets with probability b under f*, the set with the
-    largest values of f / f* has the largest probability under f (lemma of Neyman and Pearson). This largest
-    probability is the limit. It is computed from draws that are not simulated, in two ways: from draws of f*,
-    which determine the set, and from draws of f, which also reach the places where f* has almost no
-    probability. The larger of the two values is returned.
-    """
-    if simulations == 0:
-        return 1.0
-    share = -math.expm1(math.log(alpha / 2) / simulations)
-    size = min(max(math.ceil(UNSEEN_DRAWS / share), UNSEEN_DRAWS), MAXIMUM_DRAWS)
-    ratios = np.sort(draw_log_ratios(law, proposals, generator, size))[-math.ceil(share * size) :]
-    by_law = draw_log_ratios(law, proposals, generator, LAW_DRAWS, of_law=True) > ratios[0]
-    with np.errstate(over="ignore"):
-        by_proposals = float(np.exp(ratios).sum()) / size
-    return min(max(by_proposals, float(by_law.mean())), 1.0)
-
-
 def estimate_from_weights(weights: Array, alpha: float, *, converged: bool, learning: int = 0) -> Estimate:
     """Return the mean weight I f / f* as the estimated probability of the event, with a normal interval.
 
     The interval has the level 100 (1 - alpha) %, and ``learning`` is the number of simulations of the search
-    for f*. With fewer than two events no variance can be estimated, and the interval is [0, 1]; see
-    `limit_without_event` for a better limit. Without simulations the estimate is NaN. The diagnostics are
-    ``relative_half_width``; ``effective_sample_size``, (sum w)^2 / sum w^2 over the events; and
-    ``largest_weight_share``, which is near one if a single event dominates.
+    for f*. With fewer than two events no variance can be estimated, and the interval is [0, 1]. Without
+    simulations the estimate is NaN. The diagnostics are ``relative_half_width``; ``effective_sample_size``,
+    (sum w)^2 / sum w^2 over the events; and ``largest_weight_share``, which is near one if a single event
+    dominates.
     """
     n, events = weights.size, int(np.count_nonzero(weights))
     mean = float(weights.mean()) if n else math.nan

@@ -149,10 +149,14 @@ class Problem:
         return replace(self, law=self.stratified.only(stratum))
 
     @checked()
-    def simulate(self, x: Array) -> Any:  # noqa: ANN401
-        """Simulate the vehicle in n encounters x, shape (n, d), and return the outcomes of the scenario."""
+    def simulate(self, x: Array, *, again: bool = False) -> Any:  # noqa: ANN401
+        """Simulate the vehicle in n encounters x, shape (n, d), and return the outcomes of the scenario.
+
+        Stored outcomes are not used if the encounters are simulated ``again``.
+        """
         require_points(x, self.scenario.names, "Problem.simulate, argument x")
-        return self.vehicle.simulate(*self.scenario.to_inputs(x).T)
+        repeat = getattr(self.vehicle, "repeat", self.vehicle.simulate)
+        return (repeat if again else self.vehicle.simulate)(*self.scenario.to_inputs(x).T)
 
     @checked()
     def evaluate(self, z: Array) -> Response:
@@ -162,8 +166,12 @@ class Problem:
 
     def repeat(self, z: Array) -> Response:
         """Simulate again, without stored outcomes, at normal scores z, shape (n, d)."""
-        again = getattr(self.vehicle, "repeat", self.vehicle.simulate)
-        return self.response(again(*self.scenario.to_inputs(self.known_law.from_normal_scores(z)).T))
+        return self.response(self.simulate(self.known_law.from_normal_scores(z), again=True))
+
+    def begin(self, z: Array, again: bool) -> None:
+        """Begin to simulate at normal scores z, (n, d), if the vehicle can; `simulate` or `repeat` waits."""
+        if (begin := getattr(self.vehicle, "begin", None)) is not None:
+            begin(*self.scenario.to_inputs(self.known_law.from_normal_scores(z)).T, again=again)
 
     def coordinates(self, z: Array) -> dict[str, Array]:
         """Return the variables, each of shape (n,), at normal scores z, shape (n, d), by name."""
@@ -187,16 +195,9 @@ def require_law(scenario: Scenario, law: Law) -> None:
 
 
 def read_law_of(scenario: Scenario, path: str, records: pd.DataFrame | None = None) -> Law:
-    """Read a law of a scenario from its file, with the encounter table that a law of cut-ins needs.
-
-    A law that gives a probability to both signs of a variable whose sign does not matter is folded to its
-    absolute value.
-    """
+    """Read a law of a scenario from its file, with the encounter table that a law of cut-ins needs."""
     law = read_law(path, records)
     require_law(scenario, law)
-    for k, variable in enumerate(scenario.variables):
-        if not variable.sign_matters and law.box.lower[k] < 0:
-            law = law.folded(k)
     return law
 
 

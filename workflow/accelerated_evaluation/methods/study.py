@@ -41,7 +41,6 @@ def study_method(
         rows.append(numbered | estimate.row())
         for name, parts in tables.items():
             part = estimate.tables[name]
-            part = with_encounters(pd.DataFrame(part), problem) if name == "runs" else part
             parts.append(part.assign(**numbered)[[*numbered, *part.columns]])
     joined = {name: pd.concat(parts, ignore_index=True) for name, parts in tables.items()}
     return {"estimates": pd.DataFrame(rows)} | joined

@@ -18,14 +18,11 @@ from fewruns.sampler import Sampler
 
 from accelerated_evaluation.base.errors import InputError
 from accelerated_evaluation.base.sections import Schema, Sections, choice, integer, section
-from accelerated_evaluation.base.tables import column_of_numbers, read_csv, require_file
 from accelerated_evaluation.methods import METHODS, Method, configured_stopping
 from accelerated_evaluation.methods.problem import Problem
 from accelerated_evaluation.scenarios.events import Event
 from accelerated_evaluation.scenarios.protocol import Scenario
 
-ROUNDING = 1e-6  # relative tolerance; laws that were fitted on two kinds of processor differ by less
-FLAGS = {"True": True, "False": False}
 CONFIDENCE = f"{1 - UNSEEN_ALPHA:.0%} confidence"
 
 SETTINGS = section(
@@ -101,7 +98,6 @@ class Surrogate(Method):
     settings: ClassVar[dict[str, Schema]] = {"surrogate": SETTINGS}
     sections: ClassVar[tuple[str, ...]] = ("surrogate",)
     plan: ClassVar[tuple[str, ...]] = ("importance_sampling", "surrogate")
-    tables: ClassVar[tuple[str, ...]] = ("runs",)
 
     batch_size: int = 5
     # File in which the state is saved after every batch. If the file exists, its runs are reused and the work
@@ -145,40 +141,6 @@ class Surrogate(Method):
         return estimate_problem(problem, generator, stopping, self.state_file, self.on_batch, **own)
 
 
-def read_predecessor(path: str | os.PathLike, problem: Problem) -> Predecessor:
-    """Return the runs of a similar vehicle from the table ``runs.csv`` of the command ``estimate``.
-
-    The law of the problem must map the normal scores of the table to the same encounters. InputError is
-    raised if it does not, if the file is no table of simulations, or if the table contains no event.
-    """
-    change = "Name the runs.csv that `estimate` wrote for a similar vehicle, with the same law and records."
-    require_file(path, change)
-    names = [*problem.coordinates(np.zeros((1, problem.dimension)))]
-    scores = [f"z_{name}" for name in names]
-    table = read_csv(path, {name: name for name in (*scores, *names, "event")})
-
-    def place(row: int) -> str:
-        return f"{path}, row {row + 2}"
-
-    z, recorded = (
-        np.column_stack([column_of_numbers(table[name], place, change) for name in columns])
-        for columns in (scores, names)
-    )
-    try:
-        happened = np.array([FLAGS[flag] for flag in table["event"]], bool)
-    except KeyError as error:
-        expected = "True or False for the event"
-        raise InputError(str(path), seen=f"a cell {error}", expected=expected, change=change) from error
-    if not happened.any():
-        seen = f"no event in {len(z)} simulations"
-        raise InputError(str(path), seen=seen, expected="at least one event", change=change)
-    own = problem.coordinates(z)
-    if not np.allclose(np.column_stack([own[name] for name in names]), recorded, rtol=ROUNDING, atol=0):
-        expected = "encounters of the law of this estimate, fitted to the same records"
-        raise InputError(str(path), seen="encounters of another law", expected=expected, change=change)
-    return Predecessor(z, happened)
-
-
 def unseen_in_words(probability: float, diagnostics: Mapping[str, float]) -> str:
     """Return a sentence with two bounds on unobserved parts of an event, also relative to the estimate."""
     bounds = diagnostics["unseen_mode"], diagnostics["unseen_any"]
@@ -194,17 +156,9 @@ def unseen_in_words(probability: float, diagnostics: Mapping[str, float]) -> str
 
 
 def weights_in_words(diagnostics: Mapping[str, float]) -> str:
-    """Return a sentence about the effective number of events and the tail of their weights."""
-    effective, k, limit = (diagnostics[name] for name in ("effective_events", "pareto_k", "pareto_k_limit"))
-    words = f"weights of the events: as informative as {effective:.1f} events of equal weight"
-    if math.isnan(k):
-        return f"{words}; these are too few for Pareto k-hat"
-    if k <= limit:
-        return f"{words}; Pareto k-hat {k:.2f}, at most {limit:.2f}, so no single weight dominates"
-    return (
-        f"{words}; Pareto k-hat {k:.2f}, above its threshold {limit:.2f} for this number of events, so a few "
-        "large weights may dominate, and the interval may be too narrow"
-    )
+    """Return a sentence about the effective number of events."""
+    effective = diagnostics["effective_events"]
+    return f"weights of the events: as informative as {effective:.1f} events of equal weight"
 
 
 # Why no run was repeated, by what is stated about the vehicle.

@@ -30,7 +30,7 @@ PERMALINK = "https://w3id.org/ro/wfrun/{}/0.5"
 PROFILES = {name: PERMALINK.format(name) for name in ("process", "workflow", "provenance")}
 WORKFLOW_CRATE = "https://w3id.org/workflowhub/workflow-ro-crate/1.0"
 TERMS = "https://w3id.org/ro/terms/workflow-run/context"
-PARTS = (
+PARTS: tuple[str, ...] = (
     "workflow",
     "notebooks",
     "config",
@@ -42,7 +42,7 @@ PARTS = (
     "pyproject.toml",
 )
 PARTS += ("environment.txt", "README.md", "LICENSE", "CITATION.cff", "article")
-BENCHMARKS = (
+BENCHMARKS: tuple[str, ...] = (
     "worlds",
     "motorway",
     "motorway_chain",

@@ -53,7 +53,7 @@ def interface() -> dict[str, Any]:
     return {
         "configuration": {
             "files": files | {"vehicle.name": {"expected": vehicle, "description": _vehicles()}},
-            "all_keys": "config/README.md",
+            "all_keys": "config/keys.md",
         },
         "scenarios": {name: each.description for name, each in SCENARIOS.items()},
         "results": {

@@ -13,7 +13,6 @@ from typing import Any
 import numpy as np
 import pandas as pd
 import yaml
-from jinja2 import UndefinedError
 from scipy.special import betaincinv
 from scipy.stats import poisson
 
@@ -24,7 +23,7 @@ from accelerated_evaluation.publishing.tables.claims import UNTESTED
 from accelerated_evaluation.publishing.tables.display import reproducible_value
 from accelerated_evaluation.publishing.tables.exact import share_of_one_run
 from accelerated_evaluation.publishing.tables.paper_claims import NUMBERS
-from accelerated_evaluation.publishing.texts import evaluate_expression
+from accelerated_evaluation.publishing.texts import UNKNOWN, evaluate_expression
 
 COLUMNS = ["name", "value", "unit", "kind", "subject"]
 # Tables that have rows in every study. The others may have none if the vehicle never crashes.
@@ -94,7 +93,7 @@ def _value(expression: str, names: Mapping[str, Any]) -> Any:  # noqa: ANN401
     try:
         return evaluate_expression(expression, names)
     except StudyError as error:
-        if isinstance(error.__cause__, LookupError | ArithmeticError | UndefinedError):
+        if isinstance(error.__cause__, UNKNOWN):
             return None
         raise
 

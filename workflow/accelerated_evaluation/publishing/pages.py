@@ -1,25 +1,27 @@
 """The pages of the project with placeholders: README, guides and pages of the benchmarks.
 
-``make pages``, or ``python -m accelerated_evaluation.publishing.pages`` in the folder of the project, fills
-them in again.
+A page ``NAME.md`` is made from its template ``NAME.md.in`` in the same folder. ``make pages``, or
+``python -m accelerated_evaluation.publishing.pages`` in the folder of the project, makes them again.
 """
 
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
 from accelerated_evaluation.base.files import write_text
 from accelerated_evaluation.publishing.named_numbers import FUNCTIONS, Tables, read_numbers
 from accelerated_evaluation.publishing.tables.evidence import rests_in_words
-from accelerated_evaluation.publishing.texts import FILLED, refill
+from accelerated_evaluation.publishing.texts import fill
 
 FOLDERS = ("docs", "fewruns", "benchmarks")
 DEFAULT = "spmd"  # the study whose named numbers the pages state
 
 
-def pages(root: Path) -> list[Path]:
-    """Return the pages in Markdown that contain placeholders."""
-    found = [*root.glob("*.md"), *(path for name in FOLDERS for path in (root / name).rglob("*.md"))]
-    return sorted(path for path in found if FILLED.search(path.read_text(encoding="utf-8")))
+def templates(root: Path) -> list[Path]:
+    """Return the templates of pages."""
+    return sorted(
+        [*root.glob("*.md.in"), *(path for name in FOLDERS for path in (root / name).rglob("*.md.in"))]
+    )
 
 
 def names_of_pages(root: Path) -> dict[str, Any]:
@@ -35,11 +37,17 @@ def names_of_pages(root: Path) -> dict[str, Any]:
     return studies | functions | {"n": numbers, "results": Tables(root / "benchmarks" / "results")}
 
 
+def filled(template: Path, names: Mapping[str, Any]) -> str:
+    """Return a page, which begins with a comment that names its template."""
+    text = fill(template.read_text(encoding="utf-8"), names)
+    return f"<!-- Made from {template.name} by `make pages`; edit that file. -->\n\n{text}\n"
+
+
 def fill_pages(root: Path) -> None:
-    """Fill in all pages again."""
+    """Make all pages of the project from their templates."""
     names = names_of_pages(root)
-    for path in pages(root):
-        write_text(path, refill(path.read_text(encoding="utf-8"), names))
+    for template in templates(root):
+        write_text(template.with_suffix(""), filled(template, names))
 
 
 if __name__ == "__main__":

@@ -70,13 +70,17 @@ def page_of_code(project: Path, path: Path, line: int) -> str | None:
     return f"https://{parts[1]}/{parts[2]}/blob/{commit}/{file}#L{line}"
 
 
-def figure_metadata(name: str, study: str) -> dict[str, dict[str, str]]:
-    """Return the metadata for the files of a figure, by file format; they name the figure and its study."""
+def figure_metadata(name: str, study: str, title: str = "") -> dict[str, dict[str, str]]:
+    """Return the metadata for the files of a figure, by file format; they name the figure and its study.
+
+    The title is the finding of the figure, or its name if there is none.
+    """
+    title = title or name
     text = f"Figure {name} of the study {study}, made by accelerated-evaluation."
     return {
-        "png": {"Title": name, "Description": text},
-        "pdf": {"Title": name, "Subject": text},
-        "svg": {"Title": name, "Description": text},
+        "png": {"Title": title, "Description": text},
+        "pdf": {"Title": title, "Subject": text},
+        "svg": {"Title": title, "Description": text},
     }
 
 

@@ -27,7 +27,7 @@ from accelerated_evaluation.study.configuration import load_modules
 from accelerated_evaluation.study.limits import value_of
 
 if TYPE_CHECKING:
-    from accelerated_evaluation.laws import Factors, Law
+    from accelerated_evaluation.laws import Factors
 
 TABLES = {
     # Number and share of the lane changes in each segment.
@@ -44,8 +44,6 @@ TABLES = {
     "course": "estimates_course.csv",
     # Estimates of crude Monte Carlo, over all segments and in each.
     "crude": "crude.csv",
-    # Every simulation of every replicate of the surrogate-guided sampler.
-    "runs": "estimates_runs.csv",
     # Exact crash probabilities, over all segments and in each, with their standard errors.
     "exact": "exact.csv",
     # Exact crash probabilities by resolution of the crash map.
@@ -127,6 +125,8 @@ TABLES = {
     "lead_motion_europe": "lead_motion_europe.csv",
     # One crash rate of all cut-ins, by its parts, with the uncertainty of lead motion and exposure.
     "all_cut_ins": "all_cut_ins.csv",
+    # Every number of the tables of the answer, and the same by a second way.
+    "second_ways": "second_ways.csv",
     # The most probable kinds of crashes and the most critical records, with their outcomes.
     "happened": "happened/encounters.csv",
     # States of both cars over time in the encounters of `happened`.
@@ -141,9 +141,8 @@ TABLES = {
     "crash_shares": "laws/crash_shares.csv",
     # Mean and quantiles of the impact speed of crashes in another scenario than the cut-in, with intervals.
     "impact_speeds": "laws/impact_speeds.csv",
-    # Estimates of all replicates of all methods for the law with the largest weight; runs of the surrogate.
+    # Estimates of all replicates of all methods for the law with the largest weight.
     "scenario_estimates": "scenario/estimates.csv",
-    "scenario_runs": "scenario/runs.csv",
     # Number of published verdicts that the vehicle reproduces.
     "scenario_agreement": "scenario/agreement.csv",
     # For a slow vehicle: estimate under the mean law, simulations, those that crashed, comparisons.
@@ -189,6 +188,16 @@ def _damaged(path: Path, reason: object) -> InputError:
         expected="a result as the study has written it",
         change="Remove the file, and run the study again, which makes it once more.",
     )
+
+
+def _setting(key: str, meaning: str) -> Any:  # noqa: ANN401
+    """Return a property of a study that is a value of its configuration."""
+    return property(lambda study: value_of(study.config, key), doc=meaning)
+
+
+def _law(path: str) -> Any:  # noqa: ANN401
+    """Return a property of a study that is a law in a file of its results."""
+    return cached_property(lambda study: read_law(study.path(path), study.encounters))
 
 
 class Study:
@@ -277,20 +286,21 @@ class Study:
             table["study"] = self.results.name
         return table
 
-    def _law(self, name: str) -> Any:  # noqa: ANN401
-        return read_law(self.path(name), self.encounters)
-
     # What the study is.
+
+    name = _setting("study", "Name of the study.")
+    seed = _setting("seed", "The root seed.")
+    is_slow = _setting("simulations.slow", "Whether the vehicle is simulated only a few hundred times.")
+    sampling = _setting("importance_sampling", "Level, half-width, numbers of events and of replicates.")
+    alpha = _setting("importance_sampling.alpha", "One minus the level of the intervals of the methods.")
+    beta = _setting("importance_sampling.beta", "Relative half-width at which an estimate has converged.")
+    cap = _setting("models.closing_speed_max", "Largest closing speed of the paper's laws [m/s].")
+    variant = _setting("models.inverse_range.variant", "The piecewise law from which cut-ins are drawn.")
 
     @cached_property
     def config(self) -> dict[str, Any]:
         """The resolved configuration; InputError is raised if the file is damaged."""
         return _configuration(self.path("config.json"))
-
-    @property
-    def name(self) -> str:
-        """Name of the study."""
-        return self.config["study"]
 
     @property
     def source(self) -> str:
@@ -301,11 +311,6 @@ class Study:
     def scenario(self) -> Scenario:
         """The scenario. Results of version 0.2 do not name it; their scenario is the cut-in."""
         return SCENARIOS[self.config.get("scenario", {}).get("name", DEFAULT)]
-
-    @property
-    def is_slow(self) -> bool:
-        """Whether the vehicle under test is simulated only a few hundred times."""
-        return self.config["simulations"]["slow"]
 
     @property
     def headline(self) -> str:
@@ -326,11 +331,6 @@ class Study:
         return fill(text, {"snakemake": SimpleNamespace(config=self.config)}).strip().split("\n\n")
 
     @property
-    def seed(self) -> int:
-        """The root seed."""
-        return self.config["seed"]
-
-    @property
     def scope(self) -> tuple[str, dict[str, float]]:
         """Name of the vehicle under test, and limits of the cut-ins: lead speed [m/s] and range [m]."""
         return self.config["vehicle"]["name"], self.config.get("filters", {})
@@ -344,26 +344,6 @@ class Study:
     def search(self) -> dict[str, Any]:
         """Settings of the searches by the Cross-Entropy method, and its constants."""
         return CONSTANTS | self.config["cross_entropy"]
-
-    @property
-    def sampling(self) -> dict[str, Any]:
-        """Settings of importance sampling: level, half-width, numbers of events and of replicates."""
-        return self.config["importance_sampling"]
-
-    @property
-    def cap(self) -> float:
-        """Largest closing speed of the paper's laws [m/s]."""
-        return self.config["models"]["closing_speed_max"]
-
-    @property
-    def alpha(self) -> float:
-        """One minus the level of the intervals of the paper's methods."""
-        return self.sampling["alpha"]
-
-    @property
-    def beta(self) -> float:
-        """Relative half-width of the interval at which an estimate has converged."""
-        return self.sampling["beta"]
 
     @property
     def segments(self) -> tuple[str, ...]:
@@ -389,7 +369,7 @@ class Study:
     def encounters(self) -> pd.DataFrame:
         """The checked encounter table, a row for each lane change."""
         path = self.path("encounters.parquet")
-        return (read_encounters if "segments" in self.scenario.stages else pd.read_parquet)(path)
+        return (read_encounters if self.scenario.has_support else pd.read_parquet)(path)
 
     @cached_property
     def account(self) -> pd.DataFrame:
@@ -406,37 +386,17 @@ class Study:
         """The verdict on the records, which is shown with every answer."""
         return Verdict.of(self.records_report)
 
-    # The laws of cut-ins.
+    # The laws of cut-ins: R^-1 with two or three pieces, one parametric law, and that of the largest weight.
 
-    @cached_property
-    def two_pieces(self) -> IndependentLaw:
-        """The piecewise law whose R^-1 has two pieces."""
-        return self._law("models/two_pieces.json")
-
-    @cached_property
-    def three_pieces(self) -> IndependentLaw:
-        """The piecewise law whose R^-1 has three pieces."""
-        return self._law("models/three_pieces.json")
-
-    @cached_property
-    def single(self) -> IndependentLaw:
-        """The single parametric law."""
-        return self._law("models/single.json")
-
-    @cached_property
-    def answer_law(self) -> "Law":
-        """The law of the largest weight in the answer."""
-        return self._law("laws/answer.json")
+    two_pieces = _law("models/two_pieces.json")
+    three_pieces = _law("models/three_pieces.json")
+    single = _law("models/single.json")
+    answer_law = _law("laws/answer.json")
 
     @property
     def models(self) -> dict[str, IndependentLaw]:
         """All fitted laws by name."""
         return {"two_pieces": self.two_pieces, "three_pieces": self.three_pieces, "single": self.single}
-
-    @property
-    def variant(self) -> str:
-        """Name of the piecewise law from which all cut-ins of this study are drawn."""
-        return self.config["models"]["inverse_range"]["variant"]
 
     @property
     def piecewise(self) -> IndependentLaw:

@@ -1,30 +1,24 @@
 """Texts with placeholders for numbers: of notebooks, README, guides, benchmarks, captions and the article.
 
 There is one language of placeholders, that of Jinja, with a filter for each notation of a number. `fill`
-fills it in. A page in Markdown keeps its placeholders in comments, each in front of the text that it makes::
-
-    The sampler takes <!--{{ results.samplers.calls_mean[0] | number }}-->178<!--/--> simulations.
-
-so that the file shows the numbers to every reader, and `refill` makes them again. In a cell of a table, the
-character in front of a filter has a backslash. A comment must not begin a line unless it contains complete
-lines, because Markdown takes such a line for HTML. `publishing.pages` fills all pages of the project.
+fills it in. `publishing.pages` fills the pages of the project.
 """
 
 import json
 import math
-import re
 from collections.abc import Iterable, Mapping
 from typing import Any
 
 import numpy as np
-from jinja2 import Environment, StrictUndefined, Undefined
+from jinja2 import Environment, StrictUndefined, Undefined, UndefinedError
 from markupsafe import Markup
 
 from accelerated_evaluation.base.errors import StudyError
 from accelerated_evaluation.base.percent import in_percent
 from accelerated_evaluation.publishing.tables.display import as_markdown, readable, shell_of_notebook
 
-FILLED = re.compile(r"<!--(?!/)((?:(?!-->).)*)-->((?:(?!<!--).)*)<!--/-->", re.DOTALL)
+# Causes of a StudyError if a number is not known: a table lacks its row, or it is a ratio to zero.
+UNKNOWN = LookupError | ArithmeticError | UndefinedError
 
 
 def number(value: float, decimals: int = 0, sign: str = "") -> str:
@@ -133,19 +127,6 @@ def fill_in_notebooks() -> None:
         display(Markdown(fill(cell, shell.user_ns).rstrip("\n")))
 
     shell.register_magic_function(text, "cell")
-
-
-def refill(text: str, names: Mapping[str, Any]) -> str:
-    """Return a page in Markdown with the text behind each comment with placeholders made again."""
-
-    def part(found: re.Match[str]) -> str:
-        template = found[1]
-        made = fill(template.replace(r"\|", "|"), names)
-        if template.endswith("\n") and not made.endswith("\n"):  # Jinja removes the last end of a line
-            made += "\n"
-        return f"<!--{template}-->{made}<!--/-->"
-
-    return FILLED.sub(part, text)
 
 
 def _escaped(value: Any) -> Any:  # noqa: ANN401

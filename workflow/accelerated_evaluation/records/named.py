@@ -49,7 +49,7 @@ DATA = section(  # and a section of each source, which its module owns
     accepted_warnings=listed(
         [],
         TEXT,
-        "Names of checks of the records, such as speed unit, whose verdict stop is accepted. A study in "
+        "Checks of the records whose verdict stop you accept, by name, such as speed unit. A study in "
         "which another check says stop ends with an error after its results are made.",
         fewest=0,
         uniqueItems=True,

@@ -147,13 +147,15 @@ CUT_IN = SCENARIOS.add("cut_in")(
         noun="cut-in",
         scope="closing cut-ins whose lead keeps its speed",
         upper_set_in="closing_speed",
+        scanned="closing_speed",
         named_records=CutInRecords.of,
         has_injuries=True,
-        stages=frozenset(("segments", "smooth laws", "maps", "replays", "explorer")),
+        has_explorer=True,
         has_scenario_files=True,
         # The careful human of UN R157, and the human driver from data.
         references={"": "cc_human", "human_": "human"},
         prescribed=EU_2022_1426,
+        host_speed=("lead_speed", "closing_speed"),
         derived={"host_speed": lambda cut_in: cut_in["lead_speed"] + cut_in["closing_speed"]},
         panels=(
             Panel("speed [m/s]", {"host_speed_m_per_s": "host", "lead_speed_m_per_s": "lead vehicle"}),

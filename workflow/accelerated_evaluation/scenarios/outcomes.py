@@ -1,7 +1,11 @@
 """Outcomes of a simulated encounter, with their units and descriptions."""
 
-from dataclasses import dataclass, field
+from collections.abc import Callable
+from dataclasses import dataclass, field, fields
 from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
 
 from accelerated_evaluation.base.checking import checked
 
@@ -58,3 +62,30 @@ def outcome(unit: str, description: str, *, optional: bool = False) -> Any:  # n
     """
     described = {"unit": unit, "description": description, "optional": optional}
     return field(default=None, metadata=described) if optional else field(metadata=described)
+
+
+def have_failed(outcomes: Any) -> NDArray[np.bool_]:  # noqa: ANN401
+    """Return which of n runs have no outcome, shape (n,): all numbers that every run must have are NaN."""
+    needed = [each for each in fields(outcomes) if each.metadata["unit"] != FLAG]
+    numbers = [getattr(outcomes, each.name) for each in needed if not each.metadata["optional"]]
+    failed = np.full(len(getattr(outcomes, fields(outcomes)[0].name)), bool(numbers))
+    for values in numbers:
+        failed &= np.isnan(values)
+    return failed
+
+
+def of_known(function: Callable[[Any], NDArray], outcomes: Any, otherwise: float) -> NDArray:  # noqa: ANN401
+    """Return a function of the outcomes of n runs, shape (n,), with another value for failed runs."""
+    failed = have_failed(outcomes)
+    if not failed.any():
+        return function(outcomes)
+    values = np.full(len(failed), otherwise)
+    if not failed.all():
+        values[~failed] = function(without_failed(outcomes))
+    return values
+
+
+def without_failed(outcomes: Any) -> Any:  # noqa: ANN401
+    """Return the outcomes of the runs that have not failed."""
+    known = ~have_failed(outcomes)
+    return type(outcomes)(**{name: values[known] for name, values in vars(outcomes).items()})

@@ -159,14 +159,13 @@ class Scenario:
     # Variable along which, for given other variables, every event happens in a few intervals, so that a scan
     # finds them. None if this is not known. For laws that are a `SlicedLaw`, this gives exact answers.
     scanned: str | None = None
+    host_speed: Sequence[str] = ()  # variables whose sum is the speed of the vehicle under test at the start
     has_scenario_files: bool = False  # whether OpenSCENARIO files of its encounters can be written
     has_injuries: bool = False  # whether curves of the risk of injury are known for its crashes
     # Returns the records that a configuration names; None if they are one table with the variables, which
     # `record_table.TableRecords` reads.
     named_records: Callable[[Mapping[str, Any]], NamedRecords] | None = None
-    # Parts of the workflow that only some scenarios have: "segments" of the lead speed, "smooth laws" of a
-    # closing speed, crash "maps" with the paper's methods, "replays" of simulated crashes, the "explorer".
-    stages: frozenset[str] = frozenset()
+    has_explorer: bool = False  # whether the page of the explorer can simulate its vehicles
     derived: Mapping[str, Callable[[Mapping[str, Any]], Any]] = field(default_factory=dict)
     panels: Sequence[Panel] = ()
     cluster: str = "driver"
@@ -190,6 +189,14 @@ class Scenario:
             if wrong:
                 change = "Correct the scenario; docs/your_scenario.md has an example."
                 raise InputError(f"Scenario {self.name}", seen=seen, expected=expected, change=change)
+
+    @property
+    def has_support(self) -> bool:
+        """Whether its records have limits for smooth laws of a closing speed in segments of the lead speed.
+
+        The workflow then has crash maps with the paper's methods, and replays of simulated crashes.
+        """
+        return self.named_records is not None
 
     @property
     def one(self) -> str:

@@ -12,7 +12,7 @@ import pandas as pd
 
 from accelerated_evaluation.base.errors import InputError
 from accelerated_evaluation.base.files import project_file
-from accelerated_evaluation.base.sections import integer, section, text
+from accelerated_evaluation.base.sections import integer, mapping, section, text
 from accelerated_evaluation.base.tables import (
     column_of_numbers,
     read_csv,
@@ -58,6 +58,12 @@ SECTION = section(
         "Event for which the methods are compared, and which the command estimate counts, in a scenario "
         "other than the cut-in: crash, or another outcome and a threshold in its unit, such as "
         "impact_speed=1.",
+    ),
+    limits=mapping(
+        {},
+        "Largest values of variables of the encounters, by name, such as turning_speed_mps: 30. Encounters "
+        "with larger values do not happen, and every answer is about the others.",
+        additionalProperties={"type": "number"},
     ),
 )
 

@@ -3,10 +3,12 @@
 ``python -m accelerated_evaluation.study.configuration`` updates the tables of keys in ``config/keys.md``.
 """
 
+import json
 import math
 import os
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from contextlib import suppress
+from datetime import date
 from difflib import get_close_matches
 from functools import reduce
 from operator import eq
@@ -136,13 +138,18 @@ def read_again(config: Mapping[str, Any], paths: Iterable[str | os.PathLike]) ->
     the schema does not allow such a text. The errors are those of `read_yaml`.
     """
     read = reduce(_merged, map(read_yaml, map(Path, paths)), {})
-    return _converted(strict_yaml.restored(dict(config), read), read, schema())
+    return _converted(config, read, schema())
 
 
 def _converted(value: Any, read: Any, part: Mapping[str, Any]) -> Any:  # noqa: ANN401
     """Return a value with its texts converted to the types of its schema, unless files contain the value."""
     if value == read:
         return value
+    if isinstance(read, str) and not isinstance(value, str):
+        with suppress(yaml.YAMLError):
+            value = read if yaml.safe_load(read) == value else value  # 017, 1:30 and dates, in YAML 1.1
+    if isinstance(value, date):
+        return value.isoformat()
     if isinstance(value, Mapping):
         known, others = read if isinstance(read, Mapping) else {}, part.get("additionalProperties") or {}
         below = part.get("properties", {})
@@ -156,29 +163,6 @@ def _converted(value: Any, read: Any, part: Mapping[str, Any]) -> Any:  # noqa: 
             meant = strict_yaml.load(value)
             return meant if StrictValidator({"type": [*others]}).is_valid(meant) else value
     return value
-
-
-def require_plain_numbers(arguments: Iterable[str]) -> None:
-    """Raise InputError if the command line sets a key to a number that a configuration file could not have.
-
-    Snakemake reads ``seed=1_0`` as 10 and ``seed=017`` as 17.
-    """
-    for argument in arguments:
-        name, _, value = argument.removeprefix("--config=").partition("=")
-        if name not in schema()["properties"]:
-            continue
-        meant = None
-        with suppress(ValueError):
-            float(value)  # Snakemake takes for a number what Python takes for one
-            with suppress(yaml.YAMLError):
-                meant = strict_yaml.load(value)
-            if not isinstance(meant, int | float):
-                raise InputError(
-                    f"--config {name}",
-                    seen=value,
-                    expected="a number without leading zeros and underscores, such as 10 or 2.5e-3",
-                    change="Write it so.",
-                )
 
 
 def completed(config: Mapping[str, Any]) -> dict[str, Any]:
@@ -311,8 +295,8 @@ def _section(key: str) -> str:
 def read_yaml(path: Path) -> dict[str, Any]:
     """Read a single configuration file.
 
-    InputError is raised if the file is missing or too large, is not YAML in UTF-8, contains a key twice or a
-    number that YAML reads as another one, or is not a mapping of keys to values.
+    InputError is raised if the file is missing or too large, is not YAML in UTF-8, contains a key twice, or
+    is not a mapping of keys to values.
     """
     try:
         if path.is_dir():
@@ -320,8 +304,7 @@ def read_yaml(path: Path) -> dict[str, Any]:
         if path.stat().st_size > LARGEST:
             raise ValueError(f"{path.stat().st_size:,} bytes, more than {LARGEST:,}")
         config = strict_yaml.load(path.read_text(encoding="utf-8"))
-        if _holds_itself(config):
-            raise ValueError("a part that holds itself by an alias (*)")
+        json.dumps(config, default=str, skipkeys=True)  # ValueError for a part that holds itself by an alias
     except (OSError, ValueError, yaml.YAMLError, RecursionError) as error:
         seen = " ".join(str(error).replace('in "<unicode string>", ', "in ").split())
         raise InputError(
@@ -335,16 +318,6 @@ def read_yaml(path: Path) -> dict[str, Any]:
             change="State keys as in config/config.yaml.",
         )
     return dict(config)
-
-
-def _holds_itself(value: object, above: frozenset[int] = frozenset(), known: set[int] | None = None) -> bool:
-    """Return whether a YAML value contains itself by an alias; each part is visited once."""
-    known = set() if known is None else known
-    if not isinstance(value, dict | list) or id(value) in known:
-        return id(value) in above
-    known.add(id(value))
-    parts = value.values() if isinstance(value, dict) else value
-    return any(_holds_itself(part, above | {id(value)}, known) for part in parts)
 
 
 def _merged(base: Mapping[str, Any], change: Mapping[str, Any]) -> dict[str, Any]:
@@ -363,13 +336,7 @@ def _violations(error: ValidationError) -> Iterator[tuple[list, str]]:
     path = list(error.absolute_path)
     if error.validator == "additionalProperties":
         known = error.schema["properties"]
-        constants = error.schema.get("constants", {})
         for name in sorted(map(str, error.instance.keys() - known)):
-            if name in constants:
-                given, constant = shown(error.instance[name]), shown(constants[name])
-                expected = f"expected no such key, because it is the constant {constant} now; remove it"
-                yield [*path, name], f"{_key([*path, name])}: seen {given}; {expected}"
-                continue
             seen = f"seen an unknown key; expected one of {', '.join(known)}"
             yield [*path, name], f"{_key([*path, name])}: {seen}{_suggestion(path, name, known)}"
     elif error.validator == "required":

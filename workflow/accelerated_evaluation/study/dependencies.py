@@ -18,7 +18,7 @@ from accelerated_evaluation.base.files import content_digest
 # The rooms (packages) of the library, and the distribution of the sampler. Each imports only what stands
 # before it in this order, which a test checks.
 SAMPLER = "fewruns"
-ROOMS = (
+ROOMS: tuple[str, ...] = (
     "base",
     "records",
     SAMPLER,

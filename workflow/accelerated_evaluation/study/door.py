@@ -4,15 +4,18 @@ import os
 from collections.abc import Callable, Mapping, Sequence
 from typing import Any
 
-from accelerated_evaluation.answer import choice as choices
-from accelerated_evaluation.answer import estimation, fitted_records
+from accelerated_evaluation.answer import estimation
+from accelerated_evaluation.answer.candidates import fitted_records
+from accelerated_evaluation.answer.candidates.fitted_records import FittedRecords
 from accelerated_evaluation.answer.estimation import Estimated
-from accelerated_evaluation.answer.fitted_records import FittedRecords
-from accelerated_evaluation.answer.settings import Request, Settings, law_settings, support_of
+from accelerated_evaluation.answer.settings import Settings, law_settings, limits_of, support_of
+from accelerated_evaluation.answer.ways import choice as choices
+from accelerated_evaluation.answer.ways.request import Request
 from accelerated_evaluation.base.arguments import Argument, a_choice, one_of
 from accelerated_evaluation.base.checking import checked
 from accelerated_evaluation.base.randomness import child_generator
 from accelerated_evaluation.laws.draws import Draws
+from accelerated_evaluation.laws.limited import limited
 from accelerated_evaluation.laws.paper.models import PAPER_LAWS, IndependentLaw
 from accelerated_evaluation.records.checks import Records
 from accelerated_evaluation.scenarios import DEFAULT, SCENARIOS
@@ -124,8 +127,8 @@ def choose_draws(choice: str, records: FittedRecords, config: Config | None = No
     records
         The records to which laws are fitted, or to which the law of a file belongs.
     config
-        A configuration as in `read_records`, which gives the seed and the number of draws; by default that of
-        the scenario.
+        A configuration as in `read_records`, which gives the seed, the number of draws and limits of the
+        encounters; by default that of the scenario.
 
     Returns
     -------
@@ -144,7 +147,8 @@ def choose_draws(choice: str, records: FittedRecords, config: Config | None = No
     1
     """
     config = config or _complete(records.scenario.name)
-    return choices.draws_named(choice, records, law_settings(records.scenario, config))
+    settings, limits = law_settings(records.scenario, config), limits_of(records.scenario, config)
+    return limited(choices.draws_named(choice, records, settings), limits, settings.streams("limits"))
 
 
 @checked(

@@ -7,7 +7,7 @@ from itertools import chain
 from pathlib import Path
 from typing import Any, Self
 
-from accelerated_evaluation.answer.criterion import criteria_of
+from accelerated_evaluation.answer.consequences.criterion import criteria_of
 from accelerated_evaluation.base.errors import InputError
 from accelerated_evaluation.base.files import content_digest, project_file, value_digest
 from accelerated_evaluation.records.named import NamedRecords
@@ -19,7 +19,6 @@ from accelerated_evaluation.study.configuration import (
     completed,
     load_modules,
     read_again,
-    require_plain_numbers,
     resolved,
     validate,
 )
@@ -67,21 +66,18 @@ class StudyInputs:
         *,
         cores: int | None,
         is_main_process: bool,
-        arguments: Iterable[str] = (),
         moved: Callable[[str], str] = str,
     ) -> Self:
         """Complete and check a configuration, and find all files that it names.
 
         ``config`` is as Snakemake has merged it, and ``paths`` are the configuration files, which are read
         again, because Snakemake accepts repeated keys and reads some numbers as others. Paths of records are
-        relative to the working directory or to the folder of the project. ``arguments`` are those of the
-        command line, and ``moved`` returns where the prefix of a module moves a path of a result. The
-        processes of jobs, which are not the main process, skip slow checks. StudyError is raised if the
-        configuration is not valid, or if a file or vehicle that it names cannot be used.
+        relative to the working directory or to the folder of the project. ``moved`` returns where the prefix
+        of a module moves a path of a result. The processes of jobs, which are not the main process, skip slow
+        checks. StudyError is raised if the configuration is not valid, or if a file or vehicle that it names
+        cannot be used.
         """
         paths = list(paths)
-        if is_main_process:
-            require_plain_numbers(arguments)
         config = {**config, "modules": load_modules(config, paths)}
         config = completed(read_again(config, paths))
         validate(config)

@@ -48,7 +48,8 @@ def schema() -> Schema:
     The sections of sources are below ``data``, and those of methods come last.
     """
     # Imported here, because they take a second.
-    from accelerated_evaluation.answer import criterion, settings
+    from accelerated_evaluation.answer import settings
+    from accelerated_evaluation.answer.consequences import criterion
     from accelerated_evaluation.crash_map import sensitivity, uncertainty
     from accelerated_evaluation.crash_map.section import crash_map_section
     from accelerated_evaluation.methods import IMPORTANCE_SAMPLING, METHODS, coverage
@@ -75,6 +76,7 @@ def schema() -> Schema:
         crash_map=crash_map_section(),
         answer=settings.SECTION,
         criteria=criterion.CRITERIA,
+        in_service=criterion.IN_SERVICE,
         sensitivity=sensitivity.SECTION,
         uncertainty=uncertainty.SECTION,
         **{name: part for method in METHODS.values() for name, part in method.settings.items()},

@@ -76,7 +76,7 @@ def write_set(
         shutil.rmtree(temporary, ignore_errors=True)
 
 
-def table_of(drawn: WeightedSet, names: list[str], scenario: Scenario = CUT_IN) -> pd.DataFrame:
+def table_of(drawn: WeightedSet, names: list[str], scenario: Scenario) -> pd.DataFrame:
     """Return the table ``scenarios.csv`` of a weighted set.
 
     It has the derived quantities of the scenario, such as the host speed, and for cut-ins the column
@@ -104,7 +104,7 @@ def with_motion(drawn: WeightedSet, motion: LeadMotion, generator: np.random.Gen
     return replace(drawn, table=drawn.table.join(later))
 
 
-def page(drawn: WeightedSet, origin: Mapping[str, str], scenario: Scenario = CUT_IN) -> str:
+def page(drawn: WeightedSet, origin: Mapping[str, str], scenario: Scenario) -> str:
     """Return the page of instructions: how to compute the crash probability from a vehicle's outcomes."""
     parts = _parts_of(drawn, scenario) if drawn.scored else _parts_of_cut_ins(drawn)
     counts = drawn.table["shell"].value_counts(sort=False)

@@ -48,7 +48,6 @@ def read_results(path: str | os.PathLike, campaign: Campaign) -> dict[int, Drive
     """
     require_file(path, "Write the table, or correct its path.")
     table = read_csv(path)
-    table.columns = [str(name).strip() for name in table.columns]
     for name in ("run", "crash"):
         if name not in table:
             seen = f"only the columns {names_in_words(list(table.columns), name)}"
@@ -198,7 +197,7 @@ def status_of(campaign: Campaign) -> Status:
         sampler = campaign.sampler
         if needed is not None and sampler.is_narrow(campaign.goal):
             needed = max(needed, sampler.repeats_wanted(certify=True))
-        needed = None if needed is None or sampler.may_lapse else max(needed - (reported - used), 0)
+        needed = None if needed is None or sampler.progress.may_lapse else max(needed - (reported - used), 0)
     return Status(len(to_drive), reported, used, spared, estimate, needed)
 
 

@@ -5,13 +5,13 @@ from pathlib import Path
 import numpy as np
 from fewruns import Sampler, SeveralLaws
 
-from accelerated_evaluation.answer.by_few_runs import laws_of
-from accelerated_evaluation.answer.posterior import LEVEL, SampledPosterior, answer_row, budget
-from accelerated_evaluation.answer.words import answer_in_words, budget_in_words
+from accelerated_evaluation.answer.ways.by_few_runs import laws_of
+from accelerated_evaluation.answer.ways.posterior import LEVEL, SampledPosterior, answer_row, budget
+from accelerated_evaluation.answer.ways.words import answer_in_words, budget_in_words
 from accelerated_evaluation.base.arrays import Array
 from accelerated_evaluation.base.errors import InputError
 from accelerated_evaluation.laws import Law
-from accelerated_evaluation.laws.draws import Draws
+from accelerated_evaluation.laws.draws import Draws, as_draws
 from accelerated_evaluation.track.campaign import Campaign
 from accelerated_evaluation.track.law_files import law_in, source_of
 
@@ -28,11 +28,11 @@ def read_draws(path: Path, campaign: Campaign) -> Draws:
 
     A law of cut-ins must have been fitted to the encounter table of the campaign.
     """
-    law = law_in(campaign.scenario, source_of(path), campaign.encounters)
-    if not isinstance(law, Draws):
+    draws = as_draws(law_in(campaign.scenario, source_of(path), campaign.encounters))
+    if draws.size == 1:
         change = "Name results/STUDY/estimate/law.json, which `accelerated-evaluation estimate` writes."
         raise InputError("--under", seen=f"the single law {path}", expected="a law with draws", change=change)
-    return law
+    return draws
 
 
 def whole_in_words(campaign: Campaign, law: Law, draws: Draws | None = None) -> list[str]:
@@ -41,14 +41,14 @@ def whole_in_words(campaign: Campaign, law: Law, draws: Draws | None = None) -> 
     The runs of the open batch are not used. The runs were chosen under ``law``, whose draws, if it has any,
     are the default.
     """
-    under = law if draws is None and isinstance(law, Draws) else draws
-    if under is None:
+    under = as_draws(law) if draws is None else draws
+    if under.size == 1:
         return [ALONE]
-    laws = laws_of(under, law.from_normal_scores) if under is law else laws_under(law, under)
+    laws = laws_of(under, law.from_normal_scores) if draws is None else laws_under(law, under)
     found = laws.refined(campaign.sampler)
     if found is None:
         return ["laws        there is no estimate under the draws of the law yet"]
-    posterior = SampledPosterior.of(found, under.member, campaign.sampler.unseen_lapses)
+    posterior = SampledPosterior.of(found, under.member, campaign.sampler.progress.unseen_lapses)
     row = {"event": campaign.scenario.event_in_words(campaign.event), "per_km": float("nan")}
     gain = 1 - 1 / (1 + max(posterior.share_of_sampling, 0.0))
     return [
@@ -66,7 +66,8 @@ def laws_under(law: Law, draws: Draws) -> SeveralLaws:
     A cut-in with a closing speed above the cap of that law was driven with the cap. Its outcome is used for
     all closing speeds from the cap on, so the draws get the same cap.
     """
-    draws = draws.with_cap_of(law)
+    if law.strata:
+        draws = draws.with_cap_at(law.closing_speed_max)
 
     def log_ratios(x: Array) -> Array:
         return draws.log_densities(x) - law.log_density(x)

@@ -22,7 +22,7 @@ from scipy.special import ndtri
 from accelerated_evaluation.base.arrays import Array
 from accelerated_evaluation.base.errors import InputError
 from accelerated_evaluation.laws import Law, StratifiedLaw
-from accelerated_evaluation.laws.draws import Draws, as_draws
+from accelerated_evaluation.laws.draws import as_draws
 from accelerated_evaluation.laws.strata import VARIABLES
 from accelerated_evaluation.scenarios.protocol import Scenario
 
@@ -90,8 +90,8 @@ def draw_weighted_set(
     drawn = np.hstack([shell.draw(count, generator) for shell in shells])
     table = _table(VARIABLES, drawn, probabilities, count)
     draws = None
-    if isinstance(law, Draws):
-        draws = _weights_of_draws(table, law.log_ratios(table[list(VARIABLES)].to_numpy()))
+    if as_draws(law).size > 1:
+        draws = _weights_of_draws(table, as_draws(law).log_ratios(table[list(VARIABLES)].to_numpy()))
     return WeightedSet(table, edges, probabilities, draws)
 
 
@@ -118,7 +118,7 @@ def draw_scored_set(scenario: Scenario, law: Law, size: int, generator: np.rando
     probabilities = np.array([len(shell) / pool for shell in shells])
     table = _table(scenario.names, encounters[chosen].T, probabilities, count)
     weights = None
-    if isinstance(law, Draws):
+    if draws.size > 1:
         weights = _weights_of_draws(table, draws.log_ratios_to_mean(x[chosen]))
     return WeightedSet(table, score[order[begins]], probabilities, weights, scored=True)
 

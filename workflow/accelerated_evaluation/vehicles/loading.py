@@ -11,7 +11,16 @@ from accelerated_evaluation.base import extensions
 from accelerated_evaluation.base.arguments import described
 from accelerated_evaluation.base.checking import checked
 from accelerated_evaluation.base.errors import InputError
-from accelerated_evaluation.base.sections import TEXT, default_of, flag, listed, mapping, section, text
+from accelerated_evaluation.base.sections import (
+    TEXT,
+    default_of,
+    flag,
+    listed,
+    mapping,
+    number,
+    section,
+    text,
+)
 from accelerated_evaluation.base.users_code import import_file, is_of_library, running
 from accelerated_evaluation.scenarios import A_SCENARIO, SCENARIOS
 from accelerated_evaluation.scenarios.cut_in import CUT_IN
@@ -54,6 +63,15 @@ SECTION = section(
         "themselves.",
         null=True,
     ),
+    host_speed_max=number(
+        None,
+        1,
+        200,
+        "Largest speed of the vehicle [m/s] at the beginning of an encounter, such as the limit of its "
+        "operational design domain. Encounters with a faster vehicle do not happen to it, and every answer "
+        "is about the others (docs/law_of_cut_ins.md).",
+        null=True,
+    ),
 )
 COMPARED = mapping(
     {"acc_only": {}, "cc_human": {}, "reg157": {}, "rss": {}, "fsm": {}, "human": {}},
@@ -66,7 +84,7 @@ COMPARED = mapping(
         "type": "object",
         "additionalProperties": False,
         "properties": {
-            **SECTION["properties"],
+            **{key: each for key, each in SECTION["properties"].items() if key != "host_speed_max"},
             "name": text(
                 None, "As in vehicle.name; by default the built-in vehicle with the name of the label."
             ),
@@ -162,7 +180,7 @@ class FunctionVehicle:
     simulate: Callable[..., Any]
 
 
-def as_vehicle(vehicle: object, scenario: Scenario, where: str) -> Vehicle:
+def as_vehicle(vehicle: Any, scenario: Scenario, where: str) -> Vehicle:  # noqa: ANN401
     """Return a vehicle that is given by its name, by an object with a method simulate, or by such a function.
 
     ``where`` names the argument in an error.

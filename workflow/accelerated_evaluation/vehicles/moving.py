@@ -16,7 +16,6 @@ from accelerated_evaluation.vehicles.protocol import (
     Outcomes,
     RandomVehicle,
     Vehicle,
-    checked_encounters,
 )
 
 if TYPE_CHECKING:
@@ -48,7 +47,7 @@ class CompiledVehicle:
         not even in the last bit. InputError names the first row, counted from 0, whose value is outside its
         limits.
         """
-        return self.outcomes(checked_encounters(lead_speed, range_, closing_speed))
+        return self.outcomes(CUT_IN.checked(lead_speed, range_, closing_speed))
 
     def outcomes(
         self, encounters: Array, lead_speeds: Array | None = None, threads: int | None = None
@@ -65,7 +64,7 @@ class CompiledVehicle:
         The first column is ``lead_speed``. InputError is raised if the encounters are not valid, or if lead
         speeds are negative, not finite, or end before 8 s.
         """
-        encounters = checked_encounters(lead_speed, range_, closing_speed)
+        encounters = CUT_IN.checked(lead_speed, range_, closing_speed)
         return self.outcomes(encounters, checked_lead_speeds(lead_speeds, encounters[0]))
 
     def trace(
@@ -75,7 +74,7 @@ class CompiledVehicle:
 
         If the lead vehicle changes its speed, ``lead_speeds`` [m/s] are those every 0.1 s.
         """
-        encounter = checked_encounters([lead_speed], [range_], [closing_speed])
+        encounter = CUT_IN.checked([lead_speed], [range_], [closing_speed])
         return self.tracer(self.compiled(), encounter, checked_motion(lead_speeds, encounter))
 
 

@@ -9,7 +9,7 @@ from accelerated_evaluation.base.tables import require_file
 from accelerated_evaluation.scenarios.cut_in import CUT_IN
 from accelerated_evaluation.scenarios.protocol import Scenario
 from accelerated_evaluation.vehicles.external.checked import CheckedVehicle, ForeignVehicle
-from accelerated_evaluation.vehicles.external.slow import SimulationSettings, SlowVehicle
+from accelerated_evaluation.vehicles.external.slow import PENDING, SimulationSettings, SlowVehicle
 from accelerated_evaluation.vehicles.external.store import store_of
 from accelerated_evaluation.vehicles.external.workers import Elsewhere, Processes, workers_of
 from accelerated_evaluation.vehicles.loading import load_vehicle, vehicles_of
@@ -52,6 +52,15 @@ class NamedVehicle:
             return self.simulations.keep_class
         return issubclass(vehicles_of(self.scenario)[self.name], ForeignVehicle)
 
+    def pending(self, batch_size: int) -> int:
+        """Return how many runs of an estimate may be pending; 1 if batches alone keep all workers busy.
+
+        It depends on the workers that are configured, not on those that are used, so that the same
+        configuration gives the same runs.
+        """
+        most = PENDING * self.simulations.workers
+        return most if self.is_stored and most > batch_size else 1
+
     @property
     def files(self) -> list[str]:
         """All files on which the vehicle depends.
@@ -76,8 +85,8 @@ class NamedVehicle:
         return car
 
     @contextmanager
-    def loaded(self, *, is_tested: bool = True) -> Iterator[Vehicle]:
-        """Yield the vehicle, as a `SlowVehicle` if its outcomes are stored.
+    def loaded(self, *, is_tested: bool = True, sets_aside: bool = False) -> Iterator[Vehicle]:
+        """Yield the vehicle, as a `SlowVehicle` if its outcomes are stored; see there for ``sets_aside``.
 
         Workers are ended after the ``with`` block. Unless ``is_tested``, no encounter of a user's vehicle is
         simulated again to find out whether it is deterministic. InputError is raised if the vehicle cannot be
@@ -87,7 +96,7 @@ class NamedVehicle:
         # The vehicle is loaded here in any case, so that errors are raised before a worker starts.
         car, files = self.load(), self.files
         if self.is_stored:
-            with self._on_workers(car, files, is_tested=is_tested) as slow:
+            with self._on_workers(car, files, is_tested=is_tested, sets_aside=sets_aside) as slow:
                 yield slow
             return
         with Processes(1) as other:  # it starts with the first repetition
@@ -97,9 +106,7 @@ class NamedVehicle:
             yield car
 
     @contextmanager
-    def _on_workers(
-        self, car: CheckedVehicle, files: Sequence[str], *, is_tested: bool
-    ) -> Iterator[SlowVehicle]:
+    def _on_workers(self, car: CheckedVehicle, files: Sequence[str], **own: bool) -> Iterator[SlowVehicle]:
         """Yield the vehicle with its store and with workers."""
         store, settings = store_of(self.name, self.parameters, files, self.scenario), self.simulations
         with workers_of(settings.executor, settings.workers, settings.options) as workers:
@@ -120,7 +127,7 @@ class NamedVehicle:
                     scenario=self.scenario,
                     deterministic=car.deterministic,
                     takes_motion=takes_motion(car),
-                    is_tested=is_tested,
+                    **own,
                 )
             except KeyboardInterrupt as stop:
                 raise KeyboardInterrupt(

@@ -24,9 +24,6 @@ __all__ = ["VEHICLES", "Outcomes", "RandomVehicle", "Vehicle", "repeats_itself",
 # A new vehicle for cut-ins is a module of this package that registers its class.
 VEHICLES: Registry[type["Vehicle"]] = CUT_IN.vehicles
 CRASH = CUT_IN.event("crash")
-INPUTS = CUT_IN.names
-OUTCOMES = CUT_IN.outcome_names
-checked_encounters = CUT_IN.checked
 OUTCOMES_GUIDE = "See accelerated_evaluation.vehicles.protocol for the outcomes that are expected."
 
 

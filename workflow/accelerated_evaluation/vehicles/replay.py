@@ -19,7 +19,8 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
 HOST = "#08306b"
-STYLES = {"color": HOST, "linestyle": "-"}, {"color": "#777777", "linestyle": "--"}  # of two lines
+# Styles of two lines.
+STYLES: Sequence[dict] = {"color": HOST, "linestyle": "-"}, {"color": "#777777", "linestyle": "--"}
 TIME, EMERGENCY = "time_s", "emergency"  # columns of a trace that are not drawn as lines
 
 

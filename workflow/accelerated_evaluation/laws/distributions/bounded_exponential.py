@@ -28,7 +28,7 @@ class Bounded(Described):
     upper: float
 
     @abstractmethod
-    def _peak(self, low: ArrayLike, high: ArrayLike) -> Array:
+    def _peak(self, low: Array | float, high: Array | float) -> Array:
         """Return the point of the interval with the largest density."""
 
     @abstractmethod
@@ -36,7 +36,7 @@ class Bounded(Described):
         """Return log(f(x) / f(reference)), where f is the density up to a constant factor."""
 
     @abstractmethod
-    def _integral(self, low: ArrayLike, high: ArrayLike) -> Array:
+    def _integral(self, low: Array | float, high: Array | float) -> Array:
         """Integral of f over the interval, divided by f at its peak."""
 
     @abstractmethod
@@ -62,7 +62,7 @@ class Bounded(Described):
         largest = np.finfo(float).max / 4
         return np.clip(np.asarray(x, dtype=float), max(self.lower, -largest), min(self.upper, largest))
 
-    def _share(self, low: ArrayLike, high: ArrayLike) -> tuple[Array, Array]:
+    def _share(self, low: Array | float, high: Array | float) -> tuple[Array, Array]:
         """Return the probability between two points as a factor, and the log of another factor."""
         share = self._integral(low, high) / self._total
         return share, self._log_relative(self._peak(low, high), self._mode)
@@ -80,21 +80,11 @@ class Bounded(Described):
         share, log_factor = self._share(self.lower, self._clip(x))
         return share * np.exp(log_factor)
 
-    @np.errstate(over="ignore")
-    def sf(self, x: ArrayLike) -> Array:
-        """Return P(X > x)."""
-        share, log_factor = self._share(self._clip(x), self.upper)
-        return share * np.exp(log_factor)
-
     @np.errstate(over="ignore", divide="ignore")
     def logsf(self, x: ArrayLike) -> Array:
         """Return log P(X > x)."""
         share, log_factor = self._share(self._clip(x), self.upper)
         return np.log(share) + log_factor
-
-    def rvs(self, generator: np.random.Generator, size: int) -> Array:
-        """Return independent draws, shape (size,), by the inverse cdf."""
-        return self.ppf(generator.random(size))
 
     def cumulant(self, theta: float) -> float:
         """Return kappa(theta) = log E exp(theta X)."""
@@ -158,15 +148,15 @@ class BoundedExponential(Bounded):
     @property
     def _is_flat(self) -> bool:
         """Whether the density is uniform to rounding."""
-        return abs(self.rate) * self._width < np.finfo(float).eps
+        return bool(abs(self.rate) * self._width < np.finfo(float).eps)
 
-    def _peak(self, low: ArrayLike, high: ArrayLike) -> Array:
+    def _peak(self, low: Array | float, high: Array | float) -> Array:
         return np.asarray(low if self.rate >= 0 else high)
 
     def _log_relative(self, x: ArrayLike, reference: ArrayLike) -> Array:
         return -self.rate * np.subtract(x, reference)
 
-    def _integral(self, low: ArrayLike, high: ArrayLike) -> Array:
+    def _integral(self, low: Array | float, high: Array | float) -> Array:
         width, steepness = np.subtract(high, low), abs(self.rate)
         return width if self._is_flat else -np.expm1(-steepness * width) / steepness
 

@@ -116,14 +116,14 @@ class BoundedNormal(Bounded):
             change="Use fewer components or more data.",
         )
 
-    def _peak(self, low: ArrayLike, high: ArrayLike) -> Array:
+    def _peak(self, low: Array | float, high: Array | float) -> Array:
         return np.clip(self.location, low, high)
 
     def _log_relative(self, x: ArrayLike, reference: ArrayLike) -> Array:
         distances = np.subtract(x, self.location) + np.subtract(reference, self.location)
         return -np.subtract(x, reference) * distances / (2 * self.sd**2)
 
-    def _integral(self, low: ArrayLike, high: ArrayLike) -> Array:
+    def _integral(self, low: Array | float, high: Array | float) -> Array:
         peak = self._peak(low, high)
         offset = np.abs(peak - self.location)
         return self._fall(offset, peak - low) + self._fall(offset, high - peak)

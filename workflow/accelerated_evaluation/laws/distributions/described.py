@@ -6,7 +6,7 @@ from abc import ABC
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, ClassVar, Protocol, Self, TypeVar, runtime_checkable
+from typing import TYPE_CHECKING, Any, ClassVar, Protocol, Self, TypeVar, runtime_checkable
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -92,7 +92,13 @@ class Parameter:
     symbol: str  # in TeX, without the dollar signs
 
 
-class Described(ABC):
+if TYPE_CHECKING:  # a protocol as a base would make its empty methods look like methods of each subclass
+    _Base = Distribution
+else:
+    _Base = ABC
+
+
+class Described(_Base):
     """Base class of the distributions that files, tables and the configuration identify by their kind.
 
     A subclass is a frozen dataclass of numbers, registered with the decorator `distribution`. If it can be
@@ -127,6 +133,15 @@ class Described(ABC):
     def leaves(self) -> Iterator[tuple[float, Any]]:
         """Yield the distribution itself, with the weight one."""
         yield 1.0, self
+
+    @np.errstate(over="ignore")
+    def sf(self, x: ArrayLike) -> Array:
+        """Return P(X > x)."""
+        return np.exp(self.logsf(x))
+
+    def rvs(self, generator: np.random.Generator, size: int) -> Array:
+        """Return independent draws, shape (size,), by the inverse cdf."""
+        return self.ppf(generator.random(size))
 
     def to_dict(self) -> dict[str, Any]:
         """Return the kind and the fields as a dictionary for JSON; an infinite bound is null."""

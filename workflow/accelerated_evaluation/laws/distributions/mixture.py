@@ -1,75 +1,20 @@
 """Finite mixtures, and the piecewise mixture of the paper: a mixture whose components do not overlap."""
 
 import math
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from itertools import pairwise
 from typing import Any, Self
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 from scipy.optimize import brentq
+from scipy.optimize.elementwise import find_root
 from scipy.special import logsumexp
 
 from accelerated_evaluation.base.arrays import Array
 from accelerated_evaluation.laws.distributions.described import Described, Tiltable, distribution, from_dict
-
-_LIMITS = np.finfo(float)
-_MOST_STEPS = 2046  # largest number of bisections: the number of different powers of two among doubles
-
-
-def find_roots(
-    function: Callable[[Array, NDArray[np.intp]], Array], low: Array, high: Array
-) -> tuple[Array, NDArray[np.bool_]]:
-    """Find a root of each of n functions by the method of Chandrupatla.
-
-    For the method see Chandrupatla (1997, Advances in Engineering Software 28). The result is identical to
-    that of `scipy.optimize.elementwise.find_root`. If there are only a few roots, SciPy's support of other
-    array libraries takes longer than the iterations; this function avoids that. ``function`` takes points x
-    and indices i, and returns the values f_i(x). The sign of f_i should differ at the two ends of its
-    bracket. The result is the roots, NaN if there is none, and whether there is one.
-    """
-    root, is_found, active = np.full(low.shape, np.nan), np.zeros(low.shape, bool), np.arange(low.size)
-    # Rows: newest point x1, other end of the bracket x2, last discarded point x3, and the values there.
-    state = np.array([low, high, high, function(low, active), function(high, active), np.ones(low.size)])
-    for step in range(_MOST_STEPS):
-        x1, x2, _, f1, f2, _ = state
-        best, value = np.where(abs(f1) < abs(f2), (x1, f1), (x2, f2))
-        tolerance = 4 * _LIMITS.eps * abs(best) + 4 * _LIMITS.smallest_normal
-        going = (np.sign(f1) != np.sign(f2)) & np.isfinite(x1) & np.isfinite(x2)
-        found = (abs(value) <= _LIMITS.smallest_normal) | (going & (abs(x2 - x1) < tolerance))
-        root[active[found]], is_found[active[found]] = best[found], True
-        if not (going := going & ~found).any():
-            break
-        active, state, tolerance = active[going], state[:, going], tolerance[going]
-        x1, x2, _, f1, f2, _ = state
-        share = 0.5 if step == 0 else _share(state, tolerance)
-        x = x1 + share * (x2 - x1)
-        f = function(x, active)
-        same = np.sign(f) == np.sign(f1)
-        state = np.array([x, *np.where(same, (x2, x1), (x1, x2)), f, *np.where(same, (f2, f1), (f1, f2))])
-    return root, is_found
-
-
-def _share(state: Array, tolerance: Array) -> Array:
-    """Return the position of the next point in the bracket: 0 at x1, 1 at x2, shape (k,).
-
-    The position follows from inverse quadratic interpolation if that is safe, and is 0.5 otherwise. ``state``
-    has the points x1, x2, x3 and the values f1, f2, f3, shape (6, k). ``tolerance`` is the width of the
-    bracket at which the iteration ends.
-    """
-    x1, x2, x3, f1, f2, f3 = state
-    position = (x1 - x2) / (x3 - x2)
-    with np.errstate(divide="ignore", invalid="ignore"):
-        height = (f1 - f2) / (f3 - f2)
-    along = (x3 - x1) / (x2 - x1)
-    safe = ((1 - np.sqrt(1 - position)) < height) & (height < np.sqrt(position))
-    share = np.full(x1.shape, 0.5)
-    f1, f2, f3, along = f1[safe], f2[safe], f3[safe], along[safe]
-    share[safe] = f1 / (f1 - f2) * f3 / (f3 - f2) - along * f1 / (f3 - f1) * f2 / (f2 - f3)
-    least = 0.5 * tolerance / abs(x2 - x1)
-    return np.clip(share, least, 1 - least)
 
 
 @distribution("mixture")
@@ -159,10 +104,6 @@ class Mixture(Described):
         """Return P(X <= x)."""
         return self._average(component.cdf(x) for component in self.components)
 
-    def sf(self, x: ArrayLike) -> Array:
-        """Return P(X > x)."""
-        return self._average(component.sf(x) for component in self.components)
-
     def mean(self) -> float:
         """Return the mean E X."""
         return float(self._average(component.mean() for component in self.components))
@@ -189,15 +130,13 @@ class Mixture(Described):
         # The error is relative, so that quantiles in a far tail have as many digits as in the middle.
         scale = np.maximum(q, np.finfo(float).tiny)
 
-        def error(x: Array, index: NDArray[np.intp] | slice = slice(None)) -> Array:
-            return (getattr(self, function)(x) - q[index]) / scale[index]
+        def error(x: Array, q: Array, scale: Array) -> Array:
+            return (getattr(self, function)(x) - q) / scale
 
-        root, is_found = find_roots(error, low, high)
-        if not is_found.all():
-            # If rounding hides the change of sign, or an end is infinite, the better end is the solution.
-            end = np.where(np.abs(error(low)) <= np.abs(error(high)), low, high)
-            root = np.where(is_found, root, end)
-        return root.reshape(shape)
+        found = find_root(error, (low, high), args=(q, scale))
+        # If rounding hides the change of sign, or an end is infinite, the better end is the solution.
+        at_low, at_high = (np.abs(error(end, q, scale)) for end in (low, high))
+        return np.where(found.success, found.x, np.where(at_low <= at_high, low, high)).reshape(shape)
 
     def rvs(self, generator: np.random.Generator, size: int) -> Array:
         """Return independent draws from the mixture, shape (size,).

@@ -62,10 +62,6 @@ class Pareto(Described):
         """Return log P(X > x)."""
         return -self.shape * self._log_excess(x)
 
-    def sf(self, x: ArrayLike) -> Array:
-        """Return P(X > x)."""
-        return np.exp(self.logsf(x))
-
     def cdf(self, x: ArrayLike) -> Array:
         """Return P(X <= x)."""
         return -np.expm1(self.logsf(x))
@@ -83,7 +79,3 @@ class Pareto(Described):
     def mean(self) -> float:
         """Return E X, which is infinite if the shape is at most one."""
         return self.lower * self.shape / (self.shape - 1) if self.shape > 1 else math.inf
-
-    def rvs(self, generator: np.random.Generator, size: int) -> Array:
-        """Return independent draws, shape (size,), by the inverse cdf."""
-        return self.ppf(generator.random(size))

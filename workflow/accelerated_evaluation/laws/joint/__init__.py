@@ -2,12 +2,29 @@
 
 from abc import abstractmethod
 from collections.abc import Mapping
-from typing import ClassVar, Self
+from dataclasses import dataclass
+from typing import Any, ClassVar, Self
 
 import numpy as np
 
 from accelerated_evaluation.base.arrays import Array
 from accelerated_evaluation.laws.protocol import Box, Law
+
+
+@dataclass(frozen=True)
+class Sample:
+    """Records to which a joint law is fitted; see `JointLaw.fit`."""
+
+    x: Array
+    box: Box
+    generator: np.random.Generator
+    weights: Array | None = None
+    start: Any = None
+
+    @property
+    def normalised(self) -> Array:
+        """The weights of the n records, shape (n,), scaled so that their sum is n; without weights, ones."""
+        return normalised(self.weights, len(self.x))
 
 
 class JointLaw(Law):
@@ -31,7 +48,6 @@ class JointLaw(Law):
     candidates: ClassVar[Mapping[str, Mapping[str, int]]]
 
     @classmethod
-    @abstractmethod
     def fit(
         cls,
         x: Array,
@@ -65,6 +81,13 @@ class JointLaw(Law):
         InputError
             If a record is outside the box.
         """
+        box.require(x, "the records")
+        return cls.fitted_to(Sample(x, box, generator, weights, start), **settings)
+
+    @classmethod
+    @abstractmethod
+    def fitted_to(cls, sample: Sample, **settings: int) -> Self:
+        """Return the law of this kind that is fitted to records within the box; see `fit`."""
 
     @property
     @abstractmethod

@@ -5,7 +5,7 @@ normal scores of the variables, each computed from its own marginal distribution
 """
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Any, ClassVar, Self
 
@@ -14,7 +14,7 @@ import pandas as pd
 
 from accelerated_evaluation.base.arrays import Array
 from accelerated_evaluation.laws import LAWS
-from accelerated_evaluation.laws.joint import JointLaw, normalised
+from accelerated_evaluation.laws.joint import JointLaw, Sample
 from accelerated_evaluation.laws.joint.truncated import log_interval_mass, symmetric
 from accelerated_evaluation.laws.joint.truncated_normals import TruncatedNormalMixture
 from accelerated_evaluation.laws.protocol import Box
@@ -35,27 +35,15 @@ class GaussianCopula(JointLaw):
     correlation: Array  # correlation matrix of the normal scores, (d, d)
 
     @classmethod
-    def fit(
-        cls,
-        x: Array,
-        box: Box,
-        generator: np.random.Generator,
-        *,
-        weights: Array | None = None,
-        start: Self | None = None,
-    ) -> Self:
+    def fitted_to(cls, sample: Sample) -> Self:  # type: ignore[override]  # it has no settings
         """Return the law with fitted marginal distributions, and the correlations of their normal scores."""
-        box.require(x, "the records")
-        margins = tuple(
-            _margin(values, side(box, j), generator, weights, None if start is None else start.margins[j])
-            for j, values in enumerate(x.T)
-        )
-        z = _scores(margins, x)
-        second = z.T @ (normalised(weights, len(x))[:, None] * z) / len(x)
+        margins = tuple(_margin(sample, j) for j in range(sample.box.dimension))
+        z = _scores(margins, sample.x)
+        second = z.T @ (sample.normalised[:, None] * z) / len(z)
         deviation = np.sqrt(np.diag(second))
         correlation = np.clip(second / np.outer(deviation, deviation), -STRONGEST, STRONGEST)
         np.fill_diagonal(correlation, 1.0)
-        return cls(box, margins, cls._correlation(correlation))
+        return cls(sample.box, margins, cls._correlation(correlation))
 
     @classmethod
     def _correlation(cls, estimated: Array) -> Array:
@@ -152,24 +140,16 @@ def side(box: Box, j: int) -> Box:
     return Box((box.names[j],), (box.lower[j],), (box.upper[j],))
 
 
-def _margin(
-    values: Array,
-    box: Box,
-    generator: np.random.Generator,
-    weights: Array | None,
-    start: TruncatedNormalMixture | None,
-) -> TruncatedNormalMixture:
-    """Return the marginal distribution of one variable.
+def _margin(sample: Sample, j: int) -> TruncatedNormalMixture:
+    """Return the marginal distribution of the variable with index j.
 
     The number of components is that of ``start`` if it is given, and otherwise the one with the smallest BIC.
     """
-    x = values[:, None]
+    start = None if sample.start is None else sample.start.margins[j]
+    own = replace(sample, x=sample.x[:, [j]], box=side(sample.box, j), start=start)
     if start is not None:
-        return TruncatedNormalMixture.fit(x, box, generator, weights=weights, start=start)
-    fits = (
-        TruncatedNormalMixture.fit(x, box, generator, weights=weights, components=components)
-        for components in MARGIN_COMPONENTS
-    )
+        return TruncatedNormalMixture.fitted_to(own)
+    fits = (TruncatedNormalMixture.fitted_to(own, components) for components in MARGIN_COMPONENTS)
     return min(fits, key=lambda law: law.fitted.bic)
 
 

@@ -15,7 +15,7 @@ from scipy.special import logsumexp
 
 from accelerated_evaluation.base.arrays import Array, numbers_in
 from accelerated_evaluation.laws import LAWS
-from accelerated_evaluation.laws.joint import normalised
+from accelerated_evaluation.laws.joint import Sample
 from accelerated_evaluation.laws.joint.truncated import Normals, shares_of_one, symmetric
 from accelerated_evaluation.laws.joint.truncated_normals import TruncatedNormalMixture
 from accelerated_evaluation.laws.protocol import Box
@@ -31,18 +31,10 @@ class KernelLaw(TruncatedNormalMixture):
     candidates: ClassVar[Mapping[str, Mapping[str, int]]] = {"kernel": {}}
 
     @classmethod
-    def fit(
-        cls,
-        x: Array,
-        box: Box,
-        generator: np.random.Generator,
-        *,
-        weights: Array | None = None,
-        start: Self | None = None,
-    ) -> Self:
-        """Return the law with the fitted bandwidth, or with the covariance matrix of ``start``."""
-        box.require(x, "the records")
-        shares = normalised(weights, len(x)) / len(x)
+    def fitted_to(cls, sample: Sample) -> Self:  # type: ignore[override]  # it has no settings
+        """Return the law with the fitted bandwidth, or with the covariance matrix of the start."""
+        x, box, start = sample.x, sample.box, sample.start
+        shares = sample.normalised / len(x)
         if start is not None and np.array_equal(start.normals.mean, x):
             return replace(start, shares=shares)
         if start is not None:

@@ -15,12 +15,11 @@ from numpy.typing import NDArray
 from scipy.interpolate import CubicHermiteSpline
 from scipy.special import logsumexp, ndtr, ndtri
 
-from accelerated_evaluation.base.arrays import Array, numbers_in
+from accelerated_evaluation.base.arrays import Array, Chosen, numbers_in
 from accelerated_evaluation.base.checking import checked
-from accelerated_evaluation.base.errors import InputError
 from accelerated_evaluation.base.randomness import DRAWING
 from accelerated_evaluation.laws import LAWS
-from accelerated_evaluation.laws.joint import JointLaw
+from accelerated_evaluation.laws.joint import JointLaw, Sample
 from accelerated_evaluation.laws.joint.expectation_maximisation import (
     Fitted,
     fit_mixture,
@@ -36,8 +35,6 @@ TABLE_REACH = 6.0  # number of standard deviations around a component within whi
 FARTHEST = 8.0  # largest absolute value of a normal score
 PAIRS_AT_ONCE = 1_000_000  # number of points times components, which limits the memory for densities
 MAPPED_AT_ONCE = 800  # number of points times components, so that arrays stay in the cache of the processor
-BEYOND = 1e-3  # largest error of the total probability that is accepted if the box is not symmetric
-LEAST_SHARE = 1e-9  # components with a smaller share are dropped
 
 
 @LAWS.add("truncated_normals")
@@ -54,20 +51,11 @@ class TruncatedNormalMixture(JointLaw):
     fitted: Fitted | None = None  # None if the law was not fitted
 
     @classmethod
-    def fit(
-        cls,
-        x: Array,
-        box: Box,
-        generator: np.random.Generator,
-        *,
-        weights: Array | None = None,
-        start: Self | None = None,
-        components: int = COMPONENTS,
-    ) -> Self:
+    def fitted_to(cls, sample: Sample, components: int = COMPONENTS) -> Self:  # type: ignore[override]
         """Return the mixture of K ``components``, fitted by the EM algorithm for truncated data."""
-        box.require(x, "the records")
-        begin = None if start is None else (start.shares, start.normals)
-        return cls(*fit_mixture(x, box, components, generator, weights, begin))
+        begin = None if sample.start is None else (sample.start.shares, sample.start.normals)
+        own = sample.x, sample.box, components, sample.generator, sample.weights
+        return cls(*fit_mixture(*own, begin))
 
     @property
     def box(self) -> Box:
@@ -159,7 +147,7 @@ class TruncatedNormalMixture(JointLaw):
         low, high = self.box.lower[e.shape[-1]], self.box.upper[e.shape[-1]]
         from_top = z > 0
 
-        def value_at(t: Array, top: Array) -> Array:
+        def value_at(t: Array, top: Chosen) -> Array:
             return np.clip(np.where(top, high - t, low + t), low, high)
 
         def reached(t: Array, row: NDArray[np.intp]) -> tuple[Array, Array]:
@@ -225,38 +213,6 @@ class TruncatedNormalMixture(JointLaw):
             for ends in ((np.full(x.size, low), x), (x, np.full(x.size, high)))
         )
         return np.clip(np.where(below < above, ndtri(below), -ndtri(above)), -FARTHEST, FARTHEST)
-
-    def folded(self, variable: int) -> Self:
-        """Return the law in which one variable is replaced by its absolute value.
-
-        Each component becomes two: its part above zero, and the mirror image of its part below zero. Folding
-        helps the sampler in normal scores if events occur at values near zero of either sign. These values
-        are a thin layer in the middle of the distribution of the variable, but the lower tail of its absolute
-        value. InputError is raised if the limits of the variable are not symmetric, so that the total
-        probability of the folded law would differ from 1 by more than `BEYOND`.
-        """
-        box, mean, covariance = self.box, self.normals.mean, self.normals.covariance
-        sign = np.ones(self.dimension)
-        sign[variable] = -1
-        reach = max(-box.lower[variable], box.upper[variable])
-        upper = (*box.upper[:variable], reach, *box.upper[variable + 1 :])
-        whole = Box(box.names, (*box.lower[:variable], 0.0, *box.lower[variable + 1 :]), upper)
-        means = np.concatenate([mean, mean * sign])
-        covariances = np.concatenate([covariance, covariance * np.outer(sign, sign)])
-        masses = np.tile(self.normals.masses, 2)
-        shares = np.tile(self.shares, 2) * Normals(means, covariances, whole).masses / masses
-        beyond = abs(shares.sum() - 1)
-        if beyond > BEYOND:
-            raise InputError(
-                f"the limits of {box.names[variable]}",
-                seen=f"{box.lower[variable]:g} to {box.upper[variable]:g}, with a probability of "
-                f"{beyond:.2g} beyond the mirror image of the nearer limit",
-                expected="symmetric limits",
-                change="Fit the law within symmetric limits, or to absolute values.",
-            )
-        kept = shares > LEAST_SHARE
-        shares = shares[kept] / shares[kept].sum()
-        return type(self)(shares, Normals(means[kept], covariances[kept], whole))
 
     def content(self) -> dict[str, Any]:
         """Return the parameters of the law, for JSON."""

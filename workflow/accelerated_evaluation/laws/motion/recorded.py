@@ -21,7 +21,9 @@ from accelerated_evaluation.records.ingest import FASTEST
 NAMES = ("lead_speed", "range", "closing_speed")
 FEWEST = 10  # smallest number of recorded profiles
 BELOW_ONE = 1 - 1e-12
-NEWTON_STEPS = 5  # after which the balance has converged
+FEATURES = 3  # lead speed, logarithm of the range and closing speed
+NEWTON_STEPS = 5  # after which the balance has converged, in nearly all places
+SMALLEST_STEP = 1e-7  # relative to the farthest neighbour; the next step of Newton would be its square
 FASTEST_CHANGE = 10.0  # [m/s^2]: tyres do not transmit more
 MEASURED = 5.0  # [m/s], difference of two speeds that errors of measurement may add
 AWAY = 100.0  # [m/s], speed that is assigned to a car that has left the lane, so that it cannot be hit
@@ -48,6 +50,7 @@ class Recorded:
     encounters: Array = field(repr=False)  # lead speed [m/s], range [m] and closing speed [m/s], (3, n)
     # Lead speeds over time [m/s], (n, STATES); `AWAY` after the car has left the lane.
     courses: Array = field(repr=False)
+    _changes: Array = field(init=False, repr=False)  # of the speeds since the lane change, (n, STATES)
     _scale: Array = field(init=False, repr=False)
     _tree: cKDTree = field(init=False, repr=False)
     _rank: NDArray[np.int_] = field(init=False, repr=False)
@@ -71,10 +74,11 @@ class Recorded:
         features = _features(self.encounters)
         # Not where the standard deviation is 0, because that of equal numbers is not always exactly 0.
         scale = np.where(np.ptp(features, axis=0) == 0, 1.0, features.std(axis=0))
-        change = (self.courses - self.courses[:, :1]).mean(axis=1)
+        changes = self.courses - self.courses[:, :1]
+        object.__setattr__(self, "_changes", changes)
         object.__setattr__(self, "_scale", scale)
         object.__setattr__(self, "_tree", cKDTree(features / scale))
-        object.__setattr__(self, "_rank", np.argsort(np.argsort(change, kind="stable")))
+        object.__setattr__(self, "_rank", np.argsort(np.argsort(changes.mean(axis=1), kind="stable")))
 
     @classmethod
     def of(cls, table: pd.DataFrame, where: str = "recorded courses") -> Self:
@@ -133,8 +137,9 @@ class Recorded:
         near, ends = self._neighbours_of(encounters[:, is_new])
         which = np.cumsum(is_new) - 1  # repeats of the encounter before share its neighbours
         chosen = (np.minimum(inputs, BELOW_ONE)[:, :1] * ends[which, -1:] >= ends[which]).sum(axis=1)
-        course = self.courses[near[which, chosen]]
-        return np.maximum(encounters[0][:, None] + (course - course[:, :1]), 0.0)
+        speeds = self._changes[near[which, chosen]]
+        speeds += encounters[0][:, None]
+        return np.maximum(speeds, 0.0, out=speeds)
 
     def _neighbours_of(self, encounters: Array) -> tuple[NDArray[np.intp], Array]:
         """Return the neighbours of encounters by rising change of speed, and their cumulative weights.
@@ -169,51 +174,55 @@ def _balanced(weights: Array, offsets: Array) -> Array:
     neighbours. The weights have the shape (n, k). The offsets, neighbours minus place, are relative to the
     distance of the farthest neighbour, shape (n, k, 3).
     """
-    rows, neighbours, features = offsets.shape
-    shares, spread = np.empty_like(weights), np.empty((features, features))
+    rows, neighbours = weights.shape
+    shares, spread, mean = np.empty_like(weights), np.empty((FEATURES, FEATURES)), np.empty(FEATURES)
     for row in range(rows):
-        shares[row] = weights[row] / weights[row].sum()
-        ridge, tilt = (shares[row] ** 2).sum(), np.zeros(features)
+        own, place, tilt = shares[row], offsets[row], np.zeros(FEATURES)
+        own[:] = weights[row] / weights[row].sum()
+        ridge = (own**2).sum()
         for _ in range(NEWTON_STEPS):
-            mean = np.zeros(features)
-            spread[:] = 0.0
+            mean[:], spread[:] = 0.0, 0.0
             for near in range(neighbours):
-                for one in range(features):
-                    part = shares[row, near] * offsets[row, near, one]
+                for one in range(FEATURES):
+                    part = own[near] * place[near, one]
                     mean[one] += part
-                    for two in range(features):
-                        spread[one, two] += part * offsets[row, near, two]
-            for one in range(features):
-                spread[one, one] += ridge
-                for two in range(features):
+                    for two in range(one + 1):
+                        spread[one, two] += part * place[near, two]
+            for one in range(FEATURES):
+                for two in range(one + 1):
                     spread[one, two] -= mean[one] * mean[two]
-            tilt -= _solved(spread, mean + ridge * tilt)
-            largest = -np.inf
+                    spread[two, one] = spread[one, two]
+                spread[one, one] += ridge
+            step = _solved(spread, mean + ridge * tilt)
+            tilt -= step
             for near in range(neighbours):
-                exponent = 0.0
-                for one in range(features):
-                    exponent += offsets[row, near, one] * tilt[one]
-                shares[row, near], largest = exponent, max(largest, exponent)
-            shares[row] = weights[row] * np.exp(shares[row] - largest)
-            shares[row] /= shares[row].sum()
+                own[near] = 0.0
+                for one in range(FEATURES):
+                    own[near] += place[near, one] * tilt[one]
+            largest, total = own.max(), 0.0
+            for near in range(neighbours):
+                own[near] = weights[row, near] * math.exp(own[near] - largest)
+                total += own[near]
+            own /= total
+            if np.abs(step).max() < SMALLEST_STEP:
+                break
     return shares
 
 
 @cached_njit()
 def _solved(matrix: Array, right: Array) -> Array:
-    """Return the solution of a few equations with a positive definite matrix; both arguments are overwritten.
+    """Return the solution of equations with a positive definite matrix; both arguments are overwritten.
 
     Such a matrix needs no pivots. A call of LAPACK would take longer than all else in a step of Newton.
     """
-    size = right.size
-    for one in range(size):
-        for two in range(one + 1, size):
+    for one in range(FEATURES):
+        for two in range(one + 1, FEATURES):
             factor = matrix[two, one] / matrix[one, one]
             right[two] -= factor * right[one]
-            for column in range(one, size):
+            for column in range(one, FEATURES):
                 matrix[two, column] -= factor * matrix[one, column]
-    for one in range(size - 1, -1, -1):
-        for two in range(one + 1, size):
+    for one in range(FEATURES - 1, -1, -1):
+        for two in range(one + 1, FEATURES):
             right[one] -= matrix[one, two] * right[two]
         right[one] /= matrix[one, one]
     return right

@@ -5,6 +5,7 @@ import math
 from collections.abc import Sequence
 from contextlib import suppress
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from tqdm import tqdm
@@ -37,7 +38,8 @@ class PieceFamily:
 
         ConvergenceError is raised if it cannot be fitted, and InputError if no distribution is of this kind.
         """
-        member, stated = DISTRIBUTIONS[self.kind], {"where": f"distribution {self.kind}", "returns": FITTED}
+        member: Any = DISTRIBUTIONS[self.kind]  # not every distribution can be fitted
+        stated: dict[str, Any] = {"where": f"distribution {self.kind}", "returns": FITTED}
         if self.components == 1:
             return call(member.fit, x, lower, upper, **stated)
         return call(member.fit_mixture, x, lower, upper, self.components, **stated)

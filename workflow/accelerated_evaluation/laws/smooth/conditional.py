@@ -14,13 +14,14 @@ cut-in, which has a unit exponential distribution, is the cumulative hazard with
 """
 
 from collections.abc import Mapping
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
+from functools import cached_property, partial
 from typing import Any
 
 import numpy as np
-from numpy.typing import ArrayLike
+from numpy.typing import ArrayLike, NDArray
 
-from accelerated_evaluation.base.arrays import Array, numbers_in
+from accelerated_evaluation.base.arrays import Array, Chosen, numbers_in
 from accelerated_evaluation.laws.smooth.excess import Excess
 from accelerated_evaluation.laws.smooth.far_tail import FarTail, Layers
 from accelerated_evaluation.laws.smooth.smooth_hazard import Cumulative, HazardGrid, SmoothHazard
@@ -76,7 +77,7 @@ class Places:
         )
         return cls(lead_speed, range_, along_speed, splines)
 
-    def only(self, chosen: Array) -> "Places":
+    def only(self, chosen: Chosen) -> "Places":
         """Return the pairs that an index array or a mask selects, with the values of their splines."""
         return Places(
             *(getattr(self, name)[chosen] for name in ("lead_speed", "range_", "along_speed", "splines"))
@@ -177,8 +178,7 @@ class SpeedLaw:
         if self.tail is None:
             return Given(below, far=far)
         threshold = self.threshold(places.lead_speed, places.range_)
-        scale = self.tail.scale(places.splines)
-        return Given(below, threshold, below.at(threshold), scale, self.tail, far)
+        return Given(below, threshold, self.tail.scale(places.splines), self.tail, far)
 
     def drawn(self, generator: np.random.Generator, body: SmoothHazard | None = None) -> "SpeedLaw":
         """Return a law with body and tail drawn from their posteriors, which are independent.
@@ -195,13 +195,18 @@ class Given:
     """Distributions of the closing speed given n pairs of lead speed and range, under a `SpeedLaw`."""
 
     below: Cumulative  # cumulative hazards of the body
-    threshold: Array | None = None  # m/s, (n,)
-    at_threshold: Array | None = None  # cumulative hazard of the body at the threshold, (n,)
-    scale: Array | None = None  # scale of the excess [m/s], (n,)
+    # Threshold and scale of a tail [m/s], each of shape (n,).
+    threshold: Array = field(default_factory=partial(np.empty, 0))
+    scale: Array = field(default_factory=partial(np.empty, 0))
     tail: Excess | None = None
     far: Layers | None = None  # factors of the hazard, (layers, n)
 
-    def cumulative(self, closing_speed: Array, row: Array | None = None) -> Array:
+    @cached_property
+    def at_threshold(self) -> Array:
+        """Cumulative hazard of the body at the threshold, shape (n,)."""
+        return self.below.at(self.threshold)
+
+    def cumulative(self, closing_speed: Array, row: NDArray[np.intp] | None = None) -> Array:
         """Return -log P(C > c) at one closing speed c [m/s] for each pair (of index ``row``), (n,)."""
         finite = np.isfinite(closing_speed)
         speed = closing_speed if finite.all() else np.where(finite, closing_speed, 0.0)

@@ -8,7 +8,8 @@ of cumulative hazards.
 """
 
 import hashlib
-from collections.abc import Sequence
+import math
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 from typing import Self
@@ -23,8 +24,10 @@ from accelerated_evaluation.laws.smooth.family import LawFamily, Member
 from accelerated_evaluation.laws.smooth.far_tail import FarTail
 from accelerated_evaluation.laws.smooth.shapes import Shape
 from accelerated_evaluation.laws.smooth.smooth_hazard import LOG_HAZARD_MAX, SmoothHazard
-from accelerated_evaluation.laws.smooth.support import Support
+from accelerated_evaluation.laws.smooth.support import SUPPORT, Support
 
+PLACES_AT_ONCE = 400  # limits the memory to about 100 MB with 500 draws
+INTERVALS_AT_ONCE = 20_000  # divided by the number of draws, so that few draws have larger parts
 SHARED = 50  # largest number of bodies and of distributions of the range
 
 
@@ -74,6 +77,17 @@ class SmoothDraws:
             return None
         return replace(self, laws=tuple(map(self.family.with_mean_far_tail, self.laws)), family=None)
 
+    @classmethod
+    def of_laws(cls, ranges: SmoothHazard, laws: Sequence[SpeedLaw], support: Support = SUPPORT) -> Self:
+        """Return laws of the closing speed with the same body as draws, all with one law of the range."""
+        bodies, shared = (laws[0].body,), np.zeros(len(laws), dtype=int)
+        return cls((ranges,), bodies, tuple(laws), shared, ("",) * len(laws), support)
+
+    def parts(self, n: int) -> list[slice]:
+        """Return slices that together cover n places, each with few enough of them for the memory."""
+        at_once = max(PLACES_AT_ONCE, INTERVALS_AT_ONCE // self.size)
+        return [slice(start, start + at_once) for start in range(0, n, at_once)]
+
     @property
     def size(self) -> int:
         """Number K of draws."""
@@ -113,6 +127,55 @@ class SmoothDraws:
         """Return the distributions of the closing speed under all K draws, given pairs of speed and range."""
         body = Hazards.of(self._body_splines, self.bodies[0].grid.edges[2], places.splines)
         return SpeedsAt(self, places, body)
+
+    def log_densities(self, x: Array, cap: float = math.inf) -> Array:
+        """Return the log density of n cut-ins x, shape (n, 3), under each draw given v_L, shape (K, n).
+
+        At the cap on the closing speed [m/s], its density is replaced by the probability of the cap.
+        """
+        density = np.empty((self.size, len(x)))
+        for part, of_range, speeds, row in self._in_parts(x):
+            hazard, of_speed = speeds.at(x[part, 2], row)
+            density[:, part] = of_range + np.where(x[part, 2] >= cap, -hazard, of_speed)
+        return density
+
+    def with_cap_at(self, closing_speed_max: float) -> Self:
+        """Return the draws themselves, which have no cap on the closing speed."""
+        return self
+
+    def log_slices(self, k: int, x: Array, low: Array, high: Array) -> Array:
+        """Return the result of `SlicedLaw.log_slice` under each draw, shape (K, n), without a cap.
+
+        The variable k is the closing speed, and the interval may be infinite.
+        """
+        logs = np.empty((self.size, len(x)))
+        for part, of_range, speeds, row in self._in_parts(x):
+            # Many intervals end where the next one begins, so that most hazards are needed once.
+            finite, begins = np.isfinite(high[part]), low[part]
+            apart = np.append((np.diff(row) != 0) | (high[part][:-1] != begins[1:]), True) & finite
+            start = speeds.at(begins, row, with_density=False)[0]
+            end = np.roll(start, -1, axis=1)
+            end[:, apart] = speeds.at(high[part][apart], row[apart], with_density=False)[0]
+            with np.errstate(divide="ignore", invalid="ignore"):
+                of_speed = np.log(-np.expm1(np.where(finite, start - end, -math.inf))) - start
+            # A draw may have no probability beyond a finite closing speed.
+            logs[:, part] = of_range + np.where(np.isfinite(start), of_speed, -math.inf)
+        return logs
+
+    def _in_parts(self, x: Array) -> Iterator[tuple[slice, Array, "SpeedsAt", NDArray[np.intp]]]:
+        """Yield parts of cut-ins x, shape (n, 3), with the log density of the range under each draw, (K, m).
+
+        Then come the laws of the closing speed at the places of a part, and the index of the place of each
+        cut-in. Cut-ins at the same place should follow each other, because the place is evaluated once.
+        """
+        for part in self.parts(len(x)):
+            lead_speed, range_ = x[part, 0], x[part, 1]
+            new = np.append(True, (np.diff(lead_speed) != 0) | (np.diff(range_) != 0))
+            places, row = Places.of(lead_speed[new], range_[new], self.support), np.cumsum(new) - 1
+            cumulative, rate = self.ranges_at(places).at(np.log(self.support.range_max / places.range_))
+            of_range = np.log(rate) - cumulative - np.log(places.range_)
+            of_range[:, places.range_ > self.support.range_max] = -math.inf
+            yield part, of_range[self.shared][:, row], self.speeds_at(places), row
 
     @cached_property
     def _range_splines(self) -> Array:
@@ -229,14 +292,16 @@ class SpeedsAt:
                 )
             )
 
-    def at(self, closing_speed: Array, row: NDArray[np.intp] | None = None) -> tuple[Array, Array]:
+    def at(
+        self, closing_speed: Array, row: NDArray[np.intp] | None = None, *, with_density: bool = True
+    ) -> tuple[Array, Array]:
         """Return -log P(C > c) and the log density, both (K, n), at one closing speed c [m/s] for each pair.
 
         With ``row``, there is one closing speed for each pair of that index.
         """
         cumulative, rate = self.body.at(closing_speed, row)
-        cumulative, log_rate = cumulative[self.draws.shared], np.log(rate)[self.draws.shared]
-        log_density = log_rate - cumulative
+        cumulative = cumulative[self.draws.shared]
+        log_density = np.log(rate)[self.draws.shared] - cumulative if with_density else np.empty(0)
         for group, *of_places in self._tails:
             threshold, reached, log_scale = (
                 values if row is None else values.take(row, axis=1) for values in of_places
@@ -244,13 +309,16 @@ class SpeedsAt:
             above = closing_speed > threshold
             z = np.maximum(closing_speed - threshold, 0) * np.exp(-log_scale)
             tail = reached + group.shape.cumulative(z, group.parameters)
-            density = group.shape.log_density(z, group.parameters) - log_scale - reached
             cumulative[group.index] = np.where(above, tail, cumulative[group.index])
-            log_density[group.index] = np.where(above, density, log_density[group.index])
+            if with_density:
+                density = group.shape.log_density(z, group.parameters) - log_scale - reached
+                log_density[group.index] = np.where(above, density, log_density[group.index])
         if self._far is None:
             return cumulative, log_density
         far = self._far.only(row)
-        return far.cumulative(cumulative), log_density + far.log_density_ratio(cumulative)
+        if with_density:
+            log_density += far.log_density_ratio(cumulative)
+        return far.cumulative(cumulative), log_density
 
 
 def _along_variable(hazards: Sequence[SmoothHazard]) -> Array:

@@ -17,7 +17,7 @@ from scipy.linalg import LinAlgError, cho_factor, cho_solve, solve_triangular
 from accelerated_evaluation.base.arrays import Array, numbers_in
 from accelerated_evaluation.base.errors import ConvergenceError
 from accelerated_evaluation.laws.smooth.shapes import SHAPES, Shape
-from accelerated_evaluation.laws.smooth.splines import SMOOTHING_ROUNDS, SMOOTHING_TOLERANCE, Penalty
+from accelerated_evaluation.laws.smooth.splines import Penalty
 
 ITERATIONS = 300  # largest number of steps
 # The iterations end if a step increases the log likelihood by less than TOLERANCE. The error of the
@@ -90,20 +90,13 @@ def fit_excess(
         return start
     gram = covariates.T @ covariates if gram is None else gram
     problem, p = _Problem(excess, covariates, shape, gram), covariates.shape[1]
-    if start is not None:
-        values = np.concatenate([start.coefficients, start.parameters])
-        values, factor = problem.maximise(values, penalty.total(start.smoothing))
-        return Excess(shape, values[:p], values[p:], start.smoothing, factor)
-    values = np.concatenate([np.full(p, np.log(excess.mean())), shape.prior_mean])
-    chosen = np.ones(len(penalty.roots))
-    values, factor = problem.maximise(values, penalty.total(chosen))
-    for _ in range(SMOOTHING_ROUNDS):
-        covariance = cho_solve((factor, False), np.eye(len(factor)))[:p, :p]
-        before, chosen = chosen, penalty.smoother(chosen, values[:p], covariance)
-        values, factor = problem.maximise(values, penalty.total(chosen))
-        if np.all(np.abs(np.log(chosen / before)) < SMOOTHING_TOLERANCE):
-            break
-    return Excess(shape, values[:p], values[p:], tuple(map(float, chosen)), factor)
+    if start is None:
+        begin = np.concatenate([np.full(p, np.log(excess.mean())), shape.prior_mean])
+    else:
+        begin = np.concatenate([start.coefficients, start.parameters])
+    known = None if start is None else start.smoothing
+    values, factor, smoothing = penalty.maximised(problem.maximise, begin, known)
+    return Excess(shape, values[:p], values[p:], smoothing, factor)
 
 
 @dataclass(frozen=True)

@@ -12,7 +12,7 @@ import numpy as np
 import pandas as pd
 from numpy.typing import NDArray
 
-from accelerated_evaluation.base.arrays import Array
+from accelerated_evaluation.base.arrays import Array, Chosen
 from accelerated_evaluation.laws.smooth.conditional import (
     Places,
     SpeedLaw,
@@ -61,7 +61,7 @@ class FarRecords:
         """
         return self.only(largest > self.levels[0] - MARGIN)
 
-    def only(self, chosen: Array) -> Self:
+    def only(self, chosen: Chosen) -> Self:
         """Return the records that a mask selects; the levels stay those of all records."""
         return replace(self, places=self.places.only(chosen), closing_speed=self.closing_speed[chosen])
 
@@ -119,7 +119,7 @@ class DistinctRecords:
         """The lead speeds and ranges of the records, at which laws of the closing speed are evaluated."""
         return Places.of(self.lead_speed, self.range_, self.support)
 
-    def only(self, chosen: Array) -> "DistinctRecords":
+    def only(self, chosen: Chosen) -> "DistinctRecords":
         """Return the records selected by an index array or a mask."""
         parts = (getattr(self, name)[chosen] for name in ("lead_speed", "range_", "closing_speed"))
         return DistinctRecords(*parts, self.support)
@@ -214,15 +214,28 @@ class Fitter:
             fit_hazard(grid, data, start=fit)
             for grid, data, fit in zip(self.grids, self.binned, before, strict=True)
         )
+        return self.family_of(ranges, body, start=start)
+
+    def family_of(
+        self,
+        ranges: SmoothHazard,
+        body: SmoothHazard,
+        tails: dict[Member, Excess] | None = None,
+        start: LawFamily | None = None,
+    ) -> LawFamily:
+        """Return the family with given laws of the range and of the body; tails are fitted if none are given.
+
+        Thresholds and far tails follow from these.
+        """
         levels = sorted({member.level for member in self.members if member.level is not None})
         thresholds = {level: Threshold.of(body, level, self.records.support) for level in levels}
         above = {level: Exceedances.of(self.records, threshold) for level, threshold in thresholds.items()}
         above = {level: those for level, those in above.items() if those.index.size >= FEWEST}
         every = np.ones(self.records.size, dtype=bool)
-        tails = self._tails(above, every, start)
+        tails = self._tails(above, every, start) if tails is None else tails
         return self._with_far_tails(LawFamily(ranges, body, thresholds, above, tails, {}), every)
 
-    def refit(self, family: LawFamily, left_out: Array) -> LawFamily:
+    def refit(self, family: LawFamily, left_out: Chosen) -> LawFamily:
         """Return the family with laws of the closing speed fitted without some of the records.
 
         Thresholds and smoothing parameters are those of the fit to all records.

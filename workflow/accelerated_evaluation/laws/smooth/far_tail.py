@@ -25,10 +25,11 @@ from typing import Any, Self
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.linalg import cho_factor, cho_solve, solve_triangular
+from scipy.linalg import solve_triangular
 from scipy.special import softmax
 
 from accelerated_evaluation.base.arrays import Array, numbers_in
+from accelerated_evaluation.base.compiling import cached_njit
 from accelerated_evaluation.laws.smooth.splines import Basis
 
 RECORDS = np.array([100, 10, 1])  # numbers of records that are expected beyond the levels
@@ -210,38 +211,9 @@ class FarPosterior:
 
     def _mode(self, deviation: float, z: Array) -> "Mode":
         """Return the normal approximation of the posterior of the fields, found from z by Newton's method."""
-        layers, size = z.shape
-        # The field of a layer is the sum of the changes up to it.
-        changes = deviation * np.kron(np.tril(np.ones((layers, layers))), np.eye(size))
-        for _ in range(STEPS):
-            log_likelihood, gradient, information = self._derivatives((changes @ z.ravel()).reshape(z.shape))
-            factor = np.triu(cho_factor(np.eye(z.size) + changes.T @ information @ changes)[0])
-            slope = changes.T @ gradient.ravel() - z.ravel()
-            log_evidence = log_likelihood - np.sum(z**2) / 2 - np.log(np.diag(factor)).sum()
-            step = cho_solve((factor, False), slope)
-            if step @ slope < TOLERANCE:
-                break
-            z = z + step.reshape(z.shape)
-        return Mode(deviation, z, factor, log_evidence)
-
-    def _derivatives(self, fields: Array) -> tuple[float, Array, Array]:
-        """Return log likelihood, gradient (layers, J) and information by the coefficients of the fields.
-
-        The common factors are integrated out. The information, minus the second derivatives, is a block
-        diagonal matrix of the layers.
-        """
-        layers, size = fields.shape
-        at_risk = self.inside * np.exp(fields @ self.fields.T)
-        rates = self.prior.shape + at_risk.sum(axis=1)
-        means = at_risk @ self.fields / rates[:, None]
-        ended = self.ended @ self.fields
-        log_likelihood = np.sum(ended * fields) - self._shapes @ np.log(rates)
-        information = np.zeros((layers, size, layers, size))
-        for layer, (risk, mean) in enumerate(zip(at_risk, means, strict=True)):
-            squares = (self.fields.T * risk) @ self.fields / rates[layer]
-            information[layer, :, layer] = self._shapes[layer] * (squares - np.outer(mean, mean))
-        gradient = ended - self._shapes[:, None] * means
-        return float(log_likelihood), gradient, information.reshape(fields.size, fields.size)
+        ended, shapes = self.ended @ self.fields, self._shapes
+        found = _maximise(deviation, z, ended, self.inside, self.fields, shapes, self.prior.shape)
+        return Mode(deviation, *found)
 
 
 @dataclass(frozen=True)
@@ -264,3 +236,52 @@ def levels_of(size: int, lowest: float) -> Array:
     A level is not below ``lowest``.
     """
     return np.maximum(np.log(size / RECORDS), lowest)
+
+
+@cached_njit()
+def _maximise(
+    deviation: float, z: Array, ended: Array, inside: Array, fields: Array, shapes: Array, rate: float
+) -> tuple[Array, Array, float]:
+    """Return the mode, (layers, J), the upper Cholesky factor of the information there and the log evidence.
+
+    ``ended``, (layers, J), are sums of the ``fields`` of the records that end in each layer.
+    """
+    layers, size = z.shape
+    # The field of a layer is the sum of the changes up to it.
+    changes = deviation * np.kron(np.tril(np.ones((layers, layers))), np.eye(size))
+    for _ in range(STEPS):
+        of_layers = (changes @ z.ravel()).reshape(z.shape)
+        log_likelihood, gradient, information = _derivatives(of_layers, ended, inside, fields, shapes, rate)
+        information = np.eye(z.size) + changes.T @ information @ changes
+        factor = np.linalg.cholesky(information)
+        slope = changes.T @ gradient - z.ravel()
+        log_evidence = log_likelihood - np.sum(z**2) / 2 - np.log(np.diag(factor)).sum()
+        step = np.linalg.solve(information, slope)
+        if step @ slope < TOLERANCE:
+            break
+        z = z + step.reshape(z.shape)
+    return z, factor.T.copy(), log_evidence
+
+
+@cached_njit()
+def _derivatives(
+    of_layers: Array, ended: Array, inside: Array, fields: Array, shapes: Array, rate: float
+) -> tuple[float, Array, Array]:
+    """Return log likelihood, gradient and information by the coefficients of the fields, (layers, J).
+
+    The common factors are integrated out. The information, minus the second derivatives, is a block diagonal
+    matrix of the layers.
+    """
+    layers, size = of_layers.shape
+    log_likelihood = np.sum(ended * of_layers)
+    gradient, information = np.empty(layers * size), np.zeros((layers * size, layers * size))
+    for layer in range(layers):
+        at_risk = inside[layer] * np.exp(fields @ of_layers[layer])
+        of_rate = rate + at_risk.sum()
+        mean = at_risk @ fields / of_rate
+        squares = (fields.T * at_risk) @ fields / of_rate
+        log_likelihood -= shapes[layer] * np.log(of_rate)
+        own = slice(layer * size, (layer + 1) * size)
+        gradient[own] = ended[layer] - shapes[layer] * mean
+        information[own, own] = shapes[layer] * (squares - np.outer(mean, mean))
+    return log_likelihood, gradient, information

@@ -7,18 +7,19 @@ so these weights never exceed K.
 Let x = log(R_max / R), let g_k be the density of x given the lead speed v_L, and let f_k be the density of
 the closing speed c given v_L and x. The density of a cut-in is the mean of g_k(x) f_k(c) over the draws. The
 range therefore has the density mean g_k(x), and the closing speed given the range is a mixture with weights
-proportional to g_k(x). Both are mapped to coordinates with unit exponential distributions (Rosenblatt 1952),
-as for the other smooth laws. The inverse of the map is computed by Newton's method.
+proportional to g_k(x). Both are mapped to coordinates with unit exponential distributions (Rosenblatt 1952).
+The inverse of the map is computed by Newton's method. A law of the family alone is the mean law of one draw.
 """
 
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
-from typing import Any, Protocol, Self
+from functools import partial
+from typing import Any, Self
 
 import numpy as np
 import pandas as pd
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 from scipy.special import logsumexp
 
 from accelerated_evaluation.base.arrays import Array, numbers_in
@@ -30,32 +31,28 @@ from accelerated_evaluation.laws.draws import Draws
 from accelerated_evaluation.laws.paper.models import recorded_lead_speeds
 from accelerated_evaluation.laws.protocol import Box, Law
 from accelerated_evaluation.laws.smooth.conditional import Places, SpeedLaw, Threshold, range_grid, speed_grid
-from accelerated_evaluation.laws.smooth.draws import SmoothDraws, SpeedsAt
+from accelerated_evaluation.laws.smooth.draws import Hazards, SmoothDraws, SpeedsAt
 from accelerated_evaluation.laws.smooth.excess import Excess
 from accelerated_evaluation.laws.smooth.far_tail import FarTail
-from accelerated_evaluation.laws.smooth.mixtures import TOLERANCE, RangeMixture, mixed, solve
-from accelerated_evaluation.laws.smooth.segments import (
-    SmoothLaw,
-    SmoothStratum,
-    parts,
-    recorded_segments,
-)
+from accelerated_evaluation.laws.smooth.mixtures import TOLERANCE, mixed, solve
+from accelerated_evaluation.laws.smooth.segments import COORDINATES, CUT, floats, recorded_segments
 from accelerated_evaluation.laws.smooth.smooth_hazard import SmoothHazard
 from accelerated_evaluation.laws.smooth.support import Support
+from accelerated_evaluation.laws.strata import Factors, StratifiedLaw, Stratum
 
 FAR_TAIL = (
     "far tail"  # name of the factors of the hazard where only a few records are, as a source of uncertainty
 )
-PLACES_AT_ONCE = 400  # limits the memory to about 100 MB with 500 draws
 LARGEST_LOGARITHM = 50.0  # of R_max / R; the range would otherwise underflow where few records are near
 
 
 @dataclass(frozen=True)
-class MeanStratum(SmoothStratum):
+class MeanStratum(Stratum):
     """One segment of the mean law: a `Stratum` with unit-exponential coordinates."""
 
     lead_speed: Empirical
     draws: SmoothDraws
+    factors = COORDINATES
 
     @property
     def support(self) -> Support:
@@ -66,10 +63,10 @@ class MeanStratum(SmoothStratum):
         """Return the n cut-ins, shape (n, 3), with given v_L [m/s] and coordinates, each of shape (n,)."""
         range_, speed = np.empty(first.size), np.empty(first.size)
         farthest = self.support.range_max
-        for part in parts(first.size, PLACES_AT_ONCE):
+        for part in self.draws.parts(first.size):
             lead = lead_speed[part]
-            ranges = self._mixture(self.places(lead, np.full(lead.size, farthest)))
-            value = solve(ranges.score, first[part], np.ones(lead.size))
+            ranges = self.draws.ranges_at(self.places(lead, np.full(lead.size, farthest)))
+            value = solve(partial(self._range_score, ranges), first[part], np.ones(lead.size))
             range_[part] = farthest * np.exp(-np.minimum(value, LARGEST_LOGARITHM))
             speeds, log_weight = self._speeds(lead, range_[part], ranges, value)
             start = self.draws.laws[0].given(self.places(lead, range_[part])).inverse(second[part])
@@ -80,6 +77,47 @@ class MeanStratum(SmoothStratum):
             )
         return np.column_stack([lead_speed, range_, speed])
 
+    @property
+    def pieces(self) -> Factors:
+        """The unit exponential distributions of the coordinates, each divided into two pieces.
+
+        The knot between the pieces is the 95 % quantile.
+        """
+        return Factors(CUT, CUT)
+
+    @property
+    def range_max(self) -> float:
+        """The largest recorded range [m]."""
+        return self.support.range_max
+
+    def first(self, lead_speed: ArrayLike, inverse_range: ArrayLike) -> Array:
+        """Return the first coordinate -log P(R^-1 > r | v_L), which is infinite for an infinite r.
+
+        The arguments are v_L [m/s] and r [1/m], of shapes that broadcast.
+        """
+        speed, inverse_range = np.broadcast_arrays(*floats(lead_speed, inverse_range))
+        coordinate = np.full(speed.shape, math.inf)
+        near = np.isfinite(inverse_range)
+        coordinate[near] = self.range_coordinate(speed[near], inverse_range[near])[0]
+        return coordinate
+
+    def log_first_slope(self, lead_speed: ArrayLike, inverse_range: ArrayLike) -> Array:
+        """Return the log of the derivative of the first coordinate with respect to R^-1, for fixed v_L.
+
+        The arguments are v_L [m/s] and R^-1 [1/m], of shapes that broadcast.
+        """
+        speed, inverse_range = np.broadcast_arrays(*floats(lead_speed, inverse_range))
+        return np.log(self.range_coordinate(speed, inverse_range)[1]) - np.log(inverse_range)
+
+    def second(self, lead_speed: ArrayLike, inverse_range: ArrayLike, closing_speed: ArrayLike) -> Array:
+        """Return the second coordinate -log P(C > c | v_L, R), which is infinite for an infinite c.
+
+        The arguments are v_L [m/s], R^-1 [1/m] and closing speed c [m/s], of shapes that broadcast.
+        """
+        arrays = np.broadcast_arrays(*floats(lead_speed, inverse_range, closing_speed))
+        lead, inverse_range, closing = (array.ravel() for array in arrays)
+        return self.second_at(lead, inverse_range, closing[:, None]).reshape(arrays[0].shape)
+
     def range_coordinate(self, lead_speed: Array, inverse_range: Array) -> tuple[Array, Array]:
         """Return the first coordinate, and its derivative with respect to log(R_max / R).
 
@@ -87,9 +125,11 @@ class MeanStratum(SmoothStratum):
         arguments are v_L [m/s] and R^-1 [1/m]. Arguments and results have shape (n,).
         """
         scores = np.empty((2, lead_speed.size))
-        for part in parts(lead_speed.size, PLACES_AT_ONCE):
+        for part in self.draws.parts(lead_speed.size):
             places = self.places(lead_speed[part], 1 / inverse_range[part])
-            scores[:, part] = self._mixture(places).score(self.logarithm(inverse_range[part]))
+            scores[:, part] = self._range_score(
+                self.draws.ranges_at(places), self.logarithm(inverse_range[part])
+            )
         return scores[0], scores[1]
 
     def second_at(self, lead_speed: Array, inverse_range: Array, closing_speeds: Array) -> Array:
@@ -97,74 +137,55 @@ class MeanStratum(SmoothStratum):
 
         v_L [m/s] and R^-1 [1/m] have shape (n,). Closing speeds [m/s] and result have shape (n, m).
         """
-        score = np.full(closing_speeds.shape, math.inf)
-        for part in parts(lead_speed.size, PLACES_AT_ONCE):
+        return self._second(lead_speed, inverse_range, closing_speeds)[0]
+
+    def log_second_slope(self, lead_speed: Array, inverse_range: Array, closing_speed: Array) -> Array:
+        """Return the log of the derivative of the second coordinate with respect to the closing speed, (n,).
+
+        The second coordinate is the cumulative hazard of the closing speed, so its derivative is the hazard.
+        """
+        return np.log(self._second(lead_speed, inverse_range, closing_speed[:, None])[1, :, 0])
+
+    def _second(self, lead_speed: Array, inverse_range: Array, closing_speeds: Array) -> Array:
+        """Return the second coordinates, as `second_at`, and their derivatives, shape (2, n, m)."""
+        scores = np.full((2, *closing_speeds.shape), math.inf)
+        for part in self.draws.parts(lead_speed.size):
             lead, range_, closing = lead_speed[part], 1 / inverse_range[part], closing_speeds[part]
-            value, ranges = self.logarithm(inverse_range[part]), self._mixture(self.places(lead, range_))
+            value = self.logarithm(inverse_range[part])
+            ranges = self.draws.ranges_at(self.places(lead, range_))
             speeds, log_weight = self._speeds(lead, range_, ranges, value)
             for column, speed in enumerate(closing.T):
                 finite = np.isfinite(speed)
-                found = mixed(*speeds.at(np.where(finite, speed, 0.0)), log_weight)[0]
-                score[part, column] = np.where(finite, found, math.inf)
-        return score
+                found = mixed(*speeds.at(np.where(finite, speed, 0.0)), log_weight)
+                scores[:, part, column] = np.where(finite, found, math.inf)
+        return scores
 
-    def log_second_slope(self, lead_speed: Array, inverse_range: Array, closing_speed: Array) -> Array:
-        """Return the log of the derivative of the second coordinate with respect to the closing speed.
+    def logarithm(self, inverse_range: Array) -> Array:
+        """Return log(R_max / R) for R^-1 [1/m], with the largest range R_max; 0 if R is larger than R_max."""
+        return np.maximum(np.log(self.support.range_max * inverse_range), 0.0)
 
-        The second coordinate is the cumulative hazard of the closing speed, so its derivative is the hazard.
-        The arguments are v_L [m/s], R^-1 [1/m] and closing speed [m/s]. Arguments and result have shape (n,).
-        """
-        slope = np.empty(lead_speed.size)
-        for part in parts(lead_speed.size, PLACES_AT_ONCE):
-            lead, range_, value = (
-                lead_speed[part],
-                1 / inverse_range[part],
-                self.logarithm(inverse_range[part]),
-            )
-            speeds, log_weight = self._speeds(lead, range_, self._mixture(self.places(lead, range_)), value)
-            slope[part] = np.log(mixed(*speeds.at(closing_speed[part]), log_weight)[1])
-        return slope
+    def places(self, lead_speed: Array, range_: Array) -> Places:
+        """Return n pairs of lead speed [m/s] and range [m], with the values of the splines there."""
+        return Places.of(lead_speed, range_, self.support)
 
-    def log_densities(self, x: Array, cap: float = math.inf) -> Array:
-        """Return the log density of n cut-ins x, shape (n, 3), under each draw given v_L, shape (K, n).
+    def _range_score(
+        self, ranges: Hazards, value: Array, row: NDArray[np.intp] | None = None
+    ) -> tuple[Array, Array]:
+        """Return -log P(X > x) at x = log(R_max / R) under the mean of the draws, and its slope, (n,)."""
+        shares = np.bincount(self.draws.shared, minlength=len(self.draws.ranges)) / self.draws.size
+        cumulative, rate = ranges.at(value, row)
+        return mixed(cumulative, np.log(rate) - cumulative, np.log(shares[:, None]))
 
-        The density is that of `Stratum.log_density`, with the cap on the closing speed [m/s].
-        """
-        density = np.empty((self.draws.size, len(x)))
-        for part in parts(len(x), PLACES_AT_ONCE):
-            lead_speed, range_, closing_speed = x[part].T
-            places = self.places(lead_speed, range_)
-            of_range = self._mixture(places).log_density(self.logarithm(1 / range_))[self.draws.shared]
-            hazard, of_speed = self.draws.speeds_at(places).at(closing_speed)
-            of_speed = np.where(closing_speed >= cap, -hazard, of_speed)
-            density[:, part] = of_range - np.log(range_) + of_speed
-        return density
-
-    def _mixture(self, places: Places) -> RangeMixture:
-        counts = np.bincount(self.draws.shared, minlength=len(self.draws.ranges))
-        return RangeMixture(self.draws.ranges_at(places), counts[:, None] / self.draws.size)
-
-    def _speeds(
-        self, lead: Array, range_: Array, ranges: RangeMixture, value: Array
-    ) -> tuple[SpeedsAt, Array]:
+    def _speeds(self, lead: Array, range_: Array, ranges: Hazards, value: Array) -> tuple[SpeedsAt, Array]:
         """Return the laws of the closing speed at n places, and log weights of the draws, shape (K, n)."""
-        log_weight = ranges.log_density(value)[self.draws.shared]
-        return (
-            self.draws.speeds_at(self.places(lead, range_)),
-            log_weight - logsumexp(log_weight, axis=0),
-        )
-
-
-class SmoothLines(Protocol):
-    """Lines of a crash map of cut-ins."""
-
-    def masses_of_draws(self, draws: SmoothDraws) -> Array:
-        """Return the probability of each interval under each draw of smooth laws, (K, intervals)."""
+        cumulative, rate = ranges.at(value)
+        log_weight = (np.log(rate) - cumulative)[self.draws.shared]
+        return self.draws.speeds_at(self.places(lead, range_)), log_weight - logsumexp(log_weight, axis=0)
 
 
 @LAWS.add("mean")
 @dataclass(frozen=True, repr=False)
-class MeanLaw(Draws, SmoothLaw):
+class MeanLaw(Draws, StratifiedLaw):
     """The law in which v_L is as recorded, and range and closing speed follow the mean of K draws."""
 
     description: str
@@ -228,10 +249,6 @@ class MeanLaw(Draws, SmoothLaw):
         """The law of the closing speed of each draw."""
         return self.draws.laws
 
-    def masses(self, lines: SmoothLines) -> Array:
-        """Return the probability of each interval of a crash map under each draw, shape (K, intervals)."""
-        return lines.masses_of_draws(self.draws)
-
     @property
     def typical(self) -> SpeedLaw:
         """The law of the closing speed of a draw of the member that has most draws."""
@@ -247,9 +264,14 @@ class MeanLaw(Draws, SmoothLaw):
         typical = self.draws.with_mean_far_tails()
         return {} if typical is None else {FAR_TAIL: replace(self, draws=typical)}
 
-    def with_cap_of(self, law: Law) -> Self:
-        """Return the mean law with the cap of another law with strata."""
-        return replace(self, closing_speed_max=law.closing_speed_max) if law.strata else self
+    def with_cap_at(self, closing_speed_max: float) -> Self:
+        """Return the mean law with another cap on the closing speed [m/s]; `math.inf` is no cap."""
+        return replace(self, closing_speed_max=closing_speed_max)
+
+    def only(self, stratum: str) -> Self:
+        """Return the law restricted to one segment, given by its name, whose share is then one."""
+        counts, lead_speeds = {stratum: self.counts[stratum]}, {stratum: self.lead_speeds[stratum]}
+        return replace(self, counts=counts, lead_speeds=lead_speeds)
 
     def subset(self, chosen: NDArray[np.intp]) -> Self:
         """Return the mean law of the k draws with the given indices, shape (k,)."""
@@ -276,12 +298,31 @@ class MeanLaw(Draws, SmoothLaw):
         of the closing speed is replaced by the probability of the cap.
         """
         densities, inside = np.full((self.draws.size, len(x)), -math.inf), self.box.contains(x)
-        densities[:, inside] = self._any_stratum.log_densities(x[inside], self.closing_speed_max)
+        densities[:, inside] = self.draws.log_densities(x[inside], self.closing_speed_max)
         return densities
 
     def log_density(self, x: Array) -> Array:
         """Return the log of the mean density of the draws at n cut-ins x, shape (n, 3)."""
         return logsumexp(self.log_densities(x), axis=0) - math.log(self.draws.size)
+
+    def log_slices(self, k: int, x: Array, low: Array, high: Array) -> Array:
+        """Return the log of the integral of the density of each draw over the closing speed, shape (K, n).
+
+        It is the density given the lead speed, and k is the index of the closing speed; see `log_slice`.
+        """
+        low, high = self._speed_interval(k, low, high)
+        logs = self.draws.log_slices(k, x, np.where(low < high, low, 0.0), high)
+        logs[:, low >= high] = -math.inf
+        return logs
+
+    def log_slice(self, k: int, x: Array, low: Array, high: Array) -> Array:
+        """Return the log of the integral of the mean density of the draws; see `SlicedLaw`."""
+        return logsumexp(self.log_slices(k, x, low, high), axis=0) - math.log(self.draws.size)
+
+    @property
+    def sliced(self) -> Sequence[Law]:
+        """The mean law itself, which has the slices of all draws."""
+        return (self,)
 
     def log_ratios(self, x: Array) -> Array:
         """Return the log importance weights log(f_k / f_mean) of n cut-ins for each draw k, shape (K, n).

@@ -2,37 +2,14 @@
 
 import math
 from collections.abc import Callable
-from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
 from accelerated_evaluation.base.arrays import Array
-from accelerated_evaluation.laws.smooth.draws import Hazards
 
 STEPS = 100  # largest number of Newton or bisection steps
 TOLERANCE = 1e-12  # relative error of the closing speed and of log(R_max / R)
-
-
-@dataclass(frozen=True)
-class RangeMixture:
-    """Mixture of several distributions (in number a) of the range, given n lead speeds."""
-
-    ranges: Hazards  # hazards of log(R_max / R) of the components
-    share: Array  # weights of the components, which are their shares in the draws, (a, 1)
-
-    def score(self, value: Array, row: NDArray[np.intp] | None = None) -> tuple[Array, Array]:
-        """Return -log P(X > x) at x = log(R_max / R), and its derivative, both (n,).
-
-        There is one x for each lead speed, or for each element of ``row``.
-        """
-        cumulative, rate = self.ranges.at(value, row)
-        return mixed(cumulative, np.log(rate) - cumulative, np.log(self.share))
-
-    def log_density(self, value: Array) -> Array:
-        """Return the log density, shape (a, n), of x = log(R_max / R), shape (n,), for each component."""
-        cumulative, rate = self.ranges.at(value)
-        return np.log(rate) - cumulative
 
 
 def mixed(cumulative: Array, log_density: Array, log_weight: Array) -> tuple[Array, Array]:

@@ -5,7 +5,7 @@ shape provides H(z), the inverse of H, and the log density log H'(z) - H(z) with
 to z and to the parameters of the shape. The parameters have independent normal priors.
 """
 
-from typing import ClassVar, Protocol
+from typing import Protocol
 
 import numpy as np
 
@@ -24,9 +24,9 @@ class Shape(Protocol):
     excesses of shape (k, n) with different parameters for each of the k rows, in an array of shape (q, k, 1).
     """
 
-    name: ClassVar[str]  # in files and tables
-    prior_mean: ClassVar[tuple[float, ...]]  # of the normal priors of the q parameters
-    prior_deviation: ClassVar[tuple[float, ...]]  # standard deviations of these priors
+    name: str  # in files and tables
+    prior_mean: tuple[float, ...]  # of the normal priors of the q parameters
+    prior_deviation: tuple[float, ...]  # standard deviations of these priors
 
     def cumulative(self, z: Array, parameters: Array) -> Array:
         """Return the cumulative hazard H(z) = -log P(Z > z) at excesses z, of the shape of z."""
@@ -49,8 +49,8 @@ class Exponential:
     """Exponential excesses, which have the cumulative hazard H(z) = z."""
 
     name = "exponential"
-    prior_mean = ()
-    prior_deviation = ()
+    prior_mean: tuple[float, ...] = ()
+    prior_deviation: tuple[float, ...] = ()
 
     def cumulative(self, z: Array, parameters: Array) -> Array:
         """Return the cumulative hazard H(z) = z at excesses z; there are no parameters."""
@@ -86,8 +86,8 @@ class Generalised:
     """
 
     name = "generalised"
-    prior_mean = (0.0,)
-    prior_deviation = (0.1,)
+    prior_mean: tuple[float, ...] = (0.0,)
+    prior_deviation: tuple[float, ...] = (0.1,)
 
     def cumulative(self, z: Array, parameters: Array) -> Array:
         """Return the cumulative hazard H(z) = -log P(Z > z) at excesses z, given the shape parameter."""
@@ -135,8 +135,8 @@ class TwoKinds:
     """
 
     name = "two kinds"
-    prior_mean = (-2.5, 0.3)
-    prior_deviation = (1.0, 0.3)
+    prior_mean: tuple[float, ...] = (-2.5, 0.3)
+    prior_deviation: tuple[float, ...] = (1.0, 0.3)
 
     def cumulative(self, z: Array, parameters: Array) -> Array:
         """Return the cumulative hazard H(z) = -log P(Z > z) at excesses z, given the two parameters."""

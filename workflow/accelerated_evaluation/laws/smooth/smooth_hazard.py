@@ -19,8 +19,6 @@ from scipy.linalg import cho_factor, cho_solve, solve_triangular
 from accelerated_evaluation.base.arrays import Array
 from accelerated_evaluation.base.errors import ConvergenceError
 from accelerated_evaluation.laws.smooth.splines import (
-    SMOOTHING_ROUNDS,
-    SMOOTHING_TOLERANCE,
     Basis,
     Constant,
     Penalty,
@@ -50,17 +48,16 @@ class HazardGrid:
         middles = [(edges[1:] + edges[:-1]) / 2 for edges in self.edges]
         return Tensor(tuple(basis(middle) for basis, middle in zip(self.bases, middles, strict=True)))
 
-    def count(self, first: Array, second: Array, value: Array, weight: Array | None = None) -> "Binned":
-        """Return the (weighted) number of values in each bin, and the total time at risk in each bin."""
-        weight = np.ones(value.size) if weight is None else weight
+    def count(self, first: Array, second: Array, value: Array) -> "Binned":
+        """Return the number of values in each bin, and the total time at risk in each bin."""
         shape = tuple(edges.size - 1 for edges in self.edges)
         place = [
             np.clip(np.searchsorted(edges, x, side="right") - 1, 0, edges.size - 2)
             for edges, x in zip(self.edges, (first, second, value), strict=True)
         ]
         index, size = np.ravel_multi_index(place, shape), int(np.prod(shape))
-        counts = np.bincount(index, weight, size).reshape(shape)
-        spent = np.bincount(index, weight * (value - self.edges[2][place[2]]), size).reshape(shape)
+        counts = np.bincount(index, minlength=size).reshape(shape)
+        spent = np.bincount(index, value - self.edges[2][place[2]], size).reshape(shape)
         later = np.cumsum(counts[..., ::-1], axis=2)[..., ::-1] - counts
         return Binned(counts, spent + later * np.diff(self.edges[2]))
 
@@ -90,7 +87,7 @@ class SmoothHazard:
 
     grid: HazardGrid
     coefficients: Array  # of the log hazard, with the shape of the tensor product
-    smoothing: tuple[float, float, float] = (1.0, 1.0, 1.0)  # smoothing parameters of the three directions
+    smoothing: tuple[float, ...] = (1.0, 1.0, 1.0)  # smoothing parameters of the three directions
     # Upper Cholesky factor of the penalised information, with which coefficients are drawn from the
     # posterior; None if the law was read from a file.
     factor: Array | None = None
@@ -177,20 +174,13 @@ def fit_hazard(
     An earlier fit as ``start`` supplies starting values and the smoothing parameters, which are otherwise
     estimated. ConvergenceError is raised if the Newton iteration does not converge.
     """
-    problem, penalty = _Problem(grid.tensor, data), Penalty.of(grid.bases)
-    if start is not None:
-        coefficients, factor = problem.newton(start.coefficients, penalty.total(start.smoothing))
-        return SmoothHazard(grid, coefficients, start.smoothing, factor)
-    constant = np.log(data.counts.sum() / data.exposure.sum())
-    chosen = np.ones(3)
-    coefficients, factor = problem.newton(np.full(problem.tensor.shape, constant), penalty.total(chosen))
-    for _ in range(SMOOTHING_ROUNDS):
-        covariance = cho_solve((factor, False), np.eye(len(factor)))
-        before, chosen = chosen, penalty.smoother(chosen, coefficients.ravel(), covariance)
-        coefficients, factor = problem.newton(coefficients, penalty.total(chosen))
-        if np.all(np.abs(np.log(chosen / before)) < SMOOTHING_TOLERANCE):
-            break
-    return SmoothHazard(grid, coefficients, tuple(map(float, chosen)), factor)
+    problem, known = _Problem(grid.tensor, data), None
+    if start is None:
+        begin = np.full(problem.tensor.shape, np.log(data.counts.sum() / data.exposure.sum()))
+    else:
+        begin, known = start.coefficients, start.smoothing
+    coefficients, factor, smoothing = Penalty.of(grid.bases).maximised(problem.newton, begin, known)
+    return SmoothHazard(grid, coefficients, smoothing, factor)
 
 
 @dataclass(frozen=True)

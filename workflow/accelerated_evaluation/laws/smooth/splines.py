@@ -6,13 +6,14 @@ matrix can be computed along one axis after the other (generalised linear array 
 Eilers 2006).
 """
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import reduce
 
 import numpy as np
 from numpy.typing import ArrayLike
 from scipy.interpolate import BSpline
+from scipy.linalg import cho_solve
 
 from accelerated_evaluation.base.arrays import Array
 
@@ -22,6 +23,10 @@ RIDGE = 1e-6  # added to the diagonal, so that coefficients of regions without d
 SMOOTHING_BOUNDS = (1e-3, 1e5)  # smallest and largest smoothing parameter
 SMOOTHING_TOLERANCE = 0.05  # relative change at which the search for smoothing parameters ends
 SMOOTHING_ROUNDS = 30
+
+# Maximises a penalised likelihood: takes starting values and the precision of the coefficients, and returns
+# the values at the maximum and the upper Cholesky factor of the information there.
+Maximise = Callable[[Array, Array], tuple[Array, Array]]
 
 
 @dataclass(frozen=True)
@@ -99,6 +104,24 @@ class Penalty:
         whole = np.tensordot(np.asarray(smoothing, dtype=float), self.matrices, 1)
         whole[np.diag_indices_from(whole)] += RIDGE
         return whole
+
+    def maximised(
+        self, maximise: Maximise, values: Array, known: tuple[float, ...] | None = None
+    ) -> tuple[Array, Array, tuple[float, ...]]:
+        """Return the values at the maximum, the Cholesky factor of the information, and the smoothing.
+
+        ``maximise`` begins at given values, of which the coefficients come first. The smoothing parameters
+        are estimated if they are not ``known``.
+        """
+        chosen = np.ones(len(self.roots)) if known is None else np.array(known)
+        values, factor = maximise(values, self.total(chosen))
+        for _ in range(SMOOTHING_ROUNDS if known is None else 0):
+            covariance, p = cho_solve((factor, False), np.eye(len(factor))), self.matrices.shape[1]
+            before, chosen = chosen, self.smoother(chosen, values.ravel()[:p], covariance[:p, :p])
+            values, factor = maximise(values, self.total(chosen))
+            if np.all(np.abs(np.log(chosen / before)) < SMOOTHING_TOLERANCE):
+                break
+        return values, factor, tuple(map(float, chosen))
 
     def smoother(self, smoothing: Array, coefficients: Array, covariance: Array) -> Array:
         """Return improved smoothing parameters by one fixed-point step of Wood and Fasiolo (2017).

@@ -29,8 +29,7 @@ class Support:
     @classmethod
     def of(cls, content: Mapping[str, Any]) -> "Support":
         """Build the support from the dictionary that `content` returned."""
-        tuples = {name: tuple(value) for name, value in content.items() if isinstance(value, list)}
-        return cls(**content | tuples)
+        return cls(**{name: tuple(v) if isinstance(v, list) else v for name, v in content.items()})
 
     @classmethod
     def within(

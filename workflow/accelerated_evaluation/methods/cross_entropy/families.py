@@ -2,7 +2,6 @@
 
 import math
 from dataclasses import dataclass, replace
-from typing import Protocol, Self
 
 import numpy as np
 
@@ -15,36 +14,6 @@ from accelerated_evaluation.laws.distributions import (
 )
 
 LARGE = 0.1  # weight from which a piece is large; the paper gives no number (section V.C.2)
-
-
-class ProposalFamily(Protocol):
-    """A parametric family of f* for one variable, with its current parameters."""
-
-    @property
-    def distribution(self) -> Tiltable:
-        """The distribution with the current parameters."""
-
-    def update(self, x: Array, weight: Array) -> Self:
-        """Return the family with the parameters theta that maximise sum_n weight_n log f_theta(x_n).
-
-        This is the step of the Cross-Entropy method. ``x`` and ``weight`` contain the values and the
-        importance weights of the events of a sample, shape (n,).
-        """
-
-    def is_determined(self, x: Array, weight: Array) -> bool:
-        """Return whether the events determine all parameters of pieces with a large weight (section V.C.2).
-
-        ``x`` and ``weight`` are those of `update`.
-        """
-
-    def raised(self, step: float, x: Array | None) -> "ProposalFamily":
-        """Return the family with truncation points one step higher, if it has any and they should move up.
-
-        If the values x of events are given, the last truncation point stays at least one step below all.
-        """
-
-    def parameters(self) -> dict[str, float]:
-        """Return the parameters by name, for the table of the iterations of a search."""
 
 
 @dataclass(frozen=True)
@@ -167,6 +136,10 @@ class PiecewiseFamily:
             for index, (weight, theta, component) in enumerate(pieces, start=1)
             for name, value in (("weight", weight), ("theta", theta), ("from", component.lower))
         }
+
+
+# A parametric family of f* for one variable, with its current parameters.
+ProposalFamily = SingleFamily | PiecewiseFamily
 
 
 def bounded_weights(shares: Array, minimum: float) -> tuple[float, ...]:

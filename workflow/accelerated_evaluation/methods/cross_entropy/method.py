@@ -7,7 +7,7 @@ from typing import Any, ClassVar, Self
 
 import numpy as np
 
-from accelerated_evaluation.base.sections import Schema, Sections, integer, section, with_constants
+from accelerated_evaluation.base.sections import Schema, Sections, integer, section
 from accelerated_evaluation.laws import Factors
 from accelerated_evaluation.methods import METHODS, Estimate, Method, Stopping
 from accelerated_evaluation.methods.cross_entropy.families import (
@@ -20,7 +20,6 @@ from accelerated_evaluation.methods.cross_entropy.search import Proposals, Searc
 from accelerated_evaluation.methods.importance_sampling import (
     course_table,
     estimate_from_weights,
-    limit_without_event,
     run_to_convergence,
 )
 from accelerated_evaluation.methods.problem import Problem
@@ -34,7 +33,7 @@ CONSTANTS = {  # of the paper's method
     # Steps [1/m, 1/s] by which heuristic and shifted move the truncation points (section V.C.5).
     "truncation_shift": {"inverse_range": 0.01, "inverse_ttc": 0.05},
 }
-KEYS = section(
+SETTINGS = section(
     seeds=integer(
         5,
         1,
@@ -48,7 +47,6 @@ KEYS = section(
     ),
     minimum_events=integer(50, 1, 10_000_000, "Events that an iteration needs (section V.C.2)."),
 )
-SETTINGS = with_constants(KEYS, CONSTANTS)
 
 
 @dataclass(frozen=True)
@@ -135,11 +133,6 @@ class CrossEntropyMethod(Method):
             converged=converged_at is not None,
             learning=proposals.total,
         )
-        if not estimate.events:
-            high = limit_without_event(
-                problem.stratified, proposals.factors, estimate.estimating, stopping.alpha, generator
-            )
-            estimate = replace(estimate, high=high)
         return replace(estimate, tables={"course": course_table(weights, stopping.alpha, self.course_step)})
 
 

@@ -12,7 +12,7 @@ from typing import Self
 
 import numpy as np
 
-from accelerated_evaluation.base.errors import InputError
+from accelerated_evaluation.base.errors import readable
 from accelerated_evaluation.base.files import read_json, write_json
 from accelerated_evaluation.laws import Factors
 from accelerated_evaluation.laws.distributions import from_dict
@@ -160,7 +160,9 @@ def write_proposals(path: str | os.PathLike, proposals: Proposals) -> None:
 
 def read_proposals(path: str | os.PathLike) -> Proposals:
     """Return f* of each stratum from a file of `write_proposals`; InputError is raised if it is damaged."""
-    try:
+    with readable(
+        str(path), "a file of accelerated distributions", "Delete the file, and run the search again."
+    ):
         content = read_json(path)
         factors = {
             stratum: Factors(from_dict(found["first"]), from_dict(found["second"]))
@@ -171,10 +173,3 @@ def read_proposals(path: str | os.PathLike) -> Proposals:
             stratum: found["unfinished"] for stratum, found in content.items() if "unfinished" in found
         }
         return Proposals(factors, simulations, reasons)
-    except (AttributeError, KeyError, TypeError, ValueError) as error:
-        raise InputError(
-            str(path),
-            seen=f"{type(error).__name__}: {error}",
-            expected="a file of accelerated distributions",
-            change="Delete the file, and run the search again.",
-        ) from error

@@ -16,7 +16,7 @@ notebook runs, `publishing.book.execution` compares this declaration with what t
 
 import json
 import re
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Iterable
 from itertools import chain
 from pathlib import Path
 from typing import NamedTuple
@@ -27,9 +27,9 @@ from accelerated_evaluation.base.errors import InputError
 class Contents(NamedTuple):
     """The inputs and outputs of a notebook, or of a part of it."""
 
-    figures: Sequence[str]  # names of the published figures
-    tables: Sequence[str]  # names of the published tables
-    reads: Sequence[str]  # paths of the results, relative to their folder
+    figures: list[str]  # names of the published figures
+    tables: list[str]  # names of the published tables
+    reads: list[str]  # paths of the results, relative to their folder
 
 
 def read_contents(notebook: Path, is_made: Callable[[str], bool] = lambda _: True) -> Contents | None:

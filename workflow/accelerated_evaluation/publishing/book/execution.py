@@ -137,6 +137,8 @@ def _outputs(captured: CapturedIO) -> Iterator[NotebookNode]:
         if text := getattr(captured, name):
             yield nbformat.v4.new_output("stream", name=name, text=text)
     for shown in captured.outputs:
+        if not shown.data:  # a figure has displayed itself
+            continue
         data = {
             kind: b64encode(value).decode() if isinstance(value, bytes) else value
             for kind, value in shown.data.items()

@@ -18,11 +18,16 @@ with without("rfc3987_syntax"):
 
 SCALE = 0.5  # of figures: 150 instead of 300 pixels per inch
 COLOURS = 128
+LEFT_OUT = {"parameters", "injected-parameters", "imports"}  # tags of cells that prepare the others
 LINK_TO_FILE = re.compile(r"(?<=\]\()\.\.[^)#\s]*")
 
 
 def write_rendered(notebook: Path, executed: Path, rendered: Path) -> None:
-    """Write an executed notebook for reading; links to files are changed to lead there from its folder."""
+    """Write an executed notebook for reading; links to files are changed to lead there from its folder.
+
+    The cells with parameters and imports are left out, so that the first picture is near the title, and
+    so are texts that are empty in this study.
+    """
     template, made = (nbformat.read(path, as_version=4) for path in (notebook, executed))
     for cell in made.cells:
         cell.metadata.pop("papermill", None)
@@ -33,7 +38,9 @@ def write_rendered(notebook: Path, executed: Path, rendered: Path) -> None:
         for output in cell.get("outputs", []):
             if picture := output.get("data", {}).get("image/png"):
                 output.data = {"image/png": _smaller(picture)}
-    made.cells = [cell for cell in made.cells if "injected-parameters" not in cell.metadata.get("tags", [])]
+    made.cells = [
+        cell for cell in made.cells if cell.source and not LEFT_OUT & set(cell.metadata.get("tags", []))
+    ]
     for number, cell in enumerate((cell for cell in made.cells if cell.cell_type == "code"), start=1):
         cell.execution_count = number
     made.metadata = {

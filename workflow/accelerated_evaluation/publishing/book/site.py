@@ -22,6 +22,7 @@ from typing import Any
 import nbformat
 import yaml
 from nbformat import NotebookNode
+from PIL import Image
 from sphinx.application import Sphinx
 from sphinx.util.console import nocolor
 
@@ -30,7 +31,7 @@ from accelerated_evaluation.base.files import PROJECT, file_digest
 from accelerated_evaluation.publishing.book.catalogue import read_contents
 from accelerated_evaluation.publishing.figures.moving import is_moving
 from accelerated_evaluation.publishing.provenance import commit_of, page_of_code
-from accelerated_evaluation.publishing.published import FIGURES
+from accelerated_evaluation.publishing.published import FIGURES, alternative, caption_of, heading
 from accelerated_evaluation.publishing.study import TABLES, Study
 from accelerated_evaluation.publishing.tables.claims import departure
 from accelerated_evaluation.publishing.tables.display import NAMES
@@ -41,7 +42,7 @@ from accelerated_evaluation.publishing.texts import fill
 
 # Packages whose versions the last page lists: those behind numbers, figures and pages. environment.txt pins
 # all.
-PACKAGES = ("numpy", "scipy", "pandas", "pyarrow", "numba", "matplotlib")
+PACKAGES: tuple[str, ...] = ("numpy", "scipy", "pandas", "pyarrow", "numba", "matplotlib")
 PACKAGES += ("snakemake", "papermill", "jinja2", "sphinx", "myst-nb", "sphinx-book-theme")
 
 # Guides in the order in which a reader needs them; the last group takes those that are not listed.
@@ -87,6 +88,7 @@ PARAMETERS = {
 MATHJAX = "tex-svg.js"  # one file that draws formulas and adds MathML for screen readers; it needs no fonts
 STYLE, SCRIPT = "book.css", "book.js"
 CHAPTER_LINK = re.compile(r"(?<!!)\[(?P<text>[^\]]+)\]\((?P<chapter>\w+\.ipynb)(#[^)]*)?\)")
+TABLE_LINK = re.compile(r"\.\./tables/\w+\.csv")  # of an executed notebook
 PIXELS = 2  # pixels of a PNG file per pixel of its width on the page, so that enlarged figures are sharp
 ADDED = """# Figures of your own
 
@@ -135,7 +137,6 @@ class Parts:
     notebooks: Sequence[Path]  # executed notebooks, one for each chapter, in order
     tables: Mapping[str, Sequence[str]]  # names of the tables that each notebook makes
     guides: Sequence[Path]  # markdown files, one for each chapter, in order
-    captions: Path  # folder with the caption of every figure and table, ``<name>.rst``
     pages: Path  # folder with the templates of the first and the last page, the style and a script
     # The page ``explorer.html``, which is copied into the site; None if the study has none.
     explorer: Path | None = None
@@ -150,41 +151,29 @@ class Parts:
 
         return CHAPTER_LINK.sub(link, text)
 
-    def caption(self, name: str) -> list[str]:
-        """Return the paragraphs of the caption of a figure or table, as Markdown.
-
-        The caption of a figure of the user is the docstring of its function.
-        """
-        if name in self.added:
-            paragraphs = (inspect.getdoc(FIGURES[name]) or name).split("\n\n")
-        else:
-            paragraphs = self.study.caption(self.captions, name)
-        return [paragraph.replace("*", r"\*") for paragraph in paragraphs]
-
     def figure(self, name: str, label: str | None = None) -> str:
-        """Return a figure as MyST Markdown: image, number, caption, alternative text and links.
+        """Return a figure as MyST Markdown: image, number, title, caption, alternative text and links.
 
         The label is the target of links to the figure, its name by default. If the figure is shown on a
-        second page, it needs another label there.
+        second page, it needs another label there. The title is that in the metadata of the PNG file.
         """
-        first, *rest = self.caption(name)
-        sentence = " ".join(re.split(r"(?<=\.) ", " ".join(first.split()), maxsplit=1)[0].split())
-        numbers = [] if name in self.added else re.findall(r"\d+", name)
-        title = f"Figure {int(numbers[0])}" if numbers else name
-        width = int.from_bytes((self.study.figures / f"{name}.png").read_bytes()[16:20], "big") // PIXELS
+        first, *rest = caption = caption_of(self.study, name, FIGURES[name])
+        with Image.open(self.study.figures / f"{name}.png") as image:
+            width, title = image.width // PIXELS, image.info.get("Title", name)
+        title = "" if title == name else title
         picture = f"{name}.svg" if is_moving(self.study.figures / f"{name}.svg") else f"{name}.png"
         # A click on the picture opens it alone, where a browser can enlarge it.
         return (
-            f"````{{figure}} figures/{picture}\n:name: {label or name}\n:alt: {_plain(sentence)}\n"
+            f"````{{figure}} figures/{picture}\n:name: {label or name}\n:alt: {alternative(title, caption)}\n"
             f":width: {width}px\n"
-            f":target: _images/{picture}\n\n**{title}.** {' '.join(first.split())}\n\n"
+            f":target: _images/{picture}\n\n{heading(name, title)} {' '.join(first.split())}\n\n"
             f"{' '.join(' '.join(rest).split())}\n\n{_links('figures', name, FIGURE_FILES)}\n\n"
             f"{self.origin(name)}\n````\n"
         )
 
     def origin(self, name: str) -> str:
         """Return the function, the rule and the results that make a figure, with a link to the code."""
-        make = FIGURES[name]
+        make = inspect.unwrap(FIGURES[name])
         file, line = Path(inspect.getsourcefile(make)), inspect.getsourcelines(make)[1]
         is_own = name in self.added
         place = file.name if is_own else file.resolve().relative_to(PROJECT.resolve()).as_posix()
@@ -202,9 +191,8 @@ class Parts:
         return "; ".join(made) + f". Made alone by {alone}."
 
     def table(self, name: str) -> str:
-        """Return the caption of a published table and links to its files, as an item of a Markdown list."""
-        first = " ".join(self.caption(name)[0].split())
-        return f"- **{name}**: {first} {_links('figures/tables', name, TABLE_FILES)}"
+        """Return links to the files of a published table, as an item of a Markdown list."""
+        return f"- **{name}**: {_links('figures/tables', name, TABLE_FILES)}"
 
 
 def build_book(parts: Parts, site: Path, names: dict[str, Any]) -> None:
@@ -233,9 +221,10 @@ def _write_sources(parts: Parts, sources: Path, names: dict[str, Any]) -> None:
         (sources / f"{page_of(guide)}.md").write_text(parts.without_missing(text), encoding="utf-8")
         for picture in guide.parent.glob(f"{guide.stem}_*.svg"):
             shutil.copy(picture, sources)
-    chapters = {}  # by their part of the book
+    chapters: dict[str, Any] = {}  # by their part of the book
     for path in parts.notebooks:
-        notebook = nbformat.read(path, as_version=4)
+        text = TABLE_LINK.sub("#tables-of-this-chapter", path.read_text(encoding="utf-8"))
+        notebook = nbformat.reads(text, as_version=4)
         chapters.setdefault(notebook.metadata.get("part", "Chapters"), []).append(path.stem)
         notebook.cells = list(_chapter(parts, path.stem, notebook))
         nbformat.write(notebook, sources / path.name)
@@ -276,7 +265,11 @@ def _chapter(parts: Parts, name: str, notebook: NotebookNode) -> Iterator[Notebo
     for cell in notebook.cells:
         if cell.cell_type == "code" and not PARAMETERS & set(cell.metadata.get("tags", [])):
             figures = [shown for output in cell.outputs if (shown := _published(output))]
-            cell.outputs = [output for output in cell.outputs if not _published(output)]
+            cell.outputs = [
+                output
+                for output in cell.outputs
+                if not (_published(output) or "of" in output.get("metadata", {}))
+            ]
             cell.source, silent = silent + cell.source, ""
             cell.metadata["tags"] = ["hide-input"]
             if cell.outputs or figures:
@@ -284,11 +277,12 @@ def _chapter(parts: Parts, name: str, notebook: NotebookNode) -> Iterator[Notebo
             else:
                 silent = f"{cell.source}\n\n"
             yield from (nbformat.v4.new_markdown_cell(parts.figure(shown), id=shown) for shown in figures)
-        elif cell.cell_type != "code":
+        elif cell.cell_type != "code" and cell.source:
+            if silent and cell.source.startswith("<details"):  # the last text, about the study
+                metadata = {"tags": ["hide-input"]}
+                yield nbformat.v4.new_code_cell(silent.strip(), id="code", metadata=metadata)
             cell.source = parts.without_missing(in_one_folder(cell.source))
             yield cell
-    if silent:
-        yield nbformat.v4.new_code_cell(silent.strip(), id="code", metadata={"tags": ["hide-input"]})
     if tables := parts.tables[name]:
         listed = "\n".join(map(parts.table, tables))
         yield nbformat.v4.new_markdown_cell(f"## Tables of this chapter\n\n{listed}", id="tables")
@@ -301,11 +295,6 @@ def _published(output: NotebookNode) -> str | None:
 
 def _links(folder: str, name: str, endings: dict[str, str]) -> str:
     return " · ".join(f"[{shown}](path:{folder}/{name}.{ending})" for shown, ending in endings.items())
-
-
-def _plain(text: str) -> str:
-    """Return Markdown without its marks."""
-    return re.sub(r"[\\`]", "", text)
 
 
 def _run_sphinx(sources: Path, made: Path, doctrees: Path, study: str) -> None:
@@ -325,6 +314,7 @@ def _run_sphinx(sources: Path, made: Path, doctrees: Path, study: str) -> None:
             "show_toc_level": 2,
             "search_bar_text": "Search the book",
         },
+        "templates_path": ["."],
         "html_static_path": [MATHJAX, STYLE, SCRIPT],
         "html_css_files": [STYLE],
         "html_js_files": [SCRIPT],

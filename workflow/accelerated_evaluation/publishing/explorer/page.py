@@ -13,7 +13,9 @@ import pandas as pd
 from numpy.typing import ArrayLike
 from scipy.special import ndtri_exp
 
-from accelerated_evaluation.answer.explored import (
+from accelerated_evaluation.answer.consequences.rates import Rate
+from accelerated_evaluation.answer.study_tables import WHOLE
+from accelerated_evaluation.answer.ways.explored import (
     FINE,
     LIMITS,
     ExploredLines,
@@ -23,8 +25,6 @@ from accelerated_evaluation.answer.explored import (
     log_ratios,
     refinements,
 )
-from accelerated_evaluation.answer.rates import Rate
-from accelerated_evaluation.answer.study_tables import WHOLE
 from accelerated_evaluation.base.arrays import Array
 from accelerated_evaluation.base.errors import StudyError
 from accelerated_evaluation.crash_map.maps import CrashMap

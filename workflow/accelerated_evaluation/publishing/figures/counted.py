@@ -3,7 +3,6 @@
 import matplotlib.pyplot as plt
 import numpy as np
 import pandas as pd
-from matplotlib.figure import Figure
 
 from accelerated_evaluation.publishing.figures.dot_chart import (
     FRAME,
@@ -13,7 +12,7 @@ from accelerated_evaluation.publishing.figures.dot_chart import (
     scale_logarithmically,
     spaced,
 )
-from accelerated_evaluation.publishing.figures.style import COLUMN_WIDTH, PIECES, paper_style
+from accelerated_evaluation.publishing.figures.style import COLUMN_WIDTH, PIECES, Drawn, Look, note_source
 from accelerated_evaluation.publishing.published import figure
 from accelerated_evaluation.publishing.tables.display import NAMES, vehicles_in_words
 
@@ -56,30 +55,28 @@ def _in_words(who: pd.Series) -> pd.Series:
 
 
 @figure
-def fig31_counted_crashes(counted_crashes: pd.DataFrame, source: str) -> tuple[Figure, pd.DataFrame]:
+def fig31_counted_crashes(counted_crashes: pd.DataFrame, source: str) -> Drawn:
     """Draw predicted, replayed and counted crash rates per million miles with their 95 % limits.
 
     Return the figure and its rows as from `rows_to_draw`.
     """
     rows = rows_to_draw(counted_crashes)
     y = spaced(rows["group"], 1.6)
-    with paper_style():
-        drawn, axes = plt.subplots(figsize=(2 * COLUMN_WIDTH, FRAME + ROW * (y[-1] + 3)))
-        for kind, (marker, color) in MARKERS.items():
-            of_kind = (rows["kind"] == kind).to_numpy()
-            chosen = rows[of_kind]
-            rate = chosen["per_million_miles"].where(chosen["per_million_miles"] > 0)
-            reach = [rate - chosen["low95"].fillna(rate), chosen["high95"].fillna(rate) - rate]
-            look = {"color": color, "linestyle": "none", "markersize": 3.5}
-            label = f"{kind}, 95 % limits"
-            axes.errorbar(rate, y[of_kind], xerr=reach, elinewidth=0.8, marker=marker, label=label, **look)
-        none = (rows["per_million_miles"] == 0).to_numpy()
-        if none.any():
-            look = {"color": "black", "linestyle": "none", "markersize": 4}
-            axes.plot(
-                rows["high95"][none], y[none], marker="<", label="none counted: upper 95 % limit", **look
-            )
-        scale_logarithmically(axes, "crashes or near-crashes per million miles")
-        name_rows(axes, y, rows["group"], rows["label"])
-        finish(drawn, axes, f"{source}, and the 100-Car study")
+    drawn, axes = plt.subplots(figsize=(2 * COLUMN_WIDTH, FRAME + ROW * (y[-1] + 3)))
+    for kind, (marker, color) in MARKERS.items():
+        of_kind = (rows["kind"] == kind).to_numpy()
+        chosen = rows[of_kind]
+        rate = chosen["per_million_miles"].where(chosen["per_million_miles"] > 0)
+        reach = [rate - chosen["low95"].fillna(rate), chosen["high95"].fillna(rate) - rate]
+        look: Look = {"color": color, "linestyle": "none", "markersize": 3.5}
+        label = f"{kind}, 95 % limits"
+        axes.errorbar(rate, y[of_kind], xerr=reach, elinewidth=0.8, marker=marker, label=label, **look)
+    none = (rows["per_million_miles"] == 0).to_numpy()
+    if none.any():
+        look = {"color": "black", "linestyle": "none", "markersize": 4}
+        axes.plot(rows["high95"][none], y[none], marker="<", label="none counted: upper 95 % limit", **look)
+    scale_logarithmically(axes, "crashes or near-crashes per million miles")
+    name_rows(axes, y, rows["group"], rows["label"])
+    finish(drawn, axes)
+    note_source(drawn, f"{source}, and the 100-Car study")
     return drawn, rows

@@ -1,4 +1,4 @@
-"""Beyond the paper: coverage of the intervals (figures 18 and 24)."""
+"""Figure 24, beyond the paper: coverage of intervals in synthetic worlds."""
 
 from collections.abc import Iterable
 
@@ -6,22 +6,16 @@ import matplotlib.pyplot as plt
 import numpy as np
 import pandas as pd
 from matplotlib.axes import Axes
-from matplotlib.figure import Figure
-from matplotlib.ticker import MaxNLocator, NullFormatter, PercentFormatter
+from matplotlib.ticker import NullFormatter
 
-from accelerated_evaluation.methods.coverage import LEVELS
-from accelerated_evaluation.methods.intervals import binomial_interval
 from accelerated_evaluation.publishing.figures.dot_chart import (
     FRAME,
     ROW,
-    TRUTH,
-    draw_intervals,
-    name_groups,
     name_rows,
     spaced,
     write_beside,
 )
-from accelerated_evaluation.publishing.figures.style import COLUMN_WIDTH, note_source, paper_style, style_of
+from accelerated_evaluation.publishing.figures.style import COLUMN_WIDTH, Drawn, note_source
 from accelerated_evaluation.publishing.published import figure
 
 OURS = "this project"
@@ -52,46 +46,10 @@ WORLDS = {
     "heavier in fast traffic": "far tail larger in fast traffic",
     "heavier in slow traffic": "far tail larger in slow traffic",
 }
-STOPPINGS = {
-    "fixed": {"label": "fixed size, normal", "marker": "o", "fillstyle": "none"},
-    "fixed_gamma": {"label": "fixed size, gamma", "marker": "o", "fillstyle": "full"},
-    "sequential": {"label": "sequential, normal", "marker": "^", "fillstyle": "none"},
-    "sequential_gamma": {"label": "sequential, gamma", "marker": "^", "fillstyle": "full"},
-}
 
 
 @figure
-def fig18_coverage(coverage: pd.DataFrame, source: str) -> tuple[Figure, pd.DataFrame]:
-    """Draw how often the intervals contain the true probability, by method and stopping rule.
-
-    The figure has a panel for each level of the intervals, with exact binomial 95 % intervals of the
-    coverage. The columns of the data are method, stopping, replicates, level, coverage, ci_low and ci_high.
-    """
-    data = _coverage_rows(coverage)
-    y = spaced(coverage["method"], 1.0)
-    with paper_style():
-        drawn, panels = plt.subplots(
-            1, len(LEVELS), figsize=(COLUMN_WIDTH, FRAME + ROW * y.max()), sharey=True
-        )
-        for axes, (level, rows) in zip(panels, data.groupby("level", sort=False), strict=True):
-            shown = rows.rename(columns={"coverage": "probability"})
-            for at, (_, row) in zip(y, shown.iterrows(), strict=True):
-                look = STOPPINGS[row["stopping"]] | style_of(row["method"], "color")
-                draw_intervals(axes, row.to_frame().T, [at], **look)
-            axes.axvline(level / 100, linestyle=":", **TRUTH)
-            axes.set(xlabel=f"coverage of {level} %", xlim=(None, 1))
-            axes.xaxis.set_major_locator(MaxNLocator(4, steps=[1, 2, 4, 5, 10]))
-            axes.xaxis.set_major_formatter(PercentFormatter(1, decimals=0, symbol=" %"))
-        name_groups(panels[0], y, coverage["method"])
-        panels[0].invert_yaxis()
-        signs = [plt.Line2D([], [], color="black", linestyle="none", **look) for look in STOPPINGS.values()]
-        drawn.legend(handles=signs, loc="outside upper center", ncols=2)
-        note_source(drawn, source)
-    return drawn, data
-
-
-@figure
-def fig24_worlds(worlds: pd.DataFrame) -> tuple[Figure, pd.DataFrame]:
+def fig24_worlds(worlds: pd.DataFrame) -> Drawn:
     """Draw coverage, width and bias of this project's procedure and of the paper's in synthetic worlds.
 
     A world is a law of cut-ins whose true crash probability is known. Both procedures estimate it from data
@@ -108,28 +66,25 @@ def fig24_worlds(worlds: pd.DataFrame) -> tuple[Figure, pd.DataFrame]:
     data["world"] = data["kind"].map(WORLDS).fillna(data["kind"])
     rows = data[data["procedure"] == OURS]
     y = pd.Series(1.8 * spaced(rows["group"], 1.0), index=rows["kind"])
-    with paper_style():
-        size = (2 * COLUMN_WIDTH, FRAME + 1.1 * ROW * (y.max() + 3))
-        drawn, panels = plt.subplots(1, 3, sharey=True, figsize=size)
-        for procedure, (color, marker, shift) in PROCEDURES.items():
-            own = data[data["procedure"] == procedure]
-            at = own["kind"].map(y).to_numpy() + shift
-            look = {"color": color, "marker": marker, "linestyle": "none", "markersize": 3.5}
-            share = own["coverage80"]
-            reach = [share - own["coverage80_low"], own["coverage80_high"] - share]
-            sizes = " or ".join(map(str, sorted(own["worlds"].unique())))
-            label = f"{procedure} ({sizes} worlds of each kind)"
-            panels[0].errorbar(
-                100 * share, at, xerr=100 * np.array(reach), label=label, elinewidth=0.8, **look
-            )
-            panels[1].plot(own["width80"], at, **look)
-            panels[2].plot(own["median_ratio"], at, **look)
-        _name_panels(panels)
-        name_rows(panels[0], y.to_numpy(), rows["group"], rows["world"])
-        write_beside(panels[-1], y, rows["worlds"].astype(str), "worlds")
-        panels[0].set_ylim(y.max() + 1, -2.5)
-        drawn.legend(*panels[0].get_legend_handles_labels(), loc="outside upper center", ncols=2)
-        note_source(drawn, "synthetic worlds, as many cut-ins as recorded; bars: 95 % limits")
+    size = (2 * COLUMN_WIDTH, FRAME + 1.1 * ROW * (y.max() + 3))
+    drawn, panels = plt.subplots(1, 3, sharey=True, figsize=size)
+    for procedure, (color, marker, shift) in PROCEDURES.items():
+        own = data[data["procedure"] == procedure]
+        at = own["kind"].map(y).to_numpy() + shift
+        look = {"color": color, "marker": marker, "linestyle": "none", "markersize": 3.5}
+        share = own["coverage80"]
+        reach = [share - own["coverage80_low"], own["coverage80_high"] - share]
+        sizes = " or ".join(map(str, sorted(own["worlds"].unique())))
+        label = f"{procedure} ({sizes} worlds of each kind)"
+        panels[0].errorbar(100 * share, at, xerr=100 * np.array(reach), label=label, elinewidth=0.8, **look)
+        panels[1].plot(own["width80"], at, **look)
+        panels[2].plot(own["median_ratio"], at, **look)
+    _name_panels(panels)
+    name_rows(panels[0], y.to_numpy(), rows["group"], rows["world"])
+    write_beside(panels[-1], y, rows["worlds"].astype(str), "worlds")
+    panels[0].set_ylim(y.max() + 1, -2.5)
+    drawn.legend(*panels[0].get_legend_handles_labels(), loc="outside upper center", ncols=2)
+    note_source(drawn, "synthetic worlds, as many cut-ins as recorded; bars: 95 % limits")
     return drawn, data
 
 
@@ -148,19 +103,3 @@ def _name_panels(panels: Iterable[Axes]) -> None:
         axes.set_xscale("log")
         axes.set_xticks(ticks, [f"{tick:g}" for tick in ticks])
         axes.xaxis.set_minor_formatter(NullFormatter())
-
-
-def _coverage_rows(coverage: pd.DataFrame) -> pd.DataFrame:
-    """Return a row for each row of the table and level, with the binomial 95 % interval of the coverage."""
-    data = pd.concat(
-        [
-            coverage[["method", "stopping", "replicates"]].assign(
-                level=level, coverage=coverage[f"coverage{level}"]
-            )
-            for level in LEVELS
-        ],
-        ignore_index=True,
-    )
-    covered = (data["coverage"] * data["replicates"]).round().astype(int)
-    bounds = [binomial_interval(k, n, 0.05) for k, n in zip(covered, data["replicates"], strict=True)]
-    return data.assign(ci_low=[bound.low for bound in bounds], ci_high=[bound.high for bound in bounds])

@@ -7,7 +7,6 @@ import numpy as np
 import pandas as pd
 from matplotlib.axes import Axes
 from matplotlib.colors import LogNorm
-from matplotlib.figure import Figure
 
 from accelerated_evaluation.laws import Factors
 from accelerated_evaluation.laws.distributions import Distribution
@@ -21,7 +20,7 @@ from accelerated_evaluation.publishing.figures.curves import (
     draw_histogram,
     histogram,
 )
-from accelerated_evaluation.publishing.figures.style import COLUMN_WIDTH, note_source, paper_style
+from accelerated_evaluation.publishing.figures.style import COLUMN_WIDTH, Drawn
 from accelerated_evaluation.publishing.published import figure
 
 DENSITIES = {
@@ -44,8 +43,7 @@ def fig01_concept(
     piecewise: IndependentLaw,
     proposals: Mapping[str, Mapping[str, Factors]],
     segment: str,
-    source: str,
-) -> tuple[Figure, pd.DataFrame]:
+) -> Drawn:
     """Draw the acceleration by a single parametric and by a piecewise mixture distribution (paper, figure 1).
 
     The figure has a panel for each method, with the histogram of the records, f and f*. The data contain
@@ -56,17 +54,15 @@ def fig01_concept(
     records = histogram(x, np.linspace(0.0, 1.05 * x.max(), BINS + 1), INVERSE_TTC)
     laws = {"single": single, "piecewise": piecewise}
     tables = []
-    with paper_style():
-        drawn, axes = plt.subplots(2, 1, figsize=(COLUMN_WIDTH, 4.0), sharex=True, sharey=True)
-        for axis, (method, title) in zip(axes, TITLES.items(), strict=True):
-            both = laws[method].inverse_ttc[segment], proposals[method][segment].second
-            draw_histogram(axis, records, INVERSE_TTC, f"{RECORDS}, n = {x.size:,}")
-            tables.append(_draw_densities(axis, both, 1.05 * x.max(), records).assign(method=method))
-            axis.set_title(title, loc="left")
-            axis.set_ylabel("density [s]")
-        axes[-1].set_xlabel(f"$TTC^{{-1}}$ [1/s], $v_L$ {segment.replace('-', '–')} m/s")
-        drawn.legend(*axes[1].get_legend_handles_labels(), loc="outside upper left", ncols=1)
-        note_source(drawn, source)
+    drawn, axes = plt.subplots(2, 1, figsize=(COLUMN_WIDTH, 4.0), sharex=True, sharey=True)
+    for axis, (method, title) in zip(axes, TITLES.items(), strict=True):
+        both = laws[method].inverse_ttc[segment], proposals[method][segment].second
+        draw_histogram(axis, records, INVERSE_TTC, f"{RECORDS}, n = {x.size:,}")
+        tables.append(_draw_densities(axis, both, 1.05 * x.max(), records).assign(method=method))
+        axis.set_title(title, loc="left")
+        axis.set_ylabel("density [s]")
+    axes[-1].set_xlabel(f"$TTC^{{-1}}$ [1/s], $v_L$ {segment.replace('-', '–')} m/s")
+    drawn.legend(*axes[1].get_legend_handles_labels(), loc="outside upper left", ncols=1)
     table = pd.concat(tables, ignore_index=True).astype({"count": "Int64", "is_knot": "boolean"})
     return drawn, table[["method", *table.columns.drop("method")]]
 
@@ -87,9 +83,7 @@ def _draw_densities(
 
 
 @figure
-def fig02_data(
-    encounters: pd.DataFrame, lead_speed_edges: Sequence[float], source: str
-) -> tuple[Figure, pd.DataFrame]:
+def fig02_data(encounters: pd.DataFrame, lead_speed_edges: Sequence[float]) -> Drawn:
     """Draw the number of lane changes by lead speed and range, and by lead speed and TTC^-1 (figure 2).
 
     The figure has two maps of counts. The data contain the counts of all bins with at least one event: panel,
@@ -98,19 +92,17 @@ def fig02_data(
     """
     speeds = np.linspace(lead_speed_edges[0], lead_speed_edges[-1], BINS + 1)
     tables = []
-    with paper_style():
-        drawn, axes = plt.subplots(2, 1, figsize=(COLUMN_WIDTH, 4.2), sharex=True)
-        for axis, letter, (name, (unit, title, label)) in zip(axes, "ab", MAPS.items(), strict=True):
-            edges = np.linspace(0.0, np.ceil(10 * encounters[name].max()) / 10, BINS + 1)
-            count = np.histogram2d(encounters["lead_speed"], encounters[name], (speeds, edges))[0].astype(int)
-            tables.append(_count_table(name, unit, count, speeds, edges))
-            _draw_map(axis, count, speeds, edges)
-            for edge in lead_speed_edges[1:-1]:
-                axis.axvline(edge, color="black", linewidth=0.8, linestyle="--")
-            axis.set_title(f"({letter}) {title}, n = {count.sum():,}", loc="left")
-            axis.set_ylabel(label)
-        axes[-1].set_xlabel("lead speed $v_L$ [m/s]")
-        note_source(drawn, source)
+    drawn, axes = plt.subplots(2, 1, figsize=(COLUMN_WIDTH, 4.2), sharex=True)
+    for axis, letter, (name, (unit, title, label)) in zip(axes, "ab", MAPS.items(), strict=True):
+        edges = np.linspace(0.0, np.ceil(10 * encounters[name].max()) / 10, BINS + 1)
+        count = np.histogram2d(encounters["lead_speed"], encounters[name], (speeds, edges))[0].astype(int)
+        tables.append(_count_table(name, unit, count, speeds, edges))
+        _draw_map(axis, count, speeds, edges)
+        for edge in lead_speed_edges[1:-1]:
+            axis.axvline(edge, color="black", linewidth=0.8, linestyle="--")
+        axis.set_title(f"({letter}) {title}, n = {count.sum():,}", loc="left")
+        axis.set_ylabel(label)
+    axes[-1].set_xlabel("lead speed $v_L$ [m/s]")
     return drawn, pd.concat(tables, ignore_index=True)
 
 

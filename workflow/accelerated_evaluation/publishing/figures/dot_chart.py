@@ -12,12 +12,12 @@ from matplotlib.ticker import LogLocator, NullFormatter
 from numpy.typing import ArrayLike
 
 from accelerated_evaluation.base.arrays import Array
-from accelerated_evaluation.publishing.figures.style import PIECES, note_source
+from accelerated_evaluation.publishing.figures.style import PIECES, Look
 from accelerated_evaluation.publishing.tables.display import readable
 
 INTERVAL = ("probability", "ci_low", "ci_high")
-TRUTH = {"color": "black", "linewidth": 0.8, "zorder": 1.8}  # above the grid, below the points
-DOT = {"color": PIECES[0], "marker": "o", "linestyle": "none", "markersize": 3.5}
+TRUTH: Look = {"color": "black", "linewidth": 0.8, "zorder": 1.8}  # above the grid, below the points
+DOT: Look = {"color": PIECES[0], "marker": "o", "linestyle": "none", "markersize": 3.5}
 ROW = 0.13  # [in], height of a row
 PLAIN = 1e-3  # the ticks of a logarithmic axis are plain numbers if it begins above this
 FRAME = 0.9  # [in], height of the figure above and below the rows
@@ -36,7 +36,7 @@ def draw_intervals(axes: Axes, rows: pd.DataFrame, y: ArrayLike, **look: Any) ->
     value, low, high = (rows[name].to_numpy(float) for name in INTERVAL)
     # An estimate, a mean of weights, may exceed 1, while the upper limit of its interval is at most 1.
     reach = np.maximum([value - low, high - value], 0)
-    style = {"linestyle": "none", "markersize": 3.5, "linewidth": 0.8, "zorder": 2} | look
+    style: Look = {"linestyle": "none", "markersize": 3.5, "linewidth": 0.8, "zorder": 2} | look
     axes.errorbar(value, y, xerr=reach, elinewidth=style.pop("linewidth"), **style)
 
 
@@ -97,13 +97,12 @@ def scale_logarithmically(axes: Axes, label: str) -> None:
     axes.xaxis.set_minor_formatter(NullFormatter())
 
 
-def finish(figure: Figure, axes: Axes, source: str) -> None:
-    """Complete a dot chart: first row on top, legend above the axes, and the source of the data below."""
+def finish(figure: Figure, axes: Axes) -> None:
+    """Complete a dot chart: first row on top, and legend above the axes."""
     axes.invert_yaxis()
     handles = axes.get_legend_handles_labels()
     if handles[0]:
         figure.legend(*handles, loc="outside upper center")
-    note_source(figure, source)
 
 
 def in_math(value: float) -> str:

@@ -10,13 +10,7 @@ from matplotlib.figure import Figure
 from matplotlib.ticker import LogLocator, MaxNLocator, NullFormatter, StrMethodFormatter
 
 from accelerated_evaluation.publishing.figures.dot_chart import in_math
-from accelerated_evaluation.publishing.figures.style import (
-    COLUMN_WIDTH,
-    note_source,
-    paper_style,
-    say_no_crash,
-    style_of,
-)
+from accelerated_evaluation.publishing.figures.style import COLUMN_WIDTH, Drawn, Look, say_no_crash, style_of
 from accelerated_evaluation.publishing.published import figure
 from accelerated_evaluation.publishing.tables.paper_claims import PAPER_PROBABILITY
 from accelerated_evaluation.publishing.tables.spreads import of_method
@@ -33,8 +27,8 @@ REFERENCES = {
 
 @figure
 def fig12_crash_probability(
-    estimates: pd.DataFrame, course: pd.DataFrame, exact: pd.DataFrame, alpha: float, source: str
-) -> tuple[Figure, pd.DataFrame]:
+    estimates: pd.DataFrame, course: pd.DataFrame, exact: pd.DataFrame, alpha: float
+) -> Drawn:
     """Draw the estimates over all segments against the number of simulations (paper, figure 12).
 
     The methods are importance sampling with the piecewise and with the single distributions.
@@ -47,36 +41,32 @@ def fig12_crash_probability(
     truth = float(exact.set_index("segment").loc["all", "probability"])
     lines = {"exact": truth, "paper": PAPER_PROBABILITY}
     last = table.groupby(["method", "replicate"])["probability"].last().max()
-    with paper_style():
-        drawn, panels = plt.subplots(2, 1, figsize=(COLUMN_WIDTH, 4.2), sharex=True, sharey=True)
-        for letter, axes, (method, rows) in zip(
-            "ab", panels, table.groupby("method", sort=False), strict=True
-        ):
-            axes.set_title(f"({letter}) {method}", loc="left")
-            _draw_replicates(axes, rows, method, "probability")
-            _mark_convergence(axes, rows, method, "probability")
-            front = rows[(rows["kind"] == "course") & (rows["replicate"] == _front(rows))]
-            style = {"color": "#808080", "alpha": 0.3, "linewidth": 0, "zorder": 1}
-            label = f"{100 * (1 - alpha):g} % interval"
-            axes.fill_between(front["simulations"], front["ci_low"], front["ci_high"], label=label, **style)
-            for name, value in lines.items():
-                axes.axhline(value, label=f"{name}: {in_math(value)}", **REFERENCES[name])
-            axes.set(ylabel="crash probability", ylim=(0, 2 * max(last, *lines.values())))
-            axes.ticklabel_format(axis="y", style="sci", scilimits=(0, 0), useMathText=True)
-            if not rows["probability"].any():
-                say_no_crash(axes)
-        _add_legend(drawn, COMPARED)
-        panels[-1].set_xlabel("simulations, all segments")
-        panels[-1].xaxis.set_major_locator(MaxNLocator(5))
-        panels[-1].xaxis.set_major_formatter(StrMethodFormatter("{x:,.0f}"))
-        note_source(drawn, source)
+    drawn, panels = plt.subplots(2, 1, figsize=(COLUMN_WIDTH, 4.2), sharex=True, sharey=True)
+    for letter, axes, (method, rows) in zip("ab", panels, table.groupby("method", sort=False), strict=True):
+        axes.set_title(f"({letter}) {method}", loc="left")
+        _draw_replicates(axes, rows, method, "probability")
+        _mark_convergence(axes, rows, method, "probability")
+        front = rows[(rows["kind"] == "course") & (rows["replicate"] == _front(rows))]
+        style: Look = {"color": "#808080", "alpha": 0.3, "linewidth": 0, "zorder": 1}
+        label = f"{100 * (1 - alpha):g} % interval"
+        axes.fill_between(front["simulations"], front["ci_low"], front["ci_high"], label=label, **style)
+        for name, value in lines.items():
+            axes.axhline(value, label=f"{name}: {in_math(value)}", **REFERENCES[name])
+        axes.set(ylabel="crash probability", ylim=(0, 2 * max(last, *lines.values())))
+        axes.ticklabel_format(axis="y", style="sci", scilimits=(0, 0), useMathText=True)
+        if not rows["probability"].any():
+            say_no_crash(axes)
+    _add_legend(drawn, COMPARED)
+    panels[-1].set_xlabel("simulations, all segments")
+    panels[-1].xaxis.set_major_locator(MaxNLocator(5))
+    panels[-1].xaxis.set_major_formatter(StrMethodFormatter("{x:,.0f}"))
     return drawn, _complete(table, "probability", lines, drop="relative_half_width")
 
 
 @figure
 def fig13_relative_half_width(
-    estimates: pd.DataFrame, course: pd.DataFrame, segment: str, beta: float, source: str
-) -> tuple[Figure, pd.DataFrame]:
+    estimates: pd.DataFrame, course: pd.DataFrame, segment: str, beta: float
+) -> Drawn:
     """Draw the relative half-width of the interval against the number of simulations (paper, figure 13).
 
     The figure shows the median replicate of each method in front. A second panel shows where the replicates
@@ -85,29 +75,27 @@ def fig13_relative_half_width(
     """
     methods = estimates["method"].unique()
     table = _rows(estimates, course, methods, segment)
-    with paper_style():
-        size = (COLUMN_WIDTH, 3.0 + 0.15 * len(methods))
-        ratios = (2, 0.15 * len(methods) + 0.2)
-        drawn, (axes, ends) = plt.subplots(2, 1, figsize=size, sharex=True, height_ratios=ratios)
-        for method, rows in table.groupby("method", sort=False):
-            _draw_replicates(axes, rows, method, "relative_half_width")
-            height = pd.Series(float(list(methods).index(method)), index=rows.index)
-            _mark_convergence(ends, rows.assign(height=height), method, "height")
-        axes.axhline(beta, label=rf"$\beta$ = {beta:g}", **REFERENCES["beta"])
-        axes.set(xscale="log", yscale="log", ylabel="relative half-width")
-        ends.set_title("all replicates, where they converge", loc="left")
-        ends.set_yticks(range(len(methods)), methods)
-        ends.set(ylim=(len(methods) - 0.4, -0.6))
-        ends.set_xlabel(f"simulations, $v_L$ {segment.replace('-', '–')} m/s")
-        if table["relative_half_width"].isna().all():
-            axes.set_xlim(1, table["simulations"].max())
-            say_no_crash(axes)
-        axes.yaxis.set_major_locator(LogLocator(subs=(1, 2, 5)))
-        axes.yaxis.set_minor_formatter(NullFormatter())
-        for axis in (ends.xaxis, axes.yaxis):
-            axis.set_major_formatter(StrMethodFormatter("{x:,g}"))
-        _add_legend(drawn, methods)
-        note_source(drawn, source)
+    size = (COLUMN_WIDTH, 3.0 + 0.15 * len(methods))
+    ratios = (2, 0.15 * len(methods) + 0.2)
+    drawn, (axes, ends) = plt.subplots(2, 1, figsize=size, sharex=True, height_ratios=ratios)
+    for method, rows in table.groupby("method", sort=False):
+        _draw_replicates(axes, rows, method, "relative_half_width")
+        height = pd.Series(float(list(methods).index(method)), index=rows.index)
+        _mark_convergence(ends, rows.assign(height=height), method, "height")
+    axes.axhline(beta, label=rf"$\beta$ = {beta:g}", **REFERENCES["beta"])
+    axes.set(xscale="log", yscale="log", ylabel="relative half-width")
+    ends.set_title("all replicates, where they converge", loc="left")
+    ends.set_yticks(range(len(methods)), methods)
+    ends.set(ylim=(len(methods) - 0.4, -0.6))
+    ends.set_xlabel(f"simulations, $v_L$ {segment.replace('-', '–')} m/s")
+    if table["relative_half_width"].isna().all():
+        axes.set_xlim(1, table["simulations"].max())
+        say_no_crash(axes)
+    axes.yaxis.set_major_locator(LogLocator(subs=(1, 2, 5)))
+    axes.yaxis.set_minor_formatter(NullFormatter())
+    for axis in (ends.xaxis, axes.yaxis):
+        axis.set_major_formatter(StrMethodFormatter("{x:,g}"))
+    _add_legend(drawn, methods)
     return drawn, _complete(table, "relative_half_width", {"beta": beta}, drop=list(NUMBERS[:3]))
 
 
@@ -136,7 +124,7 @@ def _draw_replicates(axes: Axes, rows: pd.DataFrame, method: str, column: str) -
     look = style_of(method, "color", "linestyle")
     front = _front(rows)
     for replicate, course in rows[rows["kind"] == "course"].groupby("replicate"):
-        depth = {"zorder": 2, "alpha": 0.3, "linewidth": 0.5}
+        depth: Look = {"zorder": 2, "alpha": 0.3, "linewidth": 0.5}
         if replicate == front:
             depth = {"zorder": 3, "label": method}
         axes.plot(course["simulations"], course[column], **look, **depth)
@@ -146,7 +134,7 @@ def _mark_convergence(axes: Axes, rows: pd.DataFrame, method: str, column: str) 
     """Mark where the replicates of a method converge; the marker of the median one is larger."""
     front = _front(rows)
     ends = rows[rows["kind"] == "converged"]
-    style = {"marker": "o", "markerfacecolor": "white", "linestyle": "none", "zorder": 4}
+    style: Look = {"marker": "o", "markerfacecolor": "white", "linestyle": "none", "zorder": 4}
     for is_front, size in ((False, SMALL), (True, LARGE)):
         chosen = ends[(ends["replicate"] == front) == is_front]
         color = style_of(method)["color"]
@@ -160,7 +148,7 @@ def _add_legend(drawn: Figure, methods: Sequence[str]) -> None:
     entries = [dict(zip(*axes.get_legend_handles_labels()[::-1], strict=True)) for axes in drawn.axes]
     named = {label: entry[label] for entry in entries for label in entry if label in methods}
     legend = named | entries[0]
-    layout = {"loc": "outside upper center", "ncols": 3, "columnspacing": 0.8, "handlelength": 1.5}
+    layout: Look = {"loc": "outside upper center", "ncols": 3, "columnspacing": 0.8, "handlelength": 1.5}
     drawn.legend(legend.values(), legend.keys(), **layout)
 
 

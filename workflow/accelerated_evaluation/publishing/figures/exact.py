@@ -8,7 +8,6 @@ import matplotlib as mpl
 import matplotlib.pyplot as plt
 import numpy as np
 import pandas as pd
-from matplotlib.figure import Figure
 from scipy.special import ndtri
 
 from accelerated_evaluation.publishing.figures.dot_chart import (
@@ -30,8 +29,8 @@ from accelerated_evaluation.publishing.figures.dot_chart import (
 from accelerated_evaluation.publishing.figures.style import (
     COLUMN_WIDTH,
     PIECES,
-    note_source,
-    paper_style,
+    Drawn,
+    Look,
     say_no_crash,
     style_of,
 )
@@ -39,7 +38,7 @@ from accelerated_evaluation.publishing.published import figure
 from accelerated_evaluation.publishing.tables.exact import severity_digest
 from accelerated_evaluation.publishing.tables.spreads import of_method
 
-PAPER = {"color": "black", "marker": "*"}
+PAPER: Look = {"color": "black", "marker": "*"}
 RARE = 1e-6  # smallest share of crashes that figure 17 shows, and of a segment in all of them
 
 
@@ -49,39 +48,35 @@ def fig14_estimates_against_truth(
     exact: pd.DataFrame,
     paper_interval: tuple[float, float],
     alpha: float,
-    source: str,
     crude: pd.DataFrame | None = None,
-) -> tuple[Figure, pd.DataFrame]:
+) -> Drawn:
     """Draw the estimates over all segments with their intervals against the exact probability.
 
     The figure has a row for each replicate. The columns of the data are kind (exact, paper or estimate),
     method, replicate, simulations, probability, ci_low and ci_high.
     """
     data = _estimate_rows(estimates, _all(exact), paper_interval, alpha, crude)
-    with paper_style():
-        shown = data.iloc[1:]
-        label = shown["method"].fillna("paper")
-        y = spaced(label, 1.0)
-        drawn, axes = plt.subplots(figsize=(COLUMN_WIDTH, FRAME + 0.7 * ROW * y.max()))
-        for name in label.unique():
-            look = (PAPER if name == "paper" else style_of(name)) | {"linestyle": "none"}
-            draw_intervals(axes, shown[label == name], y[label == name], **look)
-        draw_truth(axes, data.iloc[0], "exact")
-        name_groups(axes, y, label.replace("paper", "paper\n(its model)"))
-        # The upper limits of estimates without a crash would make the axis too long.
-        seen = data.loc[data["probability"] > 0, "ci_high"]
-        axes.set(xlim=(0, 1.05 * seen.max()))
-        if not data["probability"].iloc[0]:
-            say_no_crash(axes)
-        scale_linearly(axes, "crash probability")
-        finish(drawn, axes, source)
+    shown = data.iloc[1:]
+    label = shown["method"].fillna("paper")
+    y = spaced(label, 1.0)
+    drawn, axes = plt.subplots(figsize=(COLUMN_WIDTH, FRAME + 0.7 * ROW * y.max()))
+    for name in label.unique():
+        look = (PAPER if name == "paper" else style_of(name)) | {"linestyle": "none"}
+        draw_intervals(axes, shown[label == name], y[label == name], **look)
+    draw_truth(axes, data.iloc[0], "exact")
+    name_groups(axes, y, label.replace("paper", "paper\n(its model)"))
+    # The upper limits of estimates without a crash would make the axis too long.
+    seen = data.loc[data["probability"] > 0, "ci_high"]
+    axes.set(xlim=(0, 1.05 * seen.max()))
+    if not data["probability"].iloc[0]:
+        say_no_crash(axes)
+    scale_linearly(axes, "crash probability")
+    finish(drawn, axes)
     return drawn, data
 
 
 @figure
-def fig15_sensitivity(
-    sensitivity: pd.DataFrame, exact: pd.DataFrame, source: str
-) -> tuple[Figure, pd.DataFrame]:
+def fig15_sensitivity(sensitivity: pd.DataFrame, exact: pd.DataFrame) -> Drawn:
     """Draw the crash probability over all segments when one choice of the study is changed at a time.
 
     The figure has a row for each choice and value. The caps on the closing speed have a panel of their own,
@@ -98,28 +93,24 @@ def fig15_sensitivity(
     parts = [part for part in (shown[~is_cap], shown[is_cap]) if len(part)]
     places = [spaced(part["choice"], 1.5) for part in parts]
     heights = [y.max() + 3 for y in places]
-    with paper_style():
-        size = (COLUMN_WIDTH, FRAME + ROW * sum(heights))
-        drawn, panels = plt.subplots(len(parts), 1, figsize=size, height_ratios=heights, squeeze=False)
-        for axes, part, y in zip(panels[:, 0], parts, places, strict=True):
-            axes.plot(part["probability"], y, **DOT)
-            draw_truth(axes, data.iloc[0], "the study")
-            name_rows(axes, y, part["choice"].map(_in_symbols), part["value"].map(_value_label))
-            write_beside(axes, y, in_ratios(part["ratio"]), "× study")
-            axes.invert_yaxis()
-            if part["probability"].gt(0).any():
-                scale_logarithmically(axes, "crash probability")
-            else:
-                say_no_crash(axes)
-        drawn.legend(*panels[0, 0].get_legend_handles_labels(), loc="outside upper center")
-        note_source(drawn, source)
+    size = (COLUMN_WIDTH, FRAME + ROW * sum(heights))
+    drawn, panels = plt.subplots(len(parts), 1, figsize=size, height_ratios=heights, squeeze=False)
+    for axes, part, y in zip(panels[:, 0], parts, places, strict=True):
+        axes.plot(part["probability"], y, **DOT)
+        draw_truth(axes, data.iloc[0], "the study")
+        name_rows(axes, y, part["choice"].map(_in_symbols), part["value"].map(_value_label))
+        write_beside(axes, y, in_ratios(part["ratio"]), "× study")
+        axes.invert_yaxis()
+        if part["probability"].gt(0).any():
+            scale_logarithmically(axes, "crash probability")
+        else:
+            say_no_crash(axes)
+    drawn.legend(*panels[0, 0].get_legend_handles_labels(), loc="outside upper center")
     return drawn, data
 
 
 @figure
-def fig16_uncertainty(
-    uncertainty: pd.DataFrame, bootstrap: pd.DataFrame, exact: pd.DataFrame, source: str
-) -> tuple[Figure, pd.DataFrame]:
+def fig16_uncertainty(uncertainty: pd.DataFrame, bootstrap: pd.DataFrame, exact: pd.DataFrame) -> Drawn:
     """Draw the crash probability with its interval for each source of uncertainty.
 
     The first source is the sampling error, which is the only one in the paper.
@@ -134,26 +125,25 @@ def fig16_uncertainty(
     data = data[["kind", "source", *INTERVAL, "variance_share"]]
     names = {"sampling": "sampling (paper)", "data": "data (bootstrap)"}
     y = np.arange(len(budget))
-    with paper_style():
-        drawn, axes = plt.subplots(figsize=(COLUMN_WIDTH, 2.2))
-        at = np.flatnonzero(budget["source"] == "data")[0] + 0.3
-        strokes = {"color": PIECES[2], "marker": "|", "linestyle": "none", "markersize": 5, "zorder": 1}
-        strokes["label"] = "one bootstrap refit"
-        axes.plot(refits["probability"], np.full(len(refits), at), markeredgewidth=0.5, **strokes)
-        draw_intervals(axes, budget, y, **{**DOT, "linewidth": 1.5})
-        draw_truth(axes, data.iloc[0], "exact, model of the study")
-        axes.set_yticks(y, budget["source"].replace(names))
-        write_beside(axes, y, (100 * budget["variance_share"]).map("{:.1f} %".format), "variance")
-        axes.set(xlim=(0, None), ylim=(-0.5, len(budget) - 0.4))
-        scale_linearly(axes, "crash probability")
-        if not data["probability"].iloc[0]:
-            say_no_crash(axes)
-        finish(drawn, axes, source)
+    drawn, axes = plt.subplots(figsize=(COLUMN_WIDTH, 2.2))
+    at = np.flatnonzero(budget["source"] == "data")[0] + 0.3
+    strokes: Look = {"color": PIECES[2], "marker": "|", "linestyle": "none", "markersize": 5, "zorder": 1}
+    strokes["label"] = "one bootstrap refit"
+    axes.plot(refits["probability"], np.full(len(refits), at), markeredgewidth=0.5, **strokes)
+    draw_intervals(axes, budget, y, **{**DOT, "linewidth": 1.5})
+    draw_truth(axes, data.iloc[0], "exact, model of the study")
+    axes.set_yticks(y, budget["source"].replace(names))
+    write_beside(axes, y, (100 * budget["variance_share"]).map("{:.1f} %".format), "variance")
+    axes.set(xlim=(0, None), ylim=(-0.5, len(budget) - 0.4))
+    scale_linearly(axes, "crash probability")
+    if not data["probability"].iloc[0]:
+        say_no_crash(axes)
+    finish(drawn, axes)
     return drawn, data
 
 
 @figure
-def fig17_severity(severity: pd.DataFrame, source: str) -> tuple[Figure, pd.DataFrame]:
+def fig17_severity(severity: pd.DataFrame) -> Drawn:
     """Draw the distribution of impact speeds by segment, and the probabilities of near misses.
 
     Panel (a) shows the share of crashes with an impact speed above a threshold, down to `RARE`. Segments
@@ -167,34 +157,32 @@ def fig17_severity(severity: pd.DataFrame, source: str) -> tuple[Figure, pd.Data
     of_crash = severity[severity["quantity"] == "crash"].set_index("segment")["probability"]
     segments = [name for name in of_crash.index if name != "all" and of_crash[name] > RARE * of_crash["all"]]
     colors = mpl.colormaps["Blues"](np.linspace(1, 0.6, max(len(segments), 1)))
-    with paper_style():
-        drawn, (top, bottom) = plt.subplots(2, 1, figsize=(COLUMN_WIDTH, 4.2))
-        looks = [{"color": "#c0c0c0", "linewidth": 4, "label": "all segments"}]
-        looks += [
-            {"color": color, "linestyle": line, "marker": marker, "markersize": 3}
-            for color, line, marker in zip(colors, cycle(("-", "--", "-.", ":")), cycle("os^D"), strict=False)
-        ]
-        for segment, look in zip(("all", *segments), looks, strict=False):
-            rows = impacts[(impacts["segment"] == segment) & (impacts["to_crash"] >= RARE)]
-            named = {"label": f"{segment.replace('-', '–')} m/s"} | look
-            top.plot(rows["threshold"], rows["to_crash"], **named)
-        if impacts["to_crash"].ge(RARE).any():
-            top.set_yscale("log")
-        else:
-            say_no_crash(top)
-        top.set_title("(a) impact speeds, paper's law", loc="left")
-        top.set(xlabel="impact speed $v$ [m/s]", ylabel="share of crashes above $v$")
-        y = np.arange(len(near))
-        bottom.set_title("(b) near misses, paper's law", loc="left")
-        bottom.plot(near["probability"], y, **DOT)
-        bottom.set_yticks(y, near["event"].str.replace("smallest ", "", regex=False))
-        write_beside(bottom, y, in_ratios(near["to_crash"]), "× crash")
-        bottom.set_xlabel("probability in a lane change")
-        if near["probability"].gt(0).any():
-            scale_logarithmically(bottom, bottom.get_xlabel())
-        bottom.invert_yaxis()
-        drawn.legend(*top.get_legend_handles_labels(), loc="outside upper center", ncols=4)
-        note_source(drawn, source)
+    drawn, (top, bottom) = plt.subplots(2, 1, figsize=(COLUMN_WIDTH, 4.2))
+    looks = [{"color": "#c0c0c0", "linewidth": 4, "label": "all segments"}]
+    looks += [
+        {"color": color, "linestyle": line, "marker": marker, "markersize": 3}
+        for color, line, marker in zip(colors, cycle(("-", "--", "-.", ":")), cycle("os^D"), strict=False)
+    ]
+    for segment, look in zip(("all", *segments), looks, strict=False):
+        rows = impacts[(impacts["segment"] == segment) & (impacts["to_crash"] >= RARE)]
+        named = {"label": f"{segment.replace('-', '–')} m/s"} | look
+        top.plot(rows["threshold"], rows["to_crash"], **named)
+    if impacts["to_crash"].ge(RARE).any():
+        top.set_yscale("log")
+    else:
+        say_no_crash(top)
+    top.set_title("(a) impact speeds, paper's law", loc="left")
+    top.set(xlabel="impact speed $v$ [m/s]", ylabel="share of crashes above $v$")
+    y = np.arange(len(near))
+    bottom.set_title("(b) near misses, paper's law", loc="left")
+    bottom.plot(near["probability"], y, **DOT)
+    bottom.set_yticks(y, near["event"].str.replace("smallest ", "", regex=False))
+    write_beside(bottom, y, in_ratios(near["to_crash"]), "× crash")
+    bottom.set_xlabel("probability in a lane change")
+    if near["probability"].gt(0).any():
+        scale_logarithmically(bottom, bottom.get_xlabel())
+    bottom.invert_yaxis()
+    drawn.legend(*top.get_legend_handles_labels(), loc="outside upper center", ncols=4)
     return drawn, data
 
 

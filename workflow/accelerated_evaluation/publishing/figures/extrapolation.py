@@ -6,12 +6,11 @@ import matplotlib.pyplot as plt
 import numpy as np
 import pandas as pd
 from matplotlib.colors import LogNorm
-from matplotlib.figure import Figure
-from matplotlib.patches import Patch
+from matplotlib.patheffects import withStroke
 
-from accelerated_evaluation.answer.extrapolation import CAPPED, FAR, NEAR, RECORDED
+from accelerated_evaluation.answer.ways.extrapolation import CAPPED, FAR, NEAR, RECORDED
 from accelerated_evaluation.base.percent import in_percent
-from accelerated_evaluation.publishing.figures.style import COLUMN_WIDTH, note_source, paper_style
+from accelerated_evaluation.publishing.figures.style import COLUMN_WIDTH, Drawn, Look
 from accelerated_evaluation.publishing.published import figure
 from accelerated_evaluation.scenarios.protocol import Scenario
 
@@ -19,15 +18,16 @@ from accelerated_evaluation.scenarios.protocol import Scenario
 PARTS = {RECORDED: ("#08306b", "s"), NEAR: ("#4292c6", "o"), FAR: ("#b2182b", "^")}
 # What the parts mean if they are divided by the closing speed, and if by the distance from the records.
 BY_SPEED = {
-    RECORDED: "as fast as a record at a similar range",
-    NEAR: "faster than the records at a similar range",
-    FAR: "faster than all records",
+    RECORDED: "as fast as\nsimilar records",
+    NEAR: "faster than records\nat a similar range",
+    FAR: "of the crashes are faster than any record",
 }
 BY_DISTANCE = {
-    RECORDED: "as near to a record as most records are",
+    RECORDED: "of the crashes as near to a record as most records",
     NEAR: "farther away than most records are",
     FAR: "farther away than any record is",
 }
+SMALL = 6.5  # [pt], size of the letters in the figure
 DRAWN_CRASHES = 1000  # largest number of crashes that is drawn
 SHOWN = 0.99  # share of the drawn crashes that lie within the limits of the axis
 CELLS = (50, 100)  # smallest and largest number of cells along each axis in which the records are counted
@@ -36,18 +36,14 @@ LIGHTEST = 0.05  # number of records that would be white, so that a cell with on
 
 @figure
 def fig37_extrapolation(
-    extrapolation: pd.DataFrame,
-    crash_places: pd.DataFrame,
-    encounters: pd.DataFrame,
-    scenario: Scenario,
-    source: str,
-) -> tuple[Figure, pd.DataFrame]:
+    extrapolation: pd.DataFrame, crash_places: pd.DataFrame, encounters: pd.DataFrame, scenario: Scenario
+) -> Drawn:
     """Draw the number of records in cells of the last two variables, and crashes drawn from the answer.
 
     If small values of the first of them are important (``divided_by``), its axis is linear up to the smallest
     limit and nearly logarithmic beyond. Variables whose sign does not matter have absolute values.
 
-    The figure, with the share of each part of the predicted crashes in its legend; and its data: a row for
+    The figure, with the share of each part of the predicted crashes next to it; and its data: a row for
     each crash with its ``part``, and one for the middle of each cell with its number of ``records``.
     """
     across, up = scenario.variables[-2:]
@@ -74,43 +70,43 @@ def fig37_extrapolation(
     shares, by_speed = extrapolation.set_index("part"), CAPPED in set(extrapolation["part"])
     # A few crashes far above the others would flatten everything else.
     top = 1.05 * max([largest, *crashes[up.name].quantile([SHOWN]).dropna()])
-    with paper_style():
-        drawn, axes = plt.subplots(figsize=(1.4 * COLUMN_WIDTH, 3.2))
-        if small:
-            axes.set_xscale("asinh", linear_width=small)
-        most = int(cells["records"].max())
-        look = {"cmap": "Greys", "norm": LogNorm(LIGHTEST, most), "rasterized": True}
-        image = axes.pcolormesh(*edges, np.ma.masked_equal(counts.T, 0), **look)
-        grey = image.cmap(image.norm(math.sqrt(most)))
-        shade = f"records: 1 (light) to {most:,} (black) in a cell" if most > 1 else "records"
-        handles = [Patch(color=grey, label=shade)]
-        for part, meaning in (BY_SPEED if by_speed else BY_DISTANCE).items() if len(shares) else ():
-            (color, marker), rows = PARTS[part], crashes[crashes["part"] == part]
-            handles += axes.plot(
-                rows[across.name],
-                rows[up.name].clip(upper=top),
-                marker,
-                clip_on=False,
-                color=color,
-                markersize=2.5,
-                markerfacecolor="none",
-                markeredgewidth=0.5,
-                label=f"crashes, {meaning}: {in_percent(shares.loc[part, 'share'])}",
-            )
+    drawn, axes = plt.subplots(figsize=(COLUMN_WIDTH, 2.9))
+    if small:
+        axes.set_xscale("asinh", linear_width=small)
+    end, most = max([recorded[across.name].max(), *crashes[across.name]]), int(cells["records"].max())
+    look: Look = {"cmap": "Greys", "norm": LogNorm(LIGHTEST, most), "rasterized": True}
+    axes.pcolormesh(*edges, np.ma.masked_equal(counts.T, 0), **look)
+    notes = [f"grey: records, 1 (light) to {most:,} (black) in a cell" if most > 1 else "grey: records"]
+    for part, meaning in (BY_SPEED if by_speed else BY_DISTANCE).items() if len(shares) else ():
+        (color, marker), rows = PARTS[part], crashes[crashes["part"] == part]
+        x, y = rows[across.name], rows[up.name].clip(upper=top)
+        look = {"markersize": 2.5, "markerfacecolor": "none", "markeredgewidth": 0.5, "clip_on": False}
+        label = f"{in_percent(shares.loc[part, 'share'])} {meaning}"
+        axes.plot(x, y, marker, color=color, label=label, **look)
+        # A label stands next to its crashes: far ones above, near ones below the fastest record.
+        places = {
+            RECORDED: (max([0.1 * end, *x + 0.03 * end]), 0.4 * largest, "left", "center"),
+            NEAR: (0.99 * end, 0.97 * largest, "right", "top"),
+            FAR: (0.02 * end, 0.97 * top, "left", "top"),
+        }
         if by_speed:
-            look = {"color": "black", "linewidth": 0.6, "linestyle": ":"}
-            handles.append(axes.axhline(largest, label="fastest record", **look))
-        if higher := int((crashes[up.name] > top).sum()):
-            highest = f"{crashes[up.name].max():.0f} {up.unit}"
-            words = f"at the edge: {higher} of {len(crashes):,} crashes, up to {highest}"
-            handles += axes.plot([], [], linestyle="none", label=words)
-        end = max([recorded[across.name].max(), *crashes[across.name]])
-        axes.set(xlim=(0, end), ylim=(0, top), ylabel=up.label, xlabel=across.label)
-        if small:
-            decades = 10.0 ** np.arange(math.ceil(math.log10(small / 2)), math.floor(math.log10(end)) + 1)
-            axes.set_xticks([0, *decades], [f"{tick:g}" for tick in (0, *decades)])
-            between = np.outer(decades, np.arange(2, 10)).ravel()
-            axes.set_xticks(between[between < end], minor=True)
-        axes.legend(handles=handles, loc="lower center", bbox_to_anchor=(0.5, 1.0), fontsize=6)
-        note_source(drawn, source)
+            left, level, ha, va = places[part]
+            text = axes.text(left, level, label, ha=ha, va=va, fontsize=SMALL, color=color)
+            text.set_path_effects([withStroke(linewidth=2, foreground="white")])
+    if by_speed:
+        axes.axhline(largest, color="black", linewidth=0.6, linestyle=":")
+        axes.text(0.02 * end, 1.01 * largest, "fastest record", va="bottom", fontsize=SMALL)
+    if higher := int((crashes[up.name] > top).sum()):
+        highest = f"{crashes[up.name].max():.0f} {up.unit}"
+        notes.append(f"at the upper edge: {higher} of {len(crashes):,} crashes, up to {highest}")
+        notes += ["(the laws have no largest speed; the car has one)"] if by_speed else []
+    axes.set_title("\n".join(notes), loc="left", fontsize=SMALL, fontweight="normal")
+    axes.set(xlim=(0, end), ylim=(0, top), ylabel=up.label, xlabel=across.label)
+    if small:
+        decades = 10.0 ** np.arange(math.ceil(math.log10(small / 2)), math.floor(math.log10(end)) + 1)
+        axes.set_xticks([0, *decades], [f"{tick:g}" for tick in (0, *decades)])
+        between = np.outer(decades, np.arange(2, 10)).ravel()
+        axes.set_xticks(between[between < end], minor=True)
+    if len(shares) and not by_speed:
+        drawn.legend(loc="outside upper left", fontsize=SMALL)
     return drawn, pd.concat([crashes, cells], ignore_index=True)

@@ -7,15 +7,14 @@ from typing import Any
 import matplotlib.pyplot as plt
 import pandas as pd
 from matplotlib.axes import Axes
-from matplotlib.figure import Figure
 from matplotlib.patches import Polygon, Rectangle
 
 from accelerated_evaluation.methods.cross_entropy.method import CONSTANTS
-from accelerated_evaluation.publishing.figures.style import COLUMN_WIDTH, note_source, paper_style
+from accelerated_evaluation.publishing.figures.style import COLUMN_WIDTH, Drawn, Look, note_source
 from accelerated_evaluation.publishing.published import figure
 
 FONT_SIZE = 6.5
-LINE = {"color": "black", "linewidth": 0.7}
+LINE: Look = {"color": "black", "linewidth": 0.7}
 FLOW_HEIGHT = 5.6  # [in]
 MAIN, WIDE = 1.36, 2.3  # middle and width of the main column of the flow chart [in]
 
@@ -101,7 +100,7 @@ def draw_flow_chart(axes: Axes, boxes: Mapping[str, FlowBox], arrows: Iterable[A
 
 def _write_answer(axes: Axes, arrow: Arrow, start: tuple[float, float]) -> None:
     """Write the answer that an arrow represents next to its start."""
-    place = {
+    place: Look = {
         "bottom": {"xytext": (3, -2), "ha": "left", "va": "top"},
         "left": {"xytext": (-2, 1), "ha": "right", "va": "bottom"},
         "right": {"xytext": (2, 1), "ha": "left", "va": "bottom"},
@@ -188,15 +187,14 @@ def flow_boxes(settings: Mapping[str, Any]) -> dict[str, FlowBox]:
 
 
 @figure
-def fig03_cross_entropy_flow(settings: Mapping[str, Any]) -> tuple[Figure, pd.DataFrame]:
+def fig03_cross_entropy_flow(settings: Mapping[str, Any]) -> Drawn:
     """Draw the flow chart of the Cross-Entropy search (paper, figure 3).
 
     Return the flow chart and its boxes and arrows as from `flow_table`.
     """
     boxes = flow_boxes(settings)
-    with paper_style():
-        drawn, axes = plt.subplots(figsize=(COLUMN_WIDTH, FLOW_HEIGHT))
-        axes.set(xlim=(0, COLUMN_WIDTH), ylim=(0.3, FLOW_HEIGHT))
-        draw_flow_chart(axes, boxes, FLOW_ARROWS)
-        note_source(drawn, "none; the settings of this study")
+    drawn, axes = plt.subplots(figsize=(COLUMN_WIDTH, FLOW_HEIGHT))
+    axes.set(xlim=(0, COLUMN_WIDTH), ylim=(0.3, FLOW_HEIGHT))
+    draw_flow_chart(axes, boxes, FLOW_ARROWS)
+    note_source(drawn, "none; the settings of this study")
     return drawn, flow_table(boxes, FLOW_ARROWS)

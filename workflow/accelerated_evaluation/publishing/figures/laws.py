@@ -6,10 +6,9 @@ import matplotlib.pyplot as plt
 import numpy as np
 import pandas as pd
 from matplotlib.axes import Axes
-from matplotlib.figure import Figure
 
-from accelerated_evaluation.answer.calibration import HOST
-from accelerated_evaluation.answer.law_table import ERRORS
+from accelerated_evaluation.answer.candidates.calibration import HOST
+from accelerated_evaluation.answer.candidates.law_table import ERRORS
 from accelerated_evaluation.base.arrays import Array
 from accelerated_evaluation.publishing.figures.dot_chart import (
     FRAME,
@@ -17,11 +16,7 @@ from accelerated_evaluation.publishing.figures.dot_chart import (
     name_rows,
     spaced,
 )
-from accelerated_evaluation.publishing.figures.style import (
-    COLUMN_WIDTH,
-    note_source,
-    paper_style,
-)
+from accelerated_evaluation.publishing.figures.style import COLUMN_WIDTH, Drawn, note_source
 from accelerated_evaluation.publishing.published import figure
 
 DEFENDED, PAPER = "#08306b", "#b2182b"
@@ -40,7 +35,7 @@ COUNTED = {"closing speed": "records by range", "replay": "replayed records"}
 
 
 @figure
-def fig21_scores(laws: pd.DataFrame, source: str) -> tuple[Figure, pd.DataFrame]:
+def fig21_scores(laws: pd.DataFrame) -> Drawn:
     """Draw how far the held-out score of each law is below that of the best law, and the weight of the law.
 
     Laws that the records contradict have hollow markers.
@@ -53,23 +48,21 @@ def fig21_scores(laws: pd.DataFrame, source: str) -> tuple[Figure, pd.DataFrame]
     below = {region: laws.loc[single, region].max() - laws[region] for region in REGIONS}
     data = laws.assign(**{name.replace("gain", "below"): values for name, values in below.items()})
     y = np.arange(len(laws))
-    with paper_style():
-        size = (2 * COLUMN_WIDTH, FRAME + ROW * (len(laws) + 1))
-        drawn, all_axes = plt.subplots(1, len(REGIONS) + 2, sharey=True, figsize=size)
-        for axes, (region, title) in zip(all_axes, REGIONS.items(), strict=False):
-            error = laws[region.replace("gain", "error")]
-            _draw_differences(axes, y, below[region], laws["refused"], error)
-            axes.set(title=title, xlabel="below the\nbest [nats]")
-        errors, weights = all_axes[len(REGIONS) :]
-        _draw_differences(errors, y, laws["behind"].where(single), laws["refused"])
-        errors.axvline(ERRORS, color="black", linewidth=0.8, linestyle="--")
-        errors.set(title="(c) largest\nof six regions", xlabel="below the best\n[standard errors]")
-        weights.set_axisbelow(True)
-        weights.barh(y[single], laws["weight"][single], height=0.6, color=DEFENDED)
-        weights.set(title="(d) weight in\nthe answer", xlabel="weight")
-        all_axes[0].set_yticks(y, laws["law"].map(law_in_words))
-        all_axes[0].invert_yaxis()
-        note_source(drawn, source)
+    size = (2 * COLUMN_WIDTH, FRAME + ROW * (len(laws) + 1))
+    drawn, all_axes = plt.subplots(1, len(REGIONS) + 2, sharey=True, figsize=size)
+    for axes, (region, title) in zip(all_axes, REGIONS.items(), strict=False):
+        error = laws[region.replace("gain", "error")]
+        _draw_differences(axes, y, below[region], laws["refused"], error)
+        axes.set(title=title, xlabel="below the\nbest [nats]")
+    errors, weights = all_axes[len(REGIONS) :]
+    _draw_differences(errors, y, laws["behind"].where(single), laws["refused"])
+    errors.axvline(ERRORS, color="black", linewidth=0.8, linestyle="--")
+    errors.set(title="(c) largest\nof six regions", xlabel="below the best\n[standard errors]")
+    weights.set_axisbelow(True)
+    weights.barh(y[single], laws["weight"][single], height=0.6, color=DEFENDED)
+    weights.set(title="(d) weight in\nthe answer", xlabel="weight")
+    all_axes[0].set_yticks(y, laws["law"].map(law_in_words))
+    all_axes[0].invert_yaxis()
     return drawn, data
 
 
@@ -97,7 +90,7 @@ def _draw_differences(
 
 
 @figure
-def fig22_calibration(calibration: pd.DataFrame, source: str) -> tuple[Figure, pd.DataFrame]:
+def fig22_calibration(calibration: pd.DataFrame, source: str) -> Drawn:
     """Draw recorded and expected numbers of cut-ins in the regions that are nearest to the crash set.
 
     These are the cell of the largest closing speeds of each range, the crashes of replayed records, and the
@@ -109,21 +102,20 @@ def fig22_calibration(calibration: pd.DataFrame, source: str) -> tuple[Figure, p
     calibration = calibration.assign(drawn=_nearest(calibration) & calibration["law"].isin(names[[0, -1]]))
     shown = calibration[calibration["drawn"]].assign(what=calibration["counted"].map(COUNTED))
     defended, paper = (shown[shown["law"] == name] for name in (names[0], names[-1]))
-    with paper_style():
-        drawn, axes = plt.subplots(figsize=(1.4 * COLUMN_WIDTH, FRAME + ROW * (len(defended) + 6)))
-        y = spaced(defended["what"], 1.6)
-        place = dict(zip(defended["where"], y, strict=True))
-        _draw_limits(axes, y - 0.15, defended, ("o", DEFENDED), law_in_words(names[0]))
-        _draw_limits(axes, paper["where"].map(place).to_numpy() + 0.2, paper, ("s", PAPER), "paper's law")
-        axes.plot(defended["recorded"], y, "k|", markersize=6, label="recorded")
-        axes.set_xscale("symlog", linthresh=1, subs=range(2, 10))
-        axes.xaxis.set_major_formatter("{x:g}")
-        axes.set(xlim=(-0.1, None), xlabel="distinct records (linear below 1, logarithmic above)")
-        names = defended["where"].str.replace(r"^R (.*), ", r"\1, closing ", regex=True)
-        name_rows(axes, y, defended["what"], names.str.replace(" to ", "–", regex=False))
-        axes.set_ylim(y.max() + 1, -2)
-        drawn.legend(*axes.get_legend_handles_labels(), loc="outside upper center", ncols=3)
-        note_source(drawn, f"{source}. Bars: expected, with 90 % Poisson limits")
+    drawn, axes = plt.subplots(figsize=(1.4 * COLUMN_WIDTH, FRAME + ROW * (len(defended) + 6)))
+    y = spaced(defended["what"], 1.6)
+    place = dict(zip(defended["where"], y, strict=True))
+    _draw_limits(axes, y - 0.15, defended, ("o", DEFENDED), law_in_words(names[0]))
+    _draw_limits(axes, paper["where"].map(place).to_numpy() + 0.2, paper, ("s", PAPER), "paper's law")
+    axes.plot(defended["recorded"], y, "k|", markersize=6, label="recorded")
+    axes.set_xscale("symlog", linthresh=1, subs=range(2, 10))
+    axes.xaxis.set_major_formatter("{x:g}")
+    axes.set(xlim=(-0.1, None), xlabel="distinct records (linear below 1, logarithmic above)")
+    names = defended["where"].str.replace(r"^R (.*), ", r"\1, closing ", regex=True)
+    name_rows(axes, y, defended["what"], names.str.replace(" to ", "–", regex=False))
+    axes.set_ylim(y.max() + 1, -2)
+    drawn.legend(*axes.get_legend_handles_labels(), loc="outside upper center", ncols=3)
+    note_source(drawn, f"{source}. Bars: expected, with 90 % Poisson limits")
     return drawn, calibration
 
 

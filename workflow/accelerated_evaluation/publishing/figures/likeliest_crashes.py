@@ -1,35 +1,29 @@
-"""Figures 28 and 29, beyond the paper: probable crashes and critical records over time."""
+"""Figure 28, beyond the paper: probable crashes over time."""
 
 import matplotlib.pyplot as plt
 import numpy as np
 import pandas as pd
 from matplotlib.axes import Axes
-from matplotlib.figure import Figure
 
 from accelerated_evaluation.base.percent import in_percent
-from accelerated_evaluation.publishing.figures.dot_chart import (
-    in_math,
-)
+from accelerated_evaluation.publishing.figures.dot_chart import in_math
 from accelerated_evaluation.publishing.figures.style import (
     COLUMN_WIDTH,
+    Drawn,
     note_source,
-    paper_style,
     say_no_crash,
     say_unknown,
 )
 from accelerated_evaluation.publishing.published import figure
 
-CRASHES, RECORDS = 4, 6  # largest numbers of crashes and of records that are drawn
-COLUMNS = {CRASHES: 4, RECORDS: 3}  # columns of panels
-LETTERS = "abcdef"
+CRASHES = 4  # largest number of crashes that are drawn
+LETTERS = "abcd"
 HOST, LEAD, EMERGENCY = "#08306b", "#777777", "#d9d9d9"
 AFTER = 0.5  # [s], time for which a trace is drawn after its smallest range
 
 
 @figure
-def fig28_ways_to_crash(
-    happened: pd.DataFrame, traces: pd.DataFrame, source: str
-) -> tuple[Figure, pd.DataFrame]:
+def fig28_ways_to_crash(happened: pd.DataFrame, traces: pd.DataFrame, source: str) -> Drawn:
     """Draw speeds and range over time for the most probable kinds of crashes, with the probability of each.
 
     The figure has a pair of panels for each of the `CRASHES` kinds with the largest probability. The data
@@ -42,67 +36,39 @@ def fig28_ways_to_crash(
         f"({letter}) {in_percent(part)} of the crashes:\n{in_math(probability)} per cut-in"
         for letter, part, probability in zip(LETTERS, share, shown["probability"], strict=False)
     ]
-    return _draw(shown, traces, titles, CRASHES, f"simulated under a law fitted to {source}")
+    drawn, data = _draw(shown, traces, titles)
+    note_source(drawn, f"simulated under a law fitted to {source}")
+    return drawn, data
 
 
-@figure
-def fig29_nearest_records(
-    happened: pd.DataFrame, traces: pd.DataFrame, source: str
-) -> tuple[Figure, pd.DataFrame]:
-    """Draw speeds and range over time for the recorded cut-ins that are most critical for the vehicle.
-
-    These records come nearest to a crash when the vehicle is simulated in them.
-
-    The figure has a pair of panels for each of the first `RECORDS` records. The data have a row for each
-    record and time.
-    """
-    shown = happened[happened["kind"] == "record"].head(RECORDS)
-    titles = [
-        f"({letter}) " + ("crash" if row["crash"] else f"smallest TTC {row['min_ttc']:.2f} s")
-        for letter, row in zip(LETTERS, shown.to_dict("records"), strict=False)
-    ]
-    return _draw(shown, traces, titles, RECORDS, source)
-
-
-def _draw(
-    shown: pd.DataFrame, traces: pd.DataFrame, titles: list[str], most: int, source: str
-) -> tuple[Figure, pd.DataFrame]:
+def _draw(shown: pd.DataFrame, traces: pd.DataFrame, titles: list[str]) -> Drawn:
     """Draw a pair of panels for each encounter, speeds above and range below."""
     rows = shown.to_dict("records")
     parts = [_part(traces, row) for row in rows]
     data = shown.merge(pd.concat(parts), on=["kind", "number"]) if parts else shown
-    with paper_style():
-        if data.empty:
-            drawn, axes = plt.subplots()
-            say_unknown(axes) if rows else say_no_crash(axes)
-            note_source(drawn, source)
-            return drawn, data
-        columns = COLUMNS[most]
-        count = -(-len(rows) // columns)
-        size = (2 * COLUMN_WIDTH, 0.6 + 2.9 * count)
-        drawn, all_axes = plt.subplots(2 * count, columns, sharex=True, figsize=size)
-        uppers, lowers = all_axes[::2], all_axes[1::2]
-        _share_axes(uppers, lowers, data)
-        uppers, lowers = uppers.ravel(), lowers.ravel()
-        for upper, lower, *panel in zip(uppers, lowers, parts, rows, titles, strict=False):
-            _draw_one(upper, lower, *panel)
-        for axes in [*uppers[len(rows) :], *lowers[len(rows) :]]:
-            axes.set_visible(False)
-        drawn.legend(*uppers[0].get_legend_handles_labels(), loc="outside upper center", ncols=4)
-        note_source(drawn, source)
+    if data.empty:
+        drawn, axes = plt.subplots()
+        say_unknown(axes) if rows else say_no_crash(axes)
+        return drawn, data
+    drawn, (uppers, lowers) = plt.subplots(2, CRASHES, sharex=True, figsize=(2 * COLUMN_WIDTH, 3.5))
+    _share_axes(uppers, lowers, data)
+    for upper, lower, *panel in zip(uppers, lowers, parts, rows, titles, strict=False):
+        _draw_one(upper, lower, *panel)
+    for axes in [*uppers[len(rows) :], *lowers[len(rows) :]]:
+        axes.set_visible(False)
+    drawn.legend(*uppers[0].get_legend_handles_labels(), loc="outside upper center", ncols=4)
     return drawn, data
 
 
 def _share_axes(uppers: np.ndarray, lowers: np.ndarray, data: pd.DataFrame) -> None:
-    """Give all panels, arrays of the same shape, the same scales, and label those on the edges."""
+    """Give all panels, a row above and a row below, the same scales, and label those on the edges."""
     end, top = data["time_s"].max(), 1.05 * data[["host_speed_m_per_s", "range_m"]].max()
     for panels, label, largest in ((uppers, "speed [m/s]", top.iloc[0]), (lowers, "range [m]", top.iloc[1])):
-        for axes in panels.flat:
+        for axes in panels:
             axes.set(xlim=(0, end), ylim=(0, largest))
-            axes.tick_params(labelleft=axes in panels[:, 0], labelbottom=panels is lowers)
-        for axes in panels[:, 0]:
-            axes.set_ylabel(label)
-    for axes in lowers[-1]:
+            axes.tick_params(labelleft=axes is panels[0], labelbottom=panels is lowers)
+        panels[0].set_ylabel(label)
+    for axes in lowers:
         axes.set_xlabel("time [s]")
 
 
@@ -131,13 +97,11 @@ def _draw_one(upper: Axes, lower: Axes, trace: pd.DataFrame, row: dict, title: s
             linewidth=0,
             label="emergency braking" if axes is upper else None,
         )
-    if row["crash"]:
-        end = trace["time_s"].iloc[-1]
-        lower.plot(end, 0, "X", color="black", markersize=6, clip_on=False, zorder=5)
-        upper.plot([], [], "X", color="black", markersize=6, linestyle="none", label="crash")
+    lower.plot(time.iloc[-1], 0, "X", color="black", markersize=6, clip_on=False, zorder=5)
+    upper.plot([], [], "X", color="black", markersize=6, linestyle="none", label="crash")
     words = (
         f"other car {row['lead_speed']:.1f} m/s, range {row['range']:.1f} m,\n"
         f"closing speed {row['closing_speed']:.1f} m/s"
     )
-    end = f"impact {row['impact_speed']:.1f} m/s" if row["crash"] else f"range left {row['min_range']:.1f} m"
-    upper.set_title(f"{title}\n{words}\n{end}", fontsize=6.5, loc="left")
+    impact = f"impact {row['impact_speed']:.1f} m/s"
+    upper.set_title(f"{title}\n{words}\n{impact}", fontsize=6.5, loc="left")

@@ -5,7 +5,6 @@ from collections.abc import Mapping
 import matplotlib.pyplot as plt
 import numpy as np
 import pandas as pd
-from matplotlib.figure import Figure
 
 from accelerated_evaluation.base.arrays import Array
 from accelerated_evaluation.laws.distributions import Described, Empirical, unit_to_power
@@ -23,13 +22,7 @@ from accelerated_evaluation.publishing.figures.curves import (
     histogram,
     set_log_ticks,
 )
-from accelerated_evaluation.publishing.figures.style import (
-    COLUMN_WIDTH,
-    PIECES,
-    note_source,
-    paper_style,
-    style_of,
-)
+from accelerated_evaluation.publishing.figures.style import COLUMN_WIDTH, PIECES, Drawn, style_of
 from accelerated_evaluation.publishing.published import figure
 
 BODY_SHARE = 0.99  # share of the events that the panel of the body shows
@@ -39,8 +32,8 @@ POINTS = 400
 
 @figure
 def fig04_inverse_range_fit(
-    encounters: pd.DataFrame, two_pieces: IndependentLaw, three_pieces: IndependentLaw, source: str
-) -> tuple[Figure, pd.DataFrame]:
+    encounters: pd.DataFrame, two_pieces: IndependentLaw, three_pieces: IndependentLaw
+) -> Drawn:
     """Draw piecewise fits of R^-1 with two and with three pieces, for all segments (paper, figure 4).
 
     The first panel shows densities of the body (the part below the tail), the second survival functions, with
@@ -55,13 +48,11 @@ def fig04_inverse_range_fit(
     curves = {
         f"{len(law.components)} pieces": Curve(law, style) for law, style in zip(laws, styles, strict=True)
     }
-    return _fit_figure(encounters["inverse_range"].to_numpy(), curves, INVERSE_RANGE, source)
+    return _fit_figure(encounters["inverse_range"].to_numpy(), curves, INVERSE_RANGE)
 
 
 @figure
-def fig05_inverse_ttc_fit(
-    encounters: pd.DataFrame, piecewise: IndependentLaw, segment: str, source: str
-) -> tuple[Figure, pd.DataFrame]:
+def fig05_inverse_ttc_fit(encounters: pd.DataFrame, piecewise: IndependentLaw, segment: str) -> Drawn:
     """Draw the piecewise fit of TTC^-1 in one segment, with the components of its body (paper, figure 5).
 
     The first panel shows densities of the body (the part below the tail), the second survival functions, with
@@ -74,13 +65,13 @@ def fig05_inverse_ttc_fit(
     for number, (weight, leaf) in enumerate(body):
         style = {"color": "#444444", "linewidth": 0.9, "linestyle": ("--", ":", "-.")[number % 3]}
         curves[_described(leaf, INVERSE_TTC)] = Curve(leaf, style, weight, whole=False)
-    return _fit_figure(_inverse_ttc(encounters, segment), curves, INVERSE_TTC, source, segment)
+    return _fit_figure(_inverse_ttc(encounters, segment), curves, INVERSE_TTC, segment)
 
 
 @figure
 def fig06_inverse_range_comparison(
-    encounters: pd.DataFrame, piecewise: IndependentLaw, single: IndependentLaw, source: str
-) -> tuple[Figure, pd.DataFrame]:
+    encounters: pd.DataFrame, piecewise: IndependentLaw, single: IndependentLaw
+) -> Drawn:
     """Draw the piecewise and the single parametric fit of R^-1, for all segments (paper, figure 6).
 
     The records are shown as a histogram.
@@ -89,13 +80,13 @@ def fig06_inverse_range_comparison(
     panel, curve, inverse_range_per_m, bin_width_per_m, count, density_m, is_knot and survival.
     """
     curves = _compared(piecewise.inverse_range, single.inverse_range)
-    return _fit_figure(encounters["inverse_range"].to_numpy(), curves, INVERSE_RANGE, source)
+    return _fit_figure(encounters["inverse_range"].to_numpy(), curves, INVERSE_RANGE)
 
 
 @figure
 def fig07_inverse_ttc_comparison(
-    encounters: pd.DataFrame, piecewise: IndependentLaw, single: IndependentLaw, segment: str, source: str
-) -> tuple[Figure, pd.DataFrame]:
+    encounters: pd.DataFrame, piecewise: IndependentLaw, single: IndependentLaw, segment: str
+) -> Drawn:
     """Draw the piecewise and the single parametric fit of TTC^-1 in one segment (paper, figure 7).
 
     The records are shown as a histogram.
@@ -104,7 +95,7 @@ def fig07_inverse_ttc_comparison(
     panel, curve, inverse_ttc_per_s, bin_width_per_s, count, density_s, is_knot and survival.
     """
     curves = _compared(piecewise.inverse_ttc[segment], single.inverse_ttc[segment])
-    return _fit_figure(_inverse_ttc(encounters, segment), curves, INVERSE_TTC, source, segment)
+    return _fit_figure(_inverse_ttc(encounters, segment), curves, INVERSE_TTC, segment)
 
 
 def _inverse_ttc(encounters: pd.DataFrame, segment: str) -> Array:
@@ -153,30 +144,26 @@ def _survival_table(name: str, curve: Curve, points: Array, variable: PlottedVar
     return pd.DataFrame({"curve": name, **table})[survival > 0]
 
 
-def _fit_figure(
-    x: Array, curves: Mapping[str, Curve], variable: PlottedVariable, source: str, segment: str = ""
-) -> tuple[Figure, pd.DataFrame]:
+def _fit_figure(x: Array, curves: Mapping[str, Curve], variable: PlottedVariable, segment: str = "") -> Drawn:
     """Draw the panels of body and tail; return the figure and the table of everything that is drawn."""
     table = _fit_table(x, curves, variable)
     rows = dict(list(table.groupby(["panel", "curve"])))
     given = f", $v_L$ {segment.replace('-', '–')} m/s" if segment else ""
-    with paper_style():
-        drawn, (body, tail) = plt.subplots(2, 1, figsize=(COLUMN_WIDTH, 4.7))
-        draw_histogram(body, rows["body", RECORDS], variable, f"{RECORDS}, n = {x.size:,}")
-        survival = variable.column, "survival"
-        tail.plot(*(rows["tail", RECORDS][name] for name in survival), color=RECORDS_COLOR, linewidth=3.5)
-        for name, curve in curves.items():
-            draw_curve(body, rows["body", name], (variable.column, variable.density), name, curve)
-            if curve.whole:
-                draw_curve(tail, rows["tail", name], survival, name, curve)
-        body.set_title("(a) body; markers: knots", loc="left")
-        body.set_ylabel(f"density [{variable.density_unit}]")
-        tail.set_title("(b) tail", loc="left")
-        tail.set(ylabel="exceedance probability", yscale="log", ylim=(0.3 / x.size, 1.5))
-        if variable.log_scale:
-            set_log_ticks(tail)
-        for axis in (body, tail):
-            axis.set_xlabel(f"${variable.symbol}$ [{variable.unit}]{given}")
-        drawn.legend(*body.get_legend_handles_labels(), loc="outside upper left", ncols=1 + (len(curves) > 2))
-        note_source(drawn, source)
+    drawn, (body, tail) = plt.subplots(2, 1, figsize=(COLUMN_WIDTH, 4.7))
+    draw_histogram(body, rows["body", RECORDS], variable, f"{RECORDS}, n = {x.size:,}")
+    survival = variable.column, "survival"
+    tail.plot(*(rows["tail", RECORDS][name] for name in survival), color=RECORDS_COLOR, linewidth=3.5)
+    for name, curve in curves.items():
+        draw_curve(body, rows["body", name], (variable.column, variable.density), name, curve)
+        if curve.whole:
+            draw_curve(tail, rows["tail", name], survival, name, curve)
+    body.set_title("(a) body; markers: knots", loc="left")
+    body.set_ylabel(f"density [{variable.density_unit}]")
+    tail.set_title("(b) tail", loc="left")
+    tail.set(ylabel="exceedance probability", yscale="log", ylim=(0.3 / x.size, 1.5))
+    if variable.log_scale:
+        set_log_ticks(tail)
+    for axis in (body, tail):
+        axis.set_xlabel(f"${variable.symbol}$ [{variable.unit}]{given}")
+    drawn.legend(*body.get_legend_handles_labels(), loc="outside upper left", ncols=1 + (len(curves) > 2))
     return drawn, table

@@ -14,8 +14,8 @@ from matplotlib.patches import Rectangle
 
 from accelerated_evaluation.publishing.figures.style import (
     COLUMN_WIDTH,
+    Drawn,
     note_source,
-    paper_style,
     say_no_crash,
     say_unknown,
 )
@@ -87,7 +87,7 @@ class MovingFigure(Figure):
 
 
 @figure
-def fig36_cut_in(happened: pd.DataFrame, traces: pd.DataFrame, source: str) -> tuple[Figure, pd.DataFrame]:
+def fig36_cut_in(happened: pd.DataFrame, traces: pd.DataFrame, source: str) -> Drawn:
     """Draw the most probable kind of crash from above; the SVG file is a moving picture.
 
     The other files show four moments. Before the other car crosses into the lane, both cars are drawn with
@@ -98,26 +98,25 @@ def fig36_cut_in(happened: pd.DataFrame, traces: pd.DataFrame, source: str) -> t
     crashes = happened[happened["kind"] == "crash"].sort_values("probability", ascending=False, kind="stable")
     row = next(iter(crashes.to_dict("records")), None)
     scene = pd.DataFrame() if row is None else _scene(traces, row["number"])
-    with paper_style():
-        if scene.empty:
-            drawn, axes = plt.subplots()
-            say_no_crash(axes) if row is None else say_unknown(axes)
-        else:
-            braking = scene["time_s"][scene["emergency"] == 1]
-            moments = {
-                "the other car changes lane": -BEFORE,
-                "the other car crosses into the lane": 0.0,
-                "emergency braking begins": braking.iloc[0] if len(braking) else None,
-                "crash": scene["time_s"].iloc[-1],
-            }
-            known = {words: time for words, time in moments.items() if time is not None}
-            size = (2 * COLUMN_WIDTH, 0.5 + 0.75 * len(known))
-            drawn, panels = plt.subplots(len(known), sharex=True, figsize=size, FigureClass=MovingFigure)
-            for axes, (words, time) in zip(panels, known.items(), strict=True):
-                _draw_moment(axes, scene.iloc[int(np.argmin(np.abs(scene["time_s"] - time)))], words)
-            panels[-1].set_xlabel("distance from the front of the car under test [m]")
-            drawn.moving = _moving(scene, row)
-        note_source(drawn, f"simulated under a law fitted to {source}")
+    if scene.empty:
+        drawn, axes = plt.subplots()
+        say_no_crash(axes) if row is None else say_unknown(axes)
+    else:
+        braking = scene["time_s"][scene["emergency"] == 1]
+        moments = {
+            "the other car changes lane": -BEFORE,
+            "the other car crosses into the lane": 0.0,
+            "emergency braking begins": braking.iloc[0] if len(braking) else None,
+            "crash": scene["time_s"].iloc[-1],
+        }
+        known = {words: time for words, time in moments.items() if time is not None}
+        size = (2 * COLUMN_WIDTH, 0.5 + 0.75 * len(known))
+        drawn, panels = plt.subplots(len(known), sharex=True, figsize=size, FigureClass=MovingFigure)
+        for axes, (words, time) in zip(panels, known.items(), strict=True):
+            _draw_moment(axes, scene.iloc[int(np.argmin(np.abs(scene["time_s"] - time)))], words)
+        panels[-1].set_xlabel("distance from the front of the car under test [m]")
+        drawn.moving = _moving(scene, row)
+    note_source(drawn, f"simulated under a law fitted to {source}")
     return drawn, scene
 
 

@@ -4,9 +4,8 @@ import matplotlib.pyplot as plt
 import numpy as np
 import pandas as pd
 from matplotlib.axes import Axes
-from matplotlib.figure import Figure
 
-from accelerated_evaluation.publishing.figures.style import COLUMN_WIDTH, note_source, paper_style
+from accelerated_evaluation.publishing.figures.style import COLUMN_WIDTH, Drawn, Look
 from accelerated_evaluation.publishing.published import figure
 from accelerated_evaluation.publishing.tables.display import NAMES
 
@@ -27,15 +26,13 @@ LOOKS = (
 )
 # Line widths of the closing speeds that the law exceeds, from the most frequent to the rarest.
 EXCEEDED = (0.7, 1.6)
-END = {"marker": "|", "markersize": 9, "markeredgewidth": 1.5}  # where a line ends
-EDGE = {"linewidth": 0.6, "linestyle": "-", "color": "black"}
+END: Look = {"marker": "|", "markersize": 9, "markeredgewidth": 1.5}  # where a line ends
+EDGE: Look = {"linewidth": 0.6, "linestyle": "-", "color": "black"}
 MARKS_ON_A_LINE = 6  # number of markers on a line; those of different vehicles are at different ranges
 
 
 @figure
-def fig30_preventable(
-    preventable: pd.DataFrame, encounters: pd.DataFrame, source: str
-) -> tuple[Figure, pd.DataFrame]:
+def fig30_preventable(preventable: pd.DataFrame, encounters: pd.DataFrame) -> Drawn:
     """Draw for each vehicle the closing speed, by range, from which on it always crashes.
 
     The density of the records is drawn in the background, and dotted lines show the closing speeds that a
@@ -44,21 +41,19 @@ def fig30_preventable(
     The figure has a panel for each of at most three lead speeds; the data are the table ``preventable``.
     """
     speeds = preventable["lead_speed"].unique()
-    with paper_style():
-        size = (2 * COLUMN_WIDTH, 1.4 * COLUMN_WIDTH)
-        drawn, all_axes = plt.subplots(1, len(speeds), sharex=True, sharey=True, figsize=size, squeeze=False)
-        for letter, axes, speed in zip("abc", all_axes[0], speeds, strict=False):
-            near = encounters[np.abs(encounters["lead_speed"] - speed) <= BAND]
-            _draw_records(axes, near)
-            _draw_lines(axes, preventable[preventable["lead_speed"] == speed])
-            axes.set_title(f"({letter}) lead speed {speed:g} m/s,\n{len(near):,} records", loc="left")
-            axes.set(xlim=(0, 75), ylim=(0, TOP), xlabel="range [m]")
-        all_axes[0, 0].set_ylabel("closing speed [m/s]")
-        entries = {}
-        for axes in all_axes[0]:
-            entries |= dict(zip(*axes.get_legend_handles_labels()[::-1], strict=True))
-        drawn.legend(entries.values(), entries.keys(), loc="outside upper center", ncols=3)
-        note_source(drawn, source)
+    size = (2 * COLUMN_WIDTH, 1.4 * COLUMN_WIDTH)
+    drawn, all_axes = plt.subplots(1, len(speeds), sharex=True, sharey=True, figsize=size, squeeze=False)
+    for letter, axes, speed in zip("abc", all_axes[0], speeds, strict=False):
+        near = encounters[np.abs(encounters["lead_speed"] - speed) <= BAND]
+        _draw_records(axes, near)
+        _draw_lines(axes, preventable[preventable["lead_speed"] == speed])
+        axes.set_title(f"({letter}) lead speed {speed:g} m/s,\n{len(near):,} records", loc="left")
+        axes.set(xlim=(0, 75), ylim=(0, TOP), xlabel="range [m]")
+    all_axes[0, 0].set_ylabel("closing speed [m/s]")
+    entries: Look = {}
+    for axes in all_axes[0]:
+        entries |= dict(zip(*axes.get_legend_handles_labels()[::-1], strict=True))
+    drawn.legend(entries.values(), entries.keys(), loc="outside upper center", ncols=3)
     return drawn, preventable
 
 
@@ -86,9 +81,9 @@ def _draw_lines(axes: Axes, rows: pd.DataFrame) -> None:
     for place, (name, line) in enumerate(vehicles):
         turn, at = divmod(place, len(LOOKS))  # further vehicles combine the looks in another way
         color, dashes, marker = (LOOKS[(at + shift * turn) % len(LOOKS)][shift] for shift in range(3))
-        style = {"color": color, "linestyle": dashes}
+        style: Look = {"color": color, "linestyle": dashes}
         step = max(len(line) // MARKS_ON_A_LINE, 1)
-        points = {"marker": marker, "markersize": 5, "markevery": (place * step // len(LOOKS), step)}
+        points: Look = {"marker": marker, "markersize": 5, "markevery": (place * step // len(LOOKS), step)}
         points |= {"markerfacecolor": "white" if place % 2 else color, "markeredgewidth": 0.8}
         label = NAMES.get(str(name), str(name))
         axes.plot(line["range"], line["always"], label=label, linewidth=1.1, **style, **points)

@@ -8,12 +8,11 @@ import matplotlib.pyplot as plt
 import numpy as np
 import pandas as pd
 from matplotlib.axes import Axes
-from matplotlib.figure import Figure
 from matplotlib.ticker import MaxNLocator
 
 from accelerated_evaluation.laws.distributions import PiecewiseMixture
 from accelerated_evaluation.laws.paper.models import IndependentLaw
-from accelerated_evaluation.publishing.figures.style import COLUMN_WIDTH, PIECES, note_source, paper_style
+from accelerated_evaluation.publishing.figures.style import COLUMN_WIDTH, PIECES, Drawn
 from accelerated_evaluation.publishing.published import figure
 
 PIECE_STYLES = tuple(
@@ -28,7 +27,7 @@ DENSITY_FLOOR = 1e-4  # [s], smallest density that figure 11 shows
 
 
 @figure
-def fig08_thresholds(trace: pd.DataFrame, segment: str, source: str) -> tuple[Figure, pd.DataFrame]:
+def fig08_thresholds(trace: pd.DataFrame, segment: str) -> Drawn:
     """Draw the thresholds of the relaxed events against the iteration of the search (paper, figure 8).
 
     A relaxed event is a time to collision or a range below a threshold. The search lowers the thresholds
@@ -39,17 +38,15 @@ def fig08_thresholds(trace: pd.DataFrame, segment: str, source: str) -> tuple[Fi
     """
     rows = _piecewise(trace, segment)
     ratio = (rows["threshold_range_m"] / rows["threshold_ttc_s"]).max()
-    with paper_style():
-        drawn, axes = plt.subplots()
-        for rank, (seed, search) in enumerate(rows.groupby("seed")):
-            style = PIECE_STYLES[0] | _depth(rank, f"seed {seed}", "other seeds")
-            axes.plot(search["iteration"], search["threshold_ttc_s"], **style)
-        _mark_crash(axes, rows[rows["seed"] == rows["seed"].min()])
-        _count_iterations(axes, rows, segment)
-        axes.set_ylabel("threshold $t_{TTC}$ [s]")
-        same = f"$t_R$ = {ratio:.2g} m/s $\\times$ $t_{{TTC}}$"
-        axes.legend(title=same if ratio > 0 else None)  # 0 if the crash was the event in all iterations
-        note_source(drawn, source)
+    drawn, axes = plt.subplots()
+    for rank, (seed, search) in enumerate(rows.groupby("seed")):
+        style = PIECE_STYLES[0] | _depth(rank, f"seed {seed}", "other seeds")
+        axes.plot(search["iteration"], search["threshold_ttc_s"], **style)
+    _mark_crash(axes, rows[rows["seed"] == rows["seed"].min()])
+    _count_iterations(axes, rows, segment)
+    axes.set_ylabel("threshold $t_{TTC}$ [s]")
+    same = f"$t_R$ = {ratio:.2g} m/s $\\times$ $t_{{TTC}}$"
+    axes.legend(title=same if ratio > 0 else None)  # 0 if the crash was the event in all iterations
     columns = ["seed", "iteration", "threshold_ttc_s", "threshold_range_m", "events"]
     return drawn, rows[columns].reset_index(drop=True)
 
@@ -66,9 +63,7 @@ def _mark_crash(axes: Axes, search: pd.DataFrame) -> None:
 
 
 @figure
-def fig09_inverse_range_parameters(
-    trace: pd.DataFrame, segment: str, source: str
-) -> tuple[Figure, pd.DataFrame]:
+def fig09_inverse_range_parameters(trace: pd.DataFrame, segment: str) -> Drawn:
     """Draw weight and tilt of each piece of R^-1 against the iteration of the search (paper, figure 9).
 
     The tilt theta of a piece multiplies its density at x by exp(theta x), up to a constant.
@@ -76,13 +71,11 @@ def fig09_inverse_range_parameters(
     The figure shows the weights above the tilts of each piece, with open markers where a tilt was not
     updated. The columns of the data are seed, iteration, piece, from_per_m, weight and theta_m.
     """
-    return _parameters(trace, segment, "inverse_range", source)
+    return _parameters(trace, segment, "inverse_range")
 
 
 @figure
-def fig10_inverse_ttc_parameters(
-    trace: pd.DataFrame, segment: str, source: str
-) -> tuple[Figure, pd.DataFrame]:
+def fig10_inverse_ttc_parameters(trace: pd.DataFrame, segment: str) -> Drawn:
     """Draw weight and tilt of each piece of TTC^-1 against the iteration of the search (paper, figure 10).
 
     The tilt theta of a piece multiplies its density at x by exp(theta x), up to a constant.
@@ -90,38 +83,36 @@ def fig10_inverse_ttc_parameters(
     The figure shows the weights above the tilts of each piece, with open markers where a tilt was not
     updated. The columns of the data are seed, iteration, piece, from_per_s, weight and theta_s.
     """
-    return _parameters(trace, segment, "inverse_ttc", source)
+    return _parameters(trace, segment, "inverse_ttc")
 
 
-def _parameters(trace: pd.DataFrame, segment: str, variable: str, source: str) -> tuple[Figure, pd.DataFrame]:
+def _parameters(trace: pd.DataFrame, segment: str, variable: str) -> Drawn:
     """Draw the weights of all pieces in one panel, and the tilt of each piece in a panel of its own."""
     symbol, unit = {"inverse_range": ("R", "m"), "inverse_ttc": ("TTC", "s")}[variable]
     table = _piece_table(_piecewise(trace, segment), variable)
     seeds = sorted(table["seed"].unique())
     starts = table.groupby("piece")["from"].first()
     names = dict(zip(starts.index, _piece_names(starts.tolist(), symbol, unit), strict=True))
-    with paper_style():
-        size = (COLUMN_WIDTH, 2.2 + 1.1 * len(names))
-        drawn, (upper, *lowers) = plt.subplots(1 + len(names), 1, figsize=size, sharex=True)
-        for (piece, seed), rows in table.groupby(["piece", "seed"]):
-            lower = lowers[piece - 1]
-            style = PIECE_STYLES[piece - 1] | _depth(seeds.index(seed), names[piece])
-            upper.plot(rows["iteration"], rows["weight"], **style)
-            lower.plot(rows["iteration"], rows["theta"], **style)
-            kept = rows[rows["theta"] == rows["theta"].shift()]
-            if seed == seeds[0]:
-                lower.plot(kept["iteration"], kept["theta"], **style | OPEN)
-        upper.set_title("(a) weights of all pieces", loc="left")
-        upper.set(ylabel=r"weight $\tilde{\pi}$", yscale="log")
-        for letter, lower, (piece, name) in zip("bcdef", lowers, names.items(), strict=False):
-            lower.set_title(f"({letter}) tilt for {name}", loc="left")
-            lower.set_ylabel(rf"tilt $\theta$ [{unit}]")
-            if not table.loc[(table["piece"] == piece) & (table["seed"] == seeds[0]), "theta"].any():
-                say = {"transform": lower.transAxes, "ha": "right", "va": "top", "fontsize": 7}
-                lower.text(1, 1, f"seed {seeds[0]}: too few events for an update", **say)
-        _count_iterations(lowers[-1], table, segment)
-        drawn.legend(*upper.get_legend_handles_labels(), loc="outside upper center", ncols=3)
-        note_source(drawn, source)
+    size = (COLUMN_WIDTH, 2.2 + 1.1 * len(names))
+    drawn, (upper, *lowers) = plt.subplots(1 + len(names), 1, figsize=size, sharex=True)
+    for (piece, seed), rows in table.groupby(["piece", "seed"]):
+        lower = lowers[piece - 1]
+        style = PIECE_STYLES[piece - 1] | _depth(seeds.index(seed), names[piece])
+        upper.plot(rows["iteration"], rows["weight"], **style)
+        lower.plot(rows["iteration"], rows["theta"], **style)
+        kept = rows[rows["theta"] == rows["theta"].shift()]
+        if seed == seeds[0]:
+            lower.plot(kept["iteration"], kept["theta"], **style | OPEN)
+    upper.set_title("(a) weights of all pieces", loc="left")
+    upper.set(ylabel=r"weight $\tilde{\pi}$", yscale="log")
+    for letter, lower, (piece, name) in zip("bcdef", lowers, names.items(), strict=False):
+        lower.set_title(f"({letter}) tilt for {name}", loc="left")
+        lower.set_ylabel(rf"tilt $\theta$ [{unit}]")
+        if not table.loc[(table["piece"] == piece) & (table["seed"] == seeds[0]), "theta"].any():
+            say = {"transform": lower.transAxes, "ha": "right", "va": "top", "fontsize": 7}
+            lower.text(1, 1, f"seed {seeds[0]}: too few events for an update", **say)
+    _count_iterations(lowers[-1], table, segment)
+    drawn.legend(*upper.get_legend_handles_labels(), loc="outside upper center", ncols=3)
     return drawn, table.rename(columns={"from": f"from_per_{unit}", "theta": f"theta_{unit}"})
 
 
@@ -147,9 +138,7 @@ def _piece_table(rows: pd.DataFrame, variable: str) -> pd.DataFrame:
 
 
 @figure
-def fig11_inverse_ttc_density(
-    trace: pd.DataFrame, piecewise: IndependentLaw, segment: str, source: str
-) -> tuple[Figure, pd.DataFrame]:
+def fig11_inverse_ttc_density(trace: pd.DataFrame, piecewise: IndependentLaw, segment: str) -> Drawn:
     """Draw densities of TTC^-1 at some iterations of a search, from f to the final f* (paper, figure 11).
 
     The figure shows later iterations in darker colours. The columns of the data are iteration,
@@ -158,20 +147,18 @@ def fig11_inverse_ttc_density(
     table = _density_table(_piecewise(trace, segment), piecewise.inverse_ttc[segment])
     chosen = table["iteration"].unique()
     names = {1: "f (iteration 1)", chosen[-1]: f"f* (iteration {chosen[-1]})"}
-    with paper_style():
-        drawn, axes = plt.subplots()
-        for place, (at, rows) in enumerate(table.groupby("iteration")):
-            look = {
-                "color": plt.get_cmap("Blues")(0.4 + 0.6 * place / (chosen.size - 1)),
-                "linestyle": LINES[place],
-            }
-            axes.plot(
-                rows["inverse_ttc_per_s"], rows["density_s"], label=names.get(at, f"iteration {at}"), **look
-            )
-        axes.set(xlabel=f"$TTC^{{-1}}$ [1/s], {_speeds(segment)}", ylabel="density [s]", yscale="log")
-        axes.set_ylim(DENSITY_FLOOR, 10 ** np.ceil(np.log10(table["density_s"].max())))
-        axes.legend(loc="upper right")
-        note_source(drawn, source)
+    drawn, axes = plt.subplots()
+    for place, (at, rows) in enumerate(table.groupby("iteration")):
+        look = {
+            "color": plt.get_cmap("Blues")(0.4 + 0.6 * place / (chosen.size - 1)),
+            "linestyle": LINES[place],
+        }
+        axes.plot(
+            rows["inverse_ttc_per_s"], rows["density_s"], label=names.get(at, f"iteration {at}"), **look
+        )
+    axes.set(xlabel=f"$TTC^{{-1}}$ [1/s], {_speeds(segment)}", ylabel="density [s]", yscale="log")
+    axes.set_ylim(DENSITY_FLOOR, 10 ** np.ceil(np.log10(table["density_s"].max())))
+    axes.legend(loc="upper right")
     return drawn, table
 
 

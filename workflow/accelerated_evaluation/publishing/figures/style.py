@@ -7,7 +7,6 @@ import os
 import re
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
-from dataclasses import dataclass
 from pathlib import Path
 from types import MappingProxyType
 from typing import Any
@@ -31,7 +30,9 @@ IDS = re.compile(rf"(?<=[\"#])[A-Za-z][A-Za-z0-9_]*(?<![0-9a-f])[0-9a-f]{{{DIGES
 # Dark to light, so that pieces can be distinguished in grey as well.
 PIECES = ("#08306b", "#4292c6", "#9ecae1")
 
-_RC = {
+Look = dict[str, Any]  # keyword arguments for Matplotlib
+
+_RC: Look = {
     "figure.figsize": (COLUMN_WIDTH, 2.4),
     "figure.dpi": 150,
     "figure.constrained_layout.use": True,
@@ -59,44 +60,13 @@ _RC = {
     "svg.fonttype": "none",
     "pdf.fonttype": 42,
 }
-_print: "Print | None" = None
-
-
-@dataclass(frozen=True)
-class Print:
-    """Settings of figures for a paper.
-
-    Attributes
-    ----------
-    font
-        Font family.
-    folders
-        Folder for the figures of each width [in].
-    only
-        Name of the only figure that is saved there; None for all.
-    """
-
-    font: str
-    folders: Mapping[float, Path]
-    only: str | None = None
-
-
-@contextmanager
-def printed(settings: Print) -> Iterator[None]:
-    """Draw figures for a paper within a ``with`` block: with its font, and saved for each width."""
-    global _print
-    _print = settings
-    try:
-        yield
-    finally:
-        _print = None
+Drawn = tuple[Figure, pd.DataFrame]  # a figure, and the table of its data
 
 
 @contextmanager
 def paper_style() -> Iterator[None]:
     """Draw figures in the common style of this project within a ``with`` block."""
-    font = {} if _print is None else {"font.serif": [_print.font], "mathtext.fontset": "stix"}
-    with own_settings({**_RC, **font}):
+    with own_settings(_RC):
         yield
 
 
@@ -136,9 +106,7 @@ def save_figure(
     ``data``: tidy table of everything that is drawn, units in the column names.
     """
     undated = {"png": {}, "pdf": {"CreationDate": None}, "svg": {"Date": None}}
-    if _print is not None and _print.only in (None, name):
-        _save_widths(figure, _print, name, {**undated["pdf"], **metadata.get("pdf", {})})
-    for extension in FORMATS if _print is None else FORMATS[:1]:
+    for extension in FORMATS:
         with paper_style(), atomic_path(Path(folder) / f"{name}.{extension}") as temporary:
             figure.savefig(
                 temporary, format=extension, metadata={**undated[extension], **metadata.get(extension, {})}
@@ -166,17 +134,7 @@ def _number_ids(path: Path) -> None:
     path.write_text(IDS.sub(lambda found: numbered[found[0]], text), encoding="utf-8")
 
 
-def _save_widths(figure: Figure, settings: Print, name: str, metadata: Mapping[str, Any]) -> None:
-    """Save a figure at each width of a paper, with the same font size and a new layout."""
-    own = figure.get_size_inches()
-    for width, folder in settings.folders.items():
-        figure.set_size_inches(width, own[1])
-        with paper_style(), atomic_path(folder / f"{name}.pdf") as temporary:
-            figure.savefig(temporary, format="pdf", metadata=metadata)
-    figure.set_size_inches(own)
-
-
-def style_of(method: str, *parts: str) -> Mapping[str, Any]:
+def style_of(method: str, *parts: str) -> Look:
     """Return the Matplotlib style of a method: the given properties, such as ``"color"``, or all of them."""
     style = METHODS[method].style
     return {part: style[part] for part in parts or style}

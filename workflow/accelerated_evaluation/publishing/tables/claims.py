@@ -9,6 +9,7 @@ import pandas as pd
 
 from accelerated_evaluation.laws.paper.models import IndependentLaw
 from accelerated_evaluation.publishing.published import table
+from accelerated_evaluation.publishing.tables.paper import table2_computation
 from accelerated_evaluation.publishing.tables.paper_claims import (
     ABOVE,
     CLAIMS,
@@ -19,12 +20,17 @@ from accelerated_evaluation.publishing.tables.paper_claims import (
     Claim,
 )
 from accelerated_evaluation.publishing.tables.places import FOUND
-from accelerated_evaluation.publishing.tables.readings import StudyResults, heuristic_acts, statements
-from accelerated_evaluation.publishing.tables.searches import search_totals, searched_parameters
+from accelerated_evaluation.publishing.tables.readings import (
+    faster,
+    heuristic_acts,
+    improves,
+    of_records,
+    same_estimate,
+    same_tail,
+    settled,
+)
 from accelerated_evaluation.publishing.tables.spreads import (
-    Mean,
     Spread,
-    crude_sample_size,
     exactly,
     of_method,
     pooled_probability,
@@ -35,6 +41,12 @@ from accelerated_evaluation.publishing.tables.spreads import (
 CONVERGED = {
     "piecewise": ("piecewise", "piecewise_run", "saving_run"),
     "single": ("single", "single_run", "saving_run"),
+}
+# Stage and quantity of the numbers in the paper's table II.
+TABLE_2 = {
+    "fitted": ("fitting", "parameters"),
+    "moved": ("Cross-Entropy", "parameters"),
+    "search": ("Cross-Entropy", "simulations"),
 }
 UNTESTED = "cannot be tested"  # verdict on a statement about something that does not happen in the study
 
@@ -91,17 +103,16 @@ def claims_table(
     paper's assumptions or has no similar quantity, with its reason ``why``; and where our number stands in
     other published tables (`publishing.tables.places`). ``key`` is a short name by which others can cite it.
     """
-    evidence = StudyResults(
-        *(dependence, candidates, similarity, two_pieces, three_pieces, repeated_searches),
-        *(trace, course, exact, variation),
-    )
-    ours = (
-        _counts({"single": single, "piecewise": piecewise}, trace)
-        | _searches(trace)
-        | _samples(estimates, coverage)
-        | _probability(course, exact, alpha, beta)
-    )
-    ours |= statements(evidence, alpha, beta)
+    ours = _of_tables(table2_computation(estimates, coverage, exact, trace, single, piecewise, alpha, beta))
+    ours |= dict.fromkeys(("identified", "closing"), exactly(sum(piecewise.counts.values()), "none, a count"))
+    ours |= {
+        f"{method}_run": simulations_needed(estimates, coverage, method, first=True) for method in CONVERGED
+    }
+    ours |= _probability(course, exact, alpha) | of_records(dependence, candidates, similarity)
+    ours |= {"same_tail": same_tail(two_pieces, three_pieces), "same_estimate": same_estimate(course, alpha)}
+    ours |= faster(variation, trace, repeated_searches, ours["crude"].value, alpha, beta)
+    ours |= {name: improves(repeated_searches, name) for name in ("heuristic", "shifted")}
+    ours |= settled(repeated_searches)
     ours["saving_run"] = exactly(1 - ours["piecewise_run"].value / ours["single_run"].value, "none, derived")
     departed, obstacles = departure(premises, source), _obstacles(estimates)
     rows = {
@@ -170,34 +181,20 @@ def _obstacles(estimates: pd.DataFrame) -> dict[str, str]:
     return obstacles
 
 
-def _counts(models: Mapping[str, IndependentLaw], trace: pd.DataFrame) -> dict[str, Spread]:
-    events = sum(models["piecewise"].counts.values())
-    numbers = {"identified": events, "closing": events}
-    for method in ("piecewise", "single"):
-        numbers[f"fitted_{method}"] = models[method].n_parameters
-        numbers[f"moved_{method}"] = searched_parameters(trace, method)
-    return {key: exactly(number, "none, a count") for key, number in numbers.items()}
-
-
-def _searches(trace: pd.DataFrame) -> dict[str, Spread]:
-    totals = {method: search_totals(trace)[method] for method in ("piecewise", "single")}
-    return {
-        f"search_{method}": Mean.of(found).further(f"search (from {len(found)})")
-        for method, found in totals.items()
+def _of_tables(computed: pd.DataFrame) -> dict[str, Spread]:
+    """Return our numbers for the paper's tables I and II, from the rows of `table2_computation`."""
+    rows = computed.set_index(["stage", "quantity", "method"])[["ours", "ours_low", "ours_high", "spread"]]
+    found = {
+        f"{name}_{method}": Spread(*rows.loc[(*place, method)])
+        for name, place in TABLE_2.items()
+        for method in CONVERGED
+    }
+    return found | {
+        method: Spread(*rows.loc["simulation", "simulations", method]) for method in ("crude", *CONVERGED)
     }
 
 
-def _samples(estimates: pd.DataFrame, coverage: pd.DataFrame) -> dict[str, Spread]:
-    """Return the simulations to convergence: means, and the first replicates for the paper's single runs."""
-    methods = ("piecewise", "single")
-    means = {method: simulations_needed(estimates, coverage, method) for method in methods}
-    runs = {
-        f"{method}_run": simulations_needed(estimates, coverage, method, first=True) for method in methods
-    }
-    return means | runs
-
-
-def _probability(course: pd.DataFrame, exact: pd.DataFrame, alpha: float, beta: float) -> dict[str, Spread]:
+def _probability(course: pd.DataFrame, exact: pd.DataFrame, alpha: float) -> dict[str, Spread]:
     row, pooled = exact.set_index("segment").loc["all"], pooled_probability(course, "piecewise", alpha)
     value, end = float(row["probability"]), f"none, an end of the {pooled.of}"
     error = f"{100 * row['standard_error'] / value:.2g} %" if value else "0"
@@ -205,5 +202,4 @@ def _probability(course: pd.DataFrame, exact: pd.DataFrame, alpha: float, beta: 
         "probability": exactly(value, f"none, exact for the model; standard error {error}"),
         "probability_low": exactly(pooled.low, end),
         "probability_high": exactly(pooled.high, end),
-        "crude": crude_sample_size(exact, alpha, beta),
     }

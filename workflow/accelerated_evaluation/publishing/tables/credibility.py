@@ -1,20 +1,23 @@
 """What a safety case asks of a simulation, answered from the tables of a study, one row for each question."""
 
 from collections.abc import Callable, Mapping
+from inspect import Parameter, Signature
 from typing import Any
 
 import pandas as pd
 
-from accelerated_evaluation.answer.all_cut_ins import ALL, CLOSING_CUT_IN, KEEPS
-from accelerated_evaluation.answer.criterion import criterion_in_words
-from accelerated_evaluation.answer.extrapolation import RECORDED
-from accelerated_evaluation.answer.near_miss_answer import as_choice
+from accelerated_evaluation.answer.consequences.all_cut_ins import ALL, CLOSING_CUT_IN, KEEPS
+from accelerated_evaluation.answer.consequences.criterion import criterion_in_words
+from accelerated_evaluation.answer.ways.extrapolation import RECORDED
+from accelerated_evaluation.answer.ways.near_miss_answer import as_choice
 from accelerated_evaluation.base.percent import in_percent
 from accelerated_evaluation.publishing.published import table
 from accelerated_evaluation.publishing.tables.display import readable
 from accelerated_evaluation.records.verdict import Verdict
 
 DIGITS = 2
+# Results without which there is no table.
+NEEDED = ("account", "scope", "seed", "records_report", "answer_budget", "extrapolation")
 UNDER_TEST = "under test"
 COLUMNS = ["question", "answer", "table"]
 UNKNOWN = "not known for this study"
@@ -158,37 +161,23 @@ QUESTIONS: tuple[tuple[str, str, str, Callable[[Any], str]], ...] = (
 )
 
 
-def credibility(results: Mapping[str, Any]) -> pd.DataFrame:
-    """Return a row for each question that the results can answer.
+def credibility(**results: Any) -> pd.DataFrame:  # noqa: ANN401
+    """Return what a safety case asks of the simulation, a row for each question that the results can answer.
 
     ``results`` are results of a study by their name in `Study`. The columns are ``question``, ``answer``, and
     the ``table`` or file from which the answer was made.
     """
-    rows = [
-        (question, answered(results[name]), shown)
-        for question, name, shown, answered in QUESTIONS
-        if name in results
-    ]
+    asked = [each for each in QUESTIONS if each[1] in results]
+    rows = [(question, answered(results[name]), shown) for question, name, shown, answered in asked]
     return pd.DataFrame(rows, columns=COLUMNS)
 
 
-@table("credibility")
-def credibility_table(
-    account: pd.DataFrame,
-    scope: tuple[str, Mapping[str, float]],
-    seed: int,
-    records_report: pd.DataFrame,
-    answer_budget: pd.DataFrame,
-    extrapolation: pd.DataFrame,
-    choices: pd.DataFrame | None = None,
-    near_miss_answer: pd.DataFrame | None = None,
-    data_quality: pd.DataFrame | None = None,
-    numerical_error: pd.DataFrame | None = None,
-    fold_calibration: pd.DataFrame | None = None,
-    scenario_agreement: pd.DataFrame | None = None,
-    all_cut_ins: pd.DataFrame | None = None,
-    counted_crashes: pd.DataFrame | None = None,
-    criteria: pd.DataFrame | None = None,
-) -> pd.DataFrame:
-    """Return what a safety case asks of the simulation, with the answers of the tables of the study."""
-    return credibility({name: result for name, result in locals().items() if result is not None})
+# Its parameters are the results that the questions need.
+_asked: Any = credibility
+_asked.__signature__ = Signature(
+    [
+        Parameter(name, Parameter.KEYWORD_ONLY, default=Parameter.empty if name in NEEDED else None)
+        for name in dict.fromkeys(name for _, name, *_ in QUESTIONS)
+    ]
+)
+credibility_table = table("credibility")(_asked)

@@ -36,8 +36,8 @@ NAMES = {
     "fsm": "FSM driver",
     "human": "random human driver",
 }
-LONG = 15  # largest number of rows that are not folded
-SHOWN = 8  # number of rows of a longer table that stay visible
+LONG = 15  # largest number of rows that are all shown
+SHOWN = 8  # number of rows of a longer table that are shown
 # Headers that are not the name of the column with spaces. The article and the CSV files keep the names.
 HEADERS = {
     "aic": "AIC",
@@ -213,22 +213,20 @@ def presented(table: pd.DataFrame) -> pd.DataFrame:
     return table.map(_in_word).rename(columns=header)
 
 
-def as_html(table: pd.DataFrame) -> str:
+def as_html(table: pd.DataFrame, whole: str = "") -> str:
     """Return a table as HTML for a notebook.
 
-    A column that repeats one value becomes a line above the table. Of a table with more than `LONG` rows, the
-    first `SHOWN` are visible, and a click unfolds the others.
+    A column that repeats one value becomes a part of a sentence above the table. Of a table with more than
+    `LONG` rows, the first `SHOWN` are shown; ``whole`` is HTML that says where the others are.
     """
     shown = presented(table)
-    repeated = _repeated(shown)
-    line = "; ".join(f"{name} = {shown[name].iloc[0]}" for name in repeated)
-    shown = shown.drop(columns=repeated)
-    above = f"<p>Equal in all rows: {escape(line)}.</p>" if line else ""
+    same = repeated(shown)
+    *parts, last = [f"<em>{escape(name)}</em> is {escape(str(shown[name].iloc[0]))}" for name in same] or [""]
+    above = f"<p>In every row, {', '.join(parts)}{' and ' if parts else ''}{last}.</p>" if last else ""
+    shown = shown.drop(columns=same)
     if len(shown) <= LONG:
         return above + _html(shown)
-    rest = _html(shown.iloc[SHOWN:])
-    folded = f"<details><summary>{len(shown) - SHOWN} more rows</summary>{rest}</details>"
-    return above + _html(shown.iloc[:SHOWN]) + folded
+    return f"{above}{_html(shown.iloc[:SHOWN])}<p>These are {SHOWN} of {len(shown)} rows. {whole}</p>"
 
 
 def shell_of_notebook() -> Any:  # noqa: ANN401
@@ -242,7 +240,7 @@ def display_in_notebooks() -> None:
         shell.display_formatter.formatters["text/html"].for_type(pd.DataFrame, as_html)
 
 
-def _repeated(shown: pd.DataFrame) -> list[str]:
+def repeated(shown: pd.DataFrame) -> list[str]:
     """Return the names of the columns with one value in at least three rows, if any other column is left."""
     if len(shown) < 3 or isinstance(shown.columns, pd.MultiIndex) or shown.columns.has_duplicates:
         return []

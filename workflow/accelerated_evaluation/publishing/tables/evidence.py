@@ -1,10 +1,11 @@
 """Tables of what supports the answer: the records near the crashes, other choices, and rare records."""
 
+import numpy as np
 import pandas as pd
 
-from accelerated_evaluation.answer.extrapolation import ALL, CAPPED, FAR, NEAR, RECORDED
-from accelerated_evaluation.answer.far_records import EVERY_LAW
-from accelerated_evaluation.answer.variants import WITHOUT_CRASHES
+from accelerated_evaluation.answer.candidates.far_records import EVERY_LAW
+from accelerated_evaluation.answer.ways.extrapolation import ALL, CAPPED, FAR, NEAR, RECORDED
+from accelerated_evaluation.answer.ways.variants import WITHOUT_CRASHES
 from accelerated_evaluation.publishing.published import result_table
 from accelerated_evaluation.publishing.tables.laws import interval_column, with_intervals
 from accelerated_evaluation.publishing.texts import fill
@@ -19,20 +20,20 @@ close faster than any record at a similar range, and {{ far.share | percent }} f
 are farther from the nearest record than 95 % of the records are from each other, and
 {{ far.share | percent }} farther than any record is.
 {% endif %}
-{{ "It is an extrapolation: of" if near > 0.5 else "Of" }} the mean {{ whole.probability | readable(2) }},
-{{ "only " if near > 0.5 }}{{ recorded.probability | readable(2) }} belongs to crashes like those that were
-recorded.
+{{ "It is an extrapolation: the" if near > 0.5 else "The" }} median of the crash probability is
+{{ whole["median"] | readable(2) }}, and that of crashes like those that were recorded is
+{{ recorded["median"] | readable(2) }}.
 {% if whole.recorded == whole.recorded %}
 A check without a model: the vehicle crashes in {{ whole.recorded | number }} of
 {{ whole.records | number }} replayed records, a share of {{ (whole.recorded / whole.records) | readable(2) }}
 (95 % interval {{ whole.replay_low95 | readable(2) }} to {{ whole.replay_high95 | readable(2) }}).
-The answer expects {{ whole.expected | readable(2) }} such crashes, {{ recorded.expected | readable(2) }} of
-them like recorded encounters
-{%- if without is not none and whole.recorded %}
-; laws that are fitted without the records that crash expect
-{{ (without.events * without.probability) | readable(2) }}
-{%- endif %}
-. The check is weak: it can only contradict an answer whose mean lies outside this interval.
+The answer predicts {{ whole.expected | readable(2) }} crashes in these replays;
+{{ recorded.expected | readable(2) }} of them are like recorded encounters.
+{% if without is not none and whole.recorded %}
+If the records that crash are left out of the fit, it predicts
+{{ (without.events * without.probability) | readable(2) }}.
+{% endif %}
+This can contradict only an answer whose mean lies outside the interval.
 {% endif %}
 """
 
@@ -44,7 +45,7 @@ def without_replay(extrapolation: pd.DataFrame) -> pd.DataFrame:
     """
     if extrapolation.empty:
         return extrapolation
-    shown = ["part", "share", "probability", "median", "80 %", "expected", "recorded"]
+    shown = ["part", "share", "median", "80 %", "expected", "recorded"]
     ends = interval_column(extrapolation["low80"], extrapolation["high80"])
     return extrapolation.assign(**{"80 %": ends})[shown]
 
@@ -67,8 +68,16 @@ def rests_in_words(extrapolation: pd.DataFrame, data_quality: pd.DataFrame | Non
 # Shares of the answer by distance of the predicted crashes from the records.
 extrapolation_table = result_table("extrapolation", digits=DIGITS, digest=without_replay)
 
+
+def by_effect(choices: pd.DataFrame) -> pd.DataFrame:
+    """Return the answer, and then the answers for other choices, the one that is furthest from it first."""
+    ratio = choices["median"] / choices["median"].iloc[0]
+    order = np.maximum(ratio, 1 / ratio).iloc[1:].sort_values(ascending=False, kind="stable").index
+    return with_intervals(choices.loc[[choices.index[0], *order]])
+
+
 # The answer for other choices of laws, weights, priors and splines.
-choices_table = result_table("choices", digits=DIGITS, digest=with_intervals)
+choices_table = result_table("choices", digits=DIGITS, digest=by_effect)
 
 # Crashes and impacts with and without a limit to the speed of the host.
 host_limit_table = result_table("host_limit", digits=DIGITS, digest=with_intervals)
@@ -79,7 +88,8 @@ near_miss_answer_table = result_table("near_miss_answer", digits=DIGITS, digest=
 
 def of_all_laws(far_records: pd.DataFrame) -> pd.DataFrame:
     """Return the mean of the counts over all laws, by group of records."""
-    return far_records[far_records["law"] == EVERY_LAW].drop(columns="law")
+    of_all = far_records[far_records["law"] == EVERY_LAW]
+    return of_all.drop(columns=["law", *of_all.filter(like="expected")])
 
 
 # Expected and counted records beyond the levels of the far tail.

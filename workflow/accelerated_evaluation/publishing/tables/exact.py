@@ -7,11 +7,11 @@ import pandas as pd
 from scipy.special import ndtri
 from scipy.stats import binomtest
 
-from accelerated_evaluation.answer.injuries.tables import PER_ENCOUNTER
+from accelerated_evaluation.answer.consequences.injuries.tables import PER_ENCOUNTER
 from accelerated_evaluation.methods.importance_sampling import crude_simulations
 from accelerated_evaluation.publishing.published import result_table, table
 from accelerated_evaluation.publishing.tables.display import readable
-from accelerated_evaluation.publishing.tables.laws import DIGITS, interval_column
+from accelerated_evaluation.publishing.tables.laws import DIGITS, with_limits
 from accelerated_evaluation.publishing.tables.paper_claims import PAPER_SIMULATIONS
 
 DIGEST = ("event", "probability", "to_crash", "per_million_km")
@@ -131,41 +131,17 @@ def best_known(injuries: pd.DataFrame) -> pd.DataFrame:
     return injuries[injuries["per"] == per]
 
 
-def injuries_digest(injuries: pd.DataFrame) -> pd.DataFrame:
-    """Return a short table of injured drivers, with a row for each vehicle and level of injury.
-
-    The columns are the median per million kilometres (or per cut-in) with its 80 % interval, the number per
-    crash, and the share in impacts at low speed.
-    """
-    rows = best_known(injuries).reset_index(drop=True)
-    per = rows["per"].iloc[0] if len(rows) else PER_ENCOUNTER
-    per_cut_in = injuries[injuries["per"] == PER_ENCOUNTER].set_index(["vehicle", "level"])["mean"]
-    keys = pd.MultiIndex.from_frame(rows[["vehicle", "level"]])
-    return pd.DataFrame(
-        {
-            "vehicle": rows["vehicle"],
-            "injury": rows["level"],
-            "mean per cut-in": per_cut_in.reindex(keys).to_numpy(),
-            f"median per {per}": rows["median"],
-            "80 %": interval_column(rows["low80"], rows["high80"]),
-            "per crash": rows["per_crash"],
-            "gentle": rows["gentle"],
-        }
-    )
-
-
 # The injured drivers of all vehicles.
-injuries_table = result_table("injuries", digits=DIGITS, digest=injuries_digest)
+injuries_table = result_table("injuries", digits=DIGITS)
 
 
 def balance_digest(risk_balance: pd.DataFrame) -> pd.DataFrame:
-    """Return a short table of the ratios of injured drivers, vehicle under test by other vehicle.
-
-    The limits of the 80 % interval of a ratio are in one column.
-    """
-    interval = interval_column(risk_balance["ratio_low80"], risk_balance["ratio_high80"])
-    shown = risk_balance[["reference", "level", "ratio"]].assign(**{"80 %": interval})
-    return shown.assign(fewer_injured=risk_balance["fewer_injured"])
+    """Return the ratios of injured drivers by other vehicle and level of injury, with 80 % intervals."""
+    limits = (risk_balance[f"ratio_{end}80"] for end in ("low", "high"))
+    ratios = risk_balance.assign(ratio=with_limits(risk_balance["ratio"], *limits))
+    wide = ratios.pivot_table("ratio", "reference", "level", aggfunc="first")
+    order = [risk_balance[name].unique() for name in ("reference", "level")]
+    return wide.loc[order[0], order[1]].rename_axis(columns=None).reset_index()
 
 
 # The ratios of injured drivers to those of the other vehicles.

@@ -2,27 +2,37 @@
 
 import pandas as pd
 
-from accelerated_evaluation.answer.all_cut_ins import ALL
-from accelerated_evaluation.answer.calibration import HOST
-from accelerated_evaluation.answer.lead_motion import motion_budget
-from accelerated_evaluation.answer.posterior import LEVELS
+from accelerated_evaluation.answer.candidates.calibration import HOST
+from accelerated_evaluation.answer.consequences.all_cut_ins import ALL
+from accelerated_evaluation.answer.consequences.lead_motion import motion_budget
+from accelerated_evaluation.answer.ways.posterior import CONTRADICTED, LEVELS
 from accelerated_evaluation.publishing.published import result_table, table
-from accelerated_evaluation.publishing.tables.display import readable
+from accelerated_evaluation.publishing.tables.display import readable, repeated, vehicles_in_words
 from accelerated_evaluation.records.verdict import Verdict
 
+LEVELS_SHOWN = (80, 95)  # [%], of intervals in short tables
+WIDEST = 6  # largest number of columns of a short table
 DIGITS = 2  # significant digits of probabilities, which are enough for their wide intervals
-# Columns of the ratios to a reference vehicle: prefix in the table, and headings in the short table.
-RATIOS = {
-    "": ("ratio", "80 % of ratio", "safer"),
-    "human_": ("ratio to human", "80 % of it", "safer than human"),
-}
+# Columns of the ratios to a reference vehicle: prefix in the table, and headings of median
+# and interval in the short table.
+RATIOS = {"": ("ratio", "80 % of ratio"), "human_": ("ratio to human", None)}
 
 
 def with_intervals(rows: pd.DataFrame) -> pd.DataFrame:
-    """Replace the limits ``low50`` to ``high95`` of each interval by one column of text at the end."""
-    levels = [f"{100 * level:.0f}" for level in LEVELS]
-    ends = {f"{level} %": interval_column(rows[f"low{level}"], rows[f"high{level}"]) for level in levels}
-    return rows.drop(columns=[f"{end}{level}" for level in levels for end in ("low", "high")]).assign(**ends)
+    """Return a short table: the median, the 80 and 95 % intervals as text, and the mean if there is room.
+
+    The other columns are in front, without the mean rate per kilometre. The mean, often ``probability``, is
+    left out if more than `WIDEST` columns would otherwise differ between rows.
+    """
+    limits = [f"{end}{100 * level:.0f}" for level in LEVELS for end in ("low", "high")]
+    ends = {
+        f"{level} %": interval_column(rows[f"low{level}"], rows[f"high{level}"]) for level in LEVELS_SHOWN
+    }
+    rows = rows.rename(columns={"probability": "mean"})
+    front = rows.drop(columns=["median", "mean", "per_km", *limits], errors="ignore")
+    shown = front.assign(median=rows["median"], **ends)
+    has_room = len(shown.columns) - len(repeated(shown)) < WIDEST
+    return shown.join(rows["mean"]) if has_room and "mean" in rows else shown
 
 
 def interval_column(low: pd.Series, high: pd.Series) -> list[str]:
@@ -32,14 +42,22 @@ def interval_column(low: pd.Series, high: pd.Series) -> list[str]:
     return [f"{readable(a, DIGITS)} to {readable(b, DIGITS)}" if known else "–" for a, b, known in pairs]
 
 
+def with_limits(values: pd.Series, low: pd.Series, high: pd.Series) -> list[str]:
+    """Write numbers with their intervals, such as "0.2 (0.1 to 0.3)", or alone if a limit is NaN."""
+    ends = interval_column(low, high)
+    return [
+        readable(value, DIGITS) + ("" if end == "–" else f" ({end})")
+        for value, end in zip(values, ends, strict=True)
+    ]
+
+
 def without_details(laws: pd.DataFrame) -> pd.DataFrame:
     """Return the main columns of the table of laws, with all rows in the same order.
 
-    These are the gains of the held-out scores over the paper's law in three regions, the weights, the crash
-    probability, and whether the law is rejected.
+    These are the gain of the held-out score over the paper's law in one region, the distance to the best law,
+    the weight, the crash probability, and whether the law is rejected.
     """
-    shown = ["law", "gain_inverse_ttc_0.25", "gain_inverse_ttc_0.35", "gain_inverse_ttc_0.45"]
-    return laws[[*shown, "behind", "weight", "stacking", "probability", "refused"]]
+    return laws[["law", "gain_inverse_ttc_0.35", "behind", "weight", "probability", "refused"]]
 
 
 def of_the_answer(calibration: pd.DataFrame) -> pd.DataFrame:
@@ -47,7 +65,15 @@ def of_the_answer(calibration: pd.DataFrame) -> pd.DataFrame:
 
     The weighted mean is the first law of the table.
     """
-    return calibration[calibration["law"] == calibration["law"].iloc[0]].drop(columns="law")
+    rows = calibration[calibration["law"] == calibration["law"].iloc[0]]
+    return rows.drop(columns=["law", "overdispersed"], errors="ignore")
+
+
+def least_likely(calibration: pd.DataFrame) -> pd.DataFrame:
+    """Return the counts of `of_the_answer` with their 90 % limits, the smallest p-value first."""
+    rows = of_the_answer(calibration).sort_values("p_value", kind="stable")
+    shown = ["where", "counted", "recorded", "expected", "90 %", "p_value"]
+    return rows.assign(**{"90 %": interval_column(rows["low"], rows["high"])})[shown]
 
 
 # The scores, weights and crash probabilities of all laws.
@@ -57,7 +83,7 @@ laws_table = result_table("laws", digits=3, digest=without_details)
 joint_laws_table = result_table("joint_laws", digits=6)
 
 # Recorded and expected counts near the crash set.
-calibration_table = result_table("calibration", digits=3, digest=of_the_answer)
+calibration_table = result_table("calibration", digits=3, digest=least_likely)
 
 # The same counts by block of the records.
 fold_calibration_table = result_table("fold_calibration", digits=3, digest=of_the_answer)
@@ -117,15 +143,19 @@ data_quality_table = result_table("data_quality", digits=DIGITS, digest=with_int
 def vehicles_digest(vehicles: pd.DataFrame) -> pd.DataFrame:
     """Return a short table of compared vehicles: crash probabilities and ratios with 80 % intervals.
 
-    The ratios are left out if the scenario has no reference vehicles.
+    The ratios are left out if the scenario has no reference vehicles. A vehicle that counted crashes
+    contradict is marked.
     """
-    shown = vehicles[["vehicle", "recorded", "expected", "median"]]
+    shown = vehicles[["vehicle", "median"]]
+    marks = vehicles[CONTRADICTED].map({True: " (contradicted by counts)", False: ""})
+    shown = shown.assign(vehicle=vehicles_in_words(vehicles["vehicle"]) + marks)
     shown = shown.assign(**{"80 %": interval_column(vehicles["low80"], vehicles["high80"])})
-    for prefix, (ratio, interval, safer) in RATIOS.items():
+    for prefix, (ratio, interval) in RATIOS.items():
         if f"{prefix}ratio" in vehicles:
-            ends = interval_column(vehicles[f"{prefix}ratio_low80"], vehicles[f"{prefix}ratio_high80"])
-            columns = {ratio: vehicles[f"{prefix}ratio"], interval: ends, safer: vehicles[f"{prefix}safer"]}
-            shown = shown.assign(**columns)
+            shown = shown.assign(**{ratio: vehicles[f"{prefix}ratio"]})
+            if interval:
+                limits = (vehicles[f"{prefix}ratio_{end}80"] for end in ("low", "high"))
+                shown = shown.assign(**{interval: interval_column(*limits)})
     return shown
 
 
@@ -164,52 +194,61 @@ def without_sources(counted: pd.DataFrame) -> pd.DataFrame:
 counted_crashes_table = result_table("counted_crashes", digits=2, digest=without_sources)
 
 
-def with_limits_in_one(predictions: pd.DataFrame) -> pd.DataFrame:
-    """Return a short table of predicted and counted crashes, with both 90 % limits in one column."""
-    shown = ["driver", "event", "expected", "90 %", "counted", "verdict"]
-    return predictions.assign(**{"90 %": interval_column(predictions["low90"], predictions["high90"])})[shown]
+def by_driver(predictions: pd.DataFrame) -> pd.DataFrame:
+    """Return the expected crashes and near-crashes by driver or assumption, with their 90 % limits."""
+    rows = predictions[predictions["event"].isin(["crash", "near-crash, 0.5 g"])]
+    rows = rows.assign(expected=with_limits(rows["expected"], rows["low90"], rows["high90"]))
+    wide = rows.pivot_table("expected", "driver", "event", aggfunc="first", sort=False)
+    return wide.add_prefix("expected: ").rename_axis(columns=None).reset_index()
 
 
 # Predicted and counted crashes and near-crashes of human drivers.
-human_predictions_table = result_table("human_predictions", digits=2, digest=with_limits_in_one)
+human_predictions_table = result_table("human_predictions", digits=2, digest=by_driver)
 
 
-def with_errors(lead_motion: pd.DataFrame) -> pd.DataFrame:
+def with_factors(lead_motion: pd.DataFrame) -> pd.DataFrame:
     """Return the main columns of the table of crash probabilities with a changing lead speed.
 
-    These are the probabilities with a constant and a changing lead speed, and their ratio, with errors.
+    These are the probabilities with a constant and a changing lead speed, and their ratio with its error.
     """
-    shown = ["vehicle", "gap", "constant", "moving", "standard_error", "high95", "factor", "factor_error"]
-    return lead_motion[shown]
+    return lead_motion[["vehicle", "gap", "constant", "moving", "factor", "factor_error"]]
 
 
 # The crash probabilities with a lead vehicle that changes its speed.
-lead_motion_table = result_table("lead_motion", digits=2, digest=with_errors)
+lead_motion_table = result_table("lead_motion", digits=2, digest=with_factors)
 
 
 def rates_of_all_cut_ins(all_cut_ins: pd.DataFrame) -> pd.DataFrame:
-    """Return a short table: all parts of the rate of the first vehicle, and the sums of the others."""
+    """Return a short table: all parts of the rate of the first vehicle, and the sums of the others.
+
+    The rates are per kilometre, or per closing cut-in if the distance is not known.
+    """
     is_first = all_cut_ins["vehicle"] == all_cut_ins["vehicle"].iloc[0] if len(all_cut_ins) else True
-    shown = all_cut_ins[is_first | (all_cut_ins["part"] == ALL)]
-    rows = with_intervals(shown.drop(columns="mean"))
-    return rows[["vehicle", "part", "per", "median", "80 %", "95 %", "upper95", "share", "in_hundred_car"]]
+    rows = all_cut_ins[is_first | (all_cut_ins["part"] == ALL)]
+    per = rows["per"] == "kilometre"
+    rows = with_intervals((rows[per] if per.any() else rows).drop(columns="mean"))
+    return rows[["vehicle", "part", "per", "median", "80 %", "in_hundred_car"]]
 
 
 # One crash rate of all cut-ins, by its parts.
 all_cut_ins_table = result_table("all_cut_ins", digits=DIGITS, digest=rates_of_all_cut_ins)
 
 
-def passed_tests(prescribed: pd.DataFrame) -> pd.DataFrame:
-    """Return which vehicles pass each prescribed test: a row for each test, and a column for each vehicle."""
-    words = prescribed["passed"].map({True: "passed", False: "failed"})
-    wide = prescribed.assign(passed=words).pivot_table(
-        index=["source", "test"], columns="vehicle", values="passed", aggfunc="first", sort=False
-    )
-    return wide.reset_index().rename_axis(columns=None)
-
-
 # Tests that regulations prescribe, by vehicle.
-prescribed_table = result_table("prescribed", digest=passed_tests)
+prescribed_table = result_table("prescribed")
 
 # Crash probabilities with other steps of the simulation.
 numerical_error_table = result_table("numerical_error", digits=3)
+
+
+def worst_of_each_table(second_ways: pd.DataFrame) -> pd.DataFrame:
+    """Return the number of each table that is furthest from its second one, the furthest of all first."""
+    off = second_ways["difference"].abs().dropna()
+    worst = off.groupby(second_ways["table"], sort=False).idxmax()
+    shown = second_ways.loc[off[worst].sort_values(ascending=False, kind="stable").index]
+    shown = shown.assign(row=shown["row"] + ", " + shown["column"])
+    return shown[["table", "row", "number", "second", "difference"]]
+
+
+# Every published number with the same by a second way.
+second_ways_table = result_table("second_ways", digits=3, digest=worst_of_each_table)

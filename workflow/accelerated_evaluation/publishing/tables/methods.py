@@ -8,7 +8,6 @@ from accelerated_evaluation.publishing.published import table
 
 DIGITS = 3
 FAR = 4.0  # number of combined standard errors from which on two estimates contradict each other
-PHASES = ("search", "learn", "estimate")
 
 
 def contradicted(estimates: pd.DataFrame, alpha: float) -> pd.Series:
@@ -32,7 +31,12 @@ def contradicted(estimates: pd.DataFrame, alpha: float) -> pd.Series:
     return flags
 
 
-@table("scenario_methods", digits=DIGITS)
+def without_extremes(methods: pd.DataFrame) -> pd.DataFrame:
+    """Return the main columns of the table of methods."""
+    return methods[["law", "method", "converged", "contradicted", "probability", "simulations"]]
+
+
+@table("scenario_methods", digits=DIGITS, digest=without_extremes)
 def methods_table(scenario_estimates: pd.DataFrame, alpha: float) -> pd.DataFrame:
     """Summarise the replicates of each law and method. The simulations include those for learning.
 

@@ -9,6 +9,7 @@ from accelerated_evaluation.laws.distributions import Distribution, Empirical, u
 from accelerated_evaluation.laws.paper.models import UNITS, IndependentLaw
 from accelerated_evaluation.publishing.published import result_table, table
 from accelerated_evaluation.publishing.tables.display import readable, reproducible_value
+from accelerated_evaluation.publishing.tables.laws import interval_column
 
 PARAMETER_DIGITS = 5  # significant digits of fitted parameters, of which the eighth depends on the processor
 SYMBOLS = {"inverse_range": "R⁻¹", "inverse_ttc": "TTC⁻¹"}
@@ -60,8 +61,18 @@ def parameter_table(model: IndependentLaw) -> pd.DataFrame:
 
 
 def _of_two_pieces(parameters: pd.DataFrame) -> pd.DataFrame:
-    """Return the parameters of the model with two pieces of R^-1, which the paper simulates."""
-    return parameters[parameters["model"] == "two_pieces"].drop(columns="model")
+    """Return the parameters of the model with two pieces of R^-1, which the paper simulates.
+
+    The limits of a piece and the parameter have their units in the same column.
+    """
+    rows = parameters[parameters["model"] == "two_pieces"]
+    low, high, value = (rows[name].map(readable) for name in ("from", "to", "value"))
+    return rows[["variable", "segment"]].assign(
+        piece=low + " to " + high + " " + rows["unit"],
+        weight=rows["weight"],
+        family=rows["family"],
+        parameter=rows["parameter"] + " " + value + " " + rows["value_unit"],
+    )
 
 
 @table("parameters", digits=PARAMETER_DIGITS, digest=_of_two_pieces)
@@ -74,7 +85,16 @@ def parameters_table(
     return pd.concat(tables, names=["model"]).reset_index("model").reset_index(drop=True)
 
 
-@table("dependence", digits=3)
+def _without_counts(dependence: pd.DataFrame) -> pd.DataFrame:
+    """Return Kendall's tau of each pair of variables with its 95 % interval in one column."""
+    pairs = dependence["pair"].str.replace("_", " ").str.replace("inverse ttc", "inverse TTC")
+    ends = dependence["ci_low"], dependence["ci_high"]
+    return dependence[["segment"]].assign(
+        pair=pairs, tau=dependence["tau"], **{"95 %": interval_column(*ends)}
+    )
+
+
+@table("dependence", digits=3, digest=_without_counts)
 def dependence_table(dependence: pd.DataFrame) -> pd.DataFrame:
     """Return Kendall's tau of each pair of variables, its size, and whether its interval excludes zero."""
     excludes = (dependence["ci_low"] > 0) | (dependence["ci_high"] < 0)
@@ -86,10 +106,11 @@ similarity_table = result_table("similarity", digits=3)
 
 
 def rank_table(candidates: pd.DataFrame) -> pd.DataFrame:
-    """Tabulate the ranks by AIC of all families, by variable and segment.
+    """Tabulate the ranks by AIC of all families, for R^-1 of all segments and TTC^-1 of each segment.
 
     The family with the smallest mean rank comes first; a dash means that it could not be fitted.
     """
+    candidates = candidates[(candidates["segment"] == "all") | (candidates["variable"] == "inverse_ttc")]
     places = candidates["variable"].map(SYMBOLS) + ", " + candidates["segment"]
     shown = candidates["rank"].map(lambda rank: "–" if pd.isna(rank) else f"{rank:.0f}")
     labelled = candidates.assign(place=places, shown=shown)

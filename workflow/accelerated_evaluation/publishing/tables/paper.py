@@ -6,6 +6,7 @@ import pandas as pd
 
 from accelerated_evaluation.laws.paper.models import IndependentLaw
 from accelerated_evaluation.publishing.published import table
+from accelerated_evaluation.publishing.tables.laws import interval_column
 from accelerated_evaluation.publishing.tables.paper_claims import (
     PAPER_PARAMETERS,
     PAPER_RATIOS,
@@ -28,12 +29,21 @@ ESTIMATE_COLUMNS = (
 )
 
 
-def _without_spread(table: pd.DataFrame) -> pd.DataFrame:
-    """Return a table without the description of the spreads, which its caption also gives."""
-    return table.drop(columns="spread")
+def in_six_columns(sizes: pd.DataFrame) -> pd.DataFrame:
+    """Return table I with both limits of an interval in one column."""
+    ends = interval_column(sizes["simulations_low"], sizes["simulations_high"])
+    shown = ["method", "simulations", "95 %", "ratio_to_piecewise"]
+    return sizes.assign(**{"95 %": ends})[[*shown, "paper_simulations", "paper_ratio_to_piecewise"]]
 
 
-@table("table1_sample_size", digits=3, digest=_without_spread)
+def simulations_alone(computed: pd.DataFrame) -> pd.DataFrame:
+    """Return the simulations of table II, with both limits of an interval in one column."""
+    rows = computed[computed["quantity"] == "simulations"]
+    ends = interval_column(rows["ours_low"], rows["ours_high"])
+    return rows.assign(**{"95 %": ends})[["stage", "method", "ours", "95 %", "paper"]]
+
+
+@table("table1_sample_size", digits=3, digest=in_six_columns)
 def table1_sample_size(
     estimates: pd.DataFrame, coverage: pd.DataFrame, exact: pd.DataFrame, alpha: float, beta: float
 ) -> pd.DataFrame:
@@ -62,7 +72,7 @@ def table1_sample_size(
     return pd.DataFrame(rows)
 
 
-@table("table2_computation", digits=3, digest=_without_spread)
+@table("table2_computation", digits=3, digest=simulations_alone)
 def table2_computation(
     estimates: pd.DataFrame,
     coverage: pd.DataFrame,
@@ -86,10 +96,10 @@ def table2_computation(
             fitted = (single if method == "single" else piecewise).n_parameters
             moved, found = searched_parameters(trace, method), len(totals[method])
             spent = Mean.of(totals[method]).further(f"search (from {found})")
-            fitted, moved = (exactly(number, "none, a count") for number in (fitted, moved))
-            rows.append(("fitting", "parameters", method, fitted, PAPER_PARAMETERS.get(method)))
+            counts = [exactly(number, "none, a count") for number in (fitted, moved)]
+            rows.append(("fitting", "parameters", method, counts[0], PAPER_PARAMETERS.get(method)))
             rows.append(("Cross-Entropy", "simulations", method, spent, PAPER_SEARCHES.get(method)))
-            rows.append(("Cross-Entropy", "parameters", method, moved, PAPER_PARAMETERS.get(method)))
+            rows.append(("Cross-Entropy", "parameters", method, counts[1], PAPER_PARAMETERS.get(method)))
         row = size.loc[method]
         spent = Spread(row["simulations"], row["simulations_low"], row["simulations_high"], row["spread"])
         rows.append(("simulation", "simulations", method, spent, PAPER_SIMULATIONS.get(method)))
@@ -138,21 +148,3 @@ def probability_table(estimates: pd.DataFrame, course: pd.DataFrame, alpha: floa
             }
         )
     return pd.DataFrame(rows)
-
-
-def weight_health(estimates: pd.DataFrame) -> pd.DataFrame:
-    """Tabulate diagnostics of the importance weights of crashes at convergence.
-
-    The columns are means over the replicates of simulations, crashes, effective_sample_size and their ratio;
-    the largest share of a single crash in the sum of the weights, over all replicates; and the number of
-    converged replicates.
-    """
-    health = estimates.assign(crashes_per_effective=estimates["events"] / estimates["effective_sample_size"])
-    return health.groupby(["scope", "method"], sort=False, as_index=False).agg(
-        simulations=("simulations", "mean"),
-        crashes=("events", "mean"),
-        effective_sample_size=("effective_sample_size", "mean"),
-        crashes_per_effective=("crashes_per_effective", "mean"),
-        largest_weight_share=("largest_weight_share", "max"),
-        converged=("converged", "sum"),
-    )

@@ -17,7 +17,7 @@ _KEPT = "encounters_account[step=range].rows_kept"
 
 
 class Found(NamedTuple):
-    """Where a number stands: a formula in the letters a, b, ..., and one place for each letter."""
+    """The origin of a published number: a formula in the letters a, b, ..., and one place for each letter."""
 
     formula: str
     places: tuple[str, ...]

@@ -2,7 +2,7 @@
 
 import math
 from collections.abc import Mapping
-from typing import Any, NamedTuple
+from typing import Any
 
 import pandas as pd
 from scipy.special import ndtri
@@ -16,7 +16,6 @@ from accelerated_evaluation.publishing.tables.spreads import (
     LEVEL,
     Mean,
     Spread,
-    crude_sample_size,
     exactly,
     pooled_probability,
 )
@@ -105,36 +104,6 @@ READINGS = (
 )
 
 
-class StudyResults(NamedTuple):
-    """The results of a study by which the statements are judged, as in `Study`."""
-
-    dependence: pd.DataFrame
-    candidates: pd.DataFrame
-    similarity: pd.DataFrame
-    two_pieces: IndependentLaw
-    three_pieces: IndependentLaw
-    repeated_searches: pd.DataFrame
-    trace: pd.DataFrame
-    course: pd.DataFrame
-    exact: pd.DataFrame
-    variation: pd.DataFrame
-
-
-def statements(evidence: StudyResults, alpha: float, beta: float) -> dict[str, Spread]:
-    """Return our number for each statement of the paper, by its key.
-
-    An estimate has converged at a relative half-width of at most beta of its interval of level 1 - alpha.
-    """
-    return (
-        _records(evidence)
-        | {"same_tail": _same_tail(evidence.two_pieces, evidence.three_pieces)}
-        | _settled(evidence.repeated_searches)
-        | {"same_estimate": _same_estimate(evidence.course, alpha)}
-        | _faster(evidence, alpha, beta)
-        | {name: _improves(evidence.repeated_searches, name) for name in ("heuristic", "shifted")}
-    )
-
-
 def heuristic_acts(trace: pd.DataFrame) -> bool:
     """Return whether the heuristic moved a knot in any search of the first segment."""
     searches = trace[trace["method"] == "heuristic"]
@@ -143,21 +112,20 @@ def heuristic_acts(trace: pd.DataFrame) -> bool:
     return bool((knots.max() > knots.min()).any())
 
 
-def _records(evidence: StudyResults) -> dict[str, Spread]:
+def of_records(pairs: pd.DataFrame, candidates: pd.DataFrame, similarity: pd.DataFrame) -> dict[str, Spread]:
     """Return the numbers for the statements about the recorded lane changes."""
-    pairs = evidence.dependence
     strongest = pairs.loc[pairs["tau"].abs().idxmax()]
     excluded = int(((pairs["ci_low"] > 0) | (pairs["ci_high"] < 0)).sum())
     where = f"{strongest['pair']}, {strongest['segment']} m/s; {excluded} of {len(pairs)} intervals exclude 0"
     found = {"independent": _interval(strongest, "tau", where.replace("_", " "))}
-    common = evidence.candidates.assign(rank=without_mixtures(evidence.candidates)).dropna(subset="rank")
+    common = candidates.assign(rank=without_mixtures(candidates)).dropna(subset="rank")
     for key, (family, variable) in CHOSEN.items():
         rows = common[(common["variable"] == variable) & (common["family"] == family)]
         ranks = rows.set_index("segment")["rank"].astype(int)
         text = ", ".join(f"{rank} ({segment})" for segment, rank in ranks.items())
         best = ranks["all"] if "all" in ranks else ranks.min()
         found[key] = exactly(float(best), f"none; ranks among {common['family'].nunique()} families: {text}")
-    row = evidence.similarity.set_index("quantile").loc[QUANTILE]
+    row = similarity.set_index("quantile").loc[QUANTILE]
     where = (
         f"{row['largest']:.3f} 1/s at {row['largest_in']} m/s, {row['smallest']:.3f} at {row['smallest_in']}"
     )
@@ -168,7 +136,7 @@ def _interval(row: pd.Series, value: str, where: str) -> Spread:
     return Spread(row[value], row["ci_low"], row["ci_high"], f"95 % interval, block jackknife; {where}")
 
 
-def _same_tail(two: IndependentLaw, three: IndependentLaw) -> Spread:
+def same_tail(two: IndependentLaw, three: IndependentLaw) -> Spread:
     """Return the ratio of the rates of the last pieces of R^-1, of three pieces to two.
 
     If both tails are parts of one exponential, the rate of the longer tail is efficient. The variance of the
@@ -183,7 +151,8 @@ def _same_tail(two: IndependentLaw, three: IndependentLaw) -> Spread:
     return Spread(ratio, low, high, of)
 
 
-def _settled(repeated: pd.DataFrame) -> dict[str, Spread]:
+def settled(repeated: pd.DataFrame) -> dict[str, Spread]:
+    """Return the change of the main tilts in the longest searches, from update to update."""
     most = repeated["crash_updates"].max()
     rows = repeated[(repeated["crash_updates"] == most) & (repeated["method"] == "piecewise")]
     columns = {"settled_ttc": "change_inverse_ttc", "settled_range": "change_inverse_range"}
@@ -191,7 +160,8 @@ def _settled(repeated: pd.DataFrame) -> dict[str, Spread]:
     return {key: Mean.of(rows[column]).interval(what) for key, column in columns.items()}
 
 
-def _same_estimate(course: pd.DataFrame, alpha: float) -> Spread:
+def same_estimate(course: pd.DataFrame, alpha: float) -> Spread:
+    """Return the ratio of the pooled estimates, single to piecewise."""
     pooled = [pooled_probability(course, method, alpha) for method in ("single", "piecewise")]
     if not all(estimate.value > 0 for estimate in pooled):
         return exactly(math.nan, "none, no crash was seen")
@@ -200,28 +170,35 @@ def _same_estimate(course: pd.DataFrame, alpha: float) -> Spread:
     return means[0].over(means[1]).interval("all simulations")
 
 
-def _faster(evidence: StudyResults, alpha: float, beta: float) -> dict[str, Spread]:
-    """Return how much piecewise saves compared with single, and with crude Monte Carlo.
+def faster(
+    variation: pd.DataFrame,
+    trace: pd.DataFrame,
+    repeated: pd.DataFrame,
+    crude: float,
+    alpha: float,
+    beta: float,
+) -> dict[str, Spread]:
+    """Return how much piecewise saves compared with single, and with the simulations of crude Monte Carlo.
 
-    The numbers of simulations to convergence are those of the exact variances, one for each search.
+    The numbers of simulations to convergence are those of the exact variances, one for each search. An
+    estimate has converged at a relative half-width of at most beta of its interval of level 1 - alpha.
     """
-    reach, totals = -float(ndtri(alpha / 2)) / beta, search_totals(evidence.trace)
+    reach, totals = -float(ndtri(alpha / 2)) / beta, search_totals(trace)
     sizes, together = {}, {}
     for method in ("piecewise", "single"):
-        found = evidence.variation.query("method == @method and segment == 'all'")
+        found = variation.query("method == @method and segment == 'all'")
         needed = (reach * found["variation_trimmed"].to_numpy()) ** 2
         sizes[method] = Mean.of(needed)
         together[method] = Mean.of(needed + totals[method].to_numpy())
-    crude = Mean(crude_sample_size(evidence.exact, alpha, beta).value, 0.0, math.inf)
     what = _by_exact_variances(len(totals["single"]))
     saved = sizes["piecewise"].over(sizes["single"])
     saving = saved._replace(value=1 - saved.value).interval(what)
-    ratio = crude.over(sizes["piecewise"]).interval(what)
+    ratio = Mean(crude, 0.0, math.inf).over(sizes["piecewise"]).interval(what)
     return {
         "ratio_single": sizes["single"].over(sizes["piecewise"]).interval(what),
         "ratio_crude": ratio,
         "saving": saving,
-        "faster_search": _with_search(evidence.repeated_searches),
+        "faster_search": _with_search(repeated),
         "faster_all": together["single"].over(together["piecewise"]).interval(what),
         "half": saving,
         "faster": ratio,
@@ -237,7 +214,7 @@ def _with_search(repeated: pd.DataFrame) -> Spread:
     return needed["single"].over(needed["piecewise"]).interval(_by_exact_variances(rows["seed"].nunique()))
 
 
-def _improves(repeated: pd.DataFrame, method: str) -> Spread:
+def improves(repeated: pd.DataFrame, method: str) -> Spread:
     """Return the ratio of simulations to convergence, piecewise to a method, by the exact variance."""
     rows = _shortest(repeated)
     needed = {name: Mean.of(found["needed"]) for name, found in rows.groupby("method")}
@@ -290,7 +267,7 @@ def _of_searches(trace: pd.DataFrame, repeated: pd.DataFrame, sample_size: int) 
 
 
 def _of_probability(sensitivity: pd.DataFrame, exact: pd.DataFrame) -> dict[str, float | str]:
-    """Return ratios of probabilities with other choices to the exact one; NaN if nothing crashes."""
+    """Return the probabilities with other choices, divided by the exact one; NaN if nothing crashes."""
     probability = exact.set_index("segment").loc["all", "probability"] or math.nan
     ratios = sensitivity.set_index(["choice", "value"])["probability"] / probability
     found = {"single": ratios["model", "single"]}

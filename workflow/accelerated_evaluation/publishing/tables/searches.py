@@ -31,48 +31,12 @@ def searched_parameters(trace: pd.DataFrame, method: str) -> int:
     return total
 
 
-def search_digest(trace: pd.DataFrame) -> pd.DataFrame:
-    """Summarise the Cross-Entropy searches by method and segment.
-
-    The columns are means over the seeds: iterations with an update; simulations, with their extremes; the
-    threshold, the crashes and the effective sample size of their weights in the last iteration; and the
-    distance by which the truncation points moved [1/m], [1/s].
-    """
-    first, last = (
-        trace.groupby(["method", "segment", "seed"], sort=False).nth(row).reset_index(drop=True)
-        for row in (0, -1)
-    )
-    knots = [f"inverse_{variable}_from_2" for variable in ("range", "ttc")]
-    shift = last[knots] - first[knots]
-    searches = last.assign(
-        updates=last["iteration"] - 1,
-        crash_share=last["crashes"] / last["sample"],
-        shift_range=shift[knots[0]],
-        shift_ttc=shift[knots[1]],
-    )
-    digest = searches.groupby(["method", "segment"], sort=False).agg(
-        seeds=("seed", "size"),
-        iterations=("updates", "mean"),
-        simulations=("simulations_total", "mean"),
-        simulations_min=("simulations_total", "min"),
-        simulations_max=("simulations_total", "max"),
-        crash_share=("crash_share", "mean"),
-        effective_sample_size=("effective_sample_size", "mean"),
-        knot_shift_inverse_range_per_m=("shift_range", "mean"),
-        knot_shift_inverse_ttc_per_s=("shift_ttc", "mean"),
-    )
-    return digest.reset_index()
-
-
 def updates_digest(repeated_searches: pd.DataFrame) -> pd.DataFrame:
-    """Return ``repeated_searches.csv`` as means over the seeds, with the extremes of ``needed``."""
+    """Return ``repeated_searches.csv`` as means over the seeds."""
     groups = repeated_searches.groupby(["method", "crash_updates"], sort=False)
     return groups.agg(
-        seeds=("seed", "size"),
         simulations=("simulations", "mean"),
         needed=("needed", "mean"),
-        needed_min=("needed", "min"),
-        needed_max=("needed", "max"),
         change_inverse_range=("change_inverse_range", "mean"),
         change_inverse_ttc=("change_inverse_ttc", "mean"),
     ).reset_index()
@@ -82,7 +46,13 @@ def updates_digest(repeated_searches: pd.DataFrame) -> pd.DataFrame:
 repeated_searches_table = result_table("repeated_searches", digits=3, digest=updates_digest)
 
 
-@table("coverage", digits=3)
+def least_coverage(coverage: pd.DataFrame) -> pd.DataFrame:
+    """Return the coverage by method and stopping rule, the one with the lowest coverage of 80 % first."""
+    shown = ["method", "stopping", "bias", "coverage80", "coverage80_se", "coverage95"]
+    return coverage.sort_values("coverage80", kind="stable")[shown]
+
+
+@table("coverage", digits=3, digest=least_coverage)
 def coverage_table(coverage: pd.DataFrame) -> pd.DataFrame:
     """Return the table of the coverage of intervals, with the columns that contain the coverage first."""
     others = [name for name in coverage.columns if name not in COVERAGE_COLUMNS]

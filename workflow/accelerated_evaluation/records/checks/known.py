@@ -332,8 +332,8 @@ def known_records(records: Records) -> Finding:
         left, best = explanations[0]
         is_certain = left < SIMILAR and compared.distance > CERTAIN * left
         verdict = STOP if is_certain else WARNING
-        others = [fault.text for _, fault in explanations[1:SHOWN]]
-        others = f"; less well: {'; '.join(others)}" if others else ""
+        texts = [fault.text for _, fault in explanations[1:SHOWN]]
+        others = f"; less well: {'; '.join(texts)}" if texts else ""
         is_known = is_certain or not best.is_like_traffic
         word = "probably" if is_known else "other traffic, which these records do not distinguish from"
         found = f"{word} {best.text}: the distance is {left:.2f} without it{others}"

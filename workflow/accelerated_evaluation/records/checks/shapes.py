@@ -232,8 +232,8 @@ def equal_values(records: Records) -> Finding:
         counts = rows[name].value_counts().to_numpy()
         share, second = counts[0] / len(rows), counts[1] if counts.size > 1 else 0
         stands_out = share > MANY and poisson.sf(counts[0] - 1, second) * len(records.units) < LEVEL
-        verdict = STOP if share > MOST_EQUAL else WARNING if share > MANY_EQUAL or stands_out else FINE
-        found.append((VERDICTS.index(verdict), float(share), name))
+        own = STOP if share > MOST_EQUAL else WARNING if share > MANY_EQUAL or stands_out else FINE
+        found.append((VERDICTS.index(own), float(share), name))
     verdict, share, name = max(found)
     value = rows[name].value_counts().index[0]
     return Finding(

@@ -96,27 +96,24 @@ def with_names(candidates: pd.DataFrame, name: str) -> pd.DataFrame:
 
 
 def finished(
-    cut_ins: pd.DataFrame,
-    account: Account,
-    *,
-    milliseconds: int,
-    micrometres: int,
-    warnings: Sequence[str] = (),
+    cut_ins: pd.DataFrame, account: Account, counts: Mapping[str, float], warnings: Sequence[str]
 ) -> pd.DataFrame:
     """Return the cut-ins in the form of a source, with rows numbered from 1.
 
     The attributes (``attrs``) are ``account``; ``exposure``, with the ``hours`` and ``kilometres`` that the
-    hosts drove while cut-ins could be observed, from milliseconds and micrometres; and ``warnings``, texts
-    about units of the speeds that could not be checked, and about many rows that were left out.
+    hosts drove while cut-ins could be observed, from the counts of milliseconds and micrometres; and
+    ``warnings``, texts about units of the speeds that could not be checked, and about many rows that were
+    left out.
     """
     result = cut_ins.set_index(pd.RangeIndex(1, len(cut_ins) + 1, name="row"))
     result.attrs["account"] = account.table().to_dict("records")
-    result.attrs["exposure"] = {"hours": milliseconds / 3.6e6, "kilometres": micrometres / 1e9}
+    result.attrs["exposure"] = {
+        "hours": int(counts["milliseconds"]) / 3.6e6,
+        "kilometres": int(counts["micrometres"]) / 1e9,
+    }
     lines = result.attrs["account"]
-    repeated, read = (
-        sum(each["rows_dropped"] for each in lines if each["step"] == TRACKING),
-        lines[0]["rows_in"],
-    )
+    repeated = sum(each["rows_dropped"] for each in lines if each["step"] == TRACKING)
+    read = lines[0]["rows_in"]
     result.attrs["warnings"] = list(warnings)
     if repeated > MANY_REPEATED * read:
         result.attrs["warnings"].append(

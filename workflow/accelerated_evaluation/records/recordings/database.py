@@ -9,7 +9,7 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from accelerated_evaluation.base.errors import InputError, StudyError
+from accelerated_evaluation.base.errors import InputError, StudyError, readable
 from accelerated_evaluation.base.files import begins_in, is_disk_full
 from accelerated_evaluation.base.tables import names_in_words
 
@@ -82,14 +82,10 @@ def header_of(path: Path, needed: Iterable[str]) -> list[str]:
     InputError is raised if the file is empty or is not text, or if a needed column is missing or occurs
     twice.
     """
-    try:
+    with readable(f"{path}, row 1", "CSV text in UTF-8", "Export it again.", (UnicodeDecodeError, csv.Error)):
         with path.open("rb") as file:
             line = file.readline().decode("utf-8-sig")
         header = [name.strip() for name in next(csv.reader([line]), [])]
-    except (UnicodeDecodeError, csv.Error) as error:
-        raise InputError(
-            f"{path}, row 1", seen=str(error), expected="CSV text in UTF-8", change="Export it again."
-        ) from error
     wrong = [name for name in needed if header.count(name) != 1]
     if wrong:
         missing = [name for name in wrong if name not in header]

@@ -31,14 +31,6 @@ if TYPE_CHECKING:
 
 TRACKS = "_tracks.csv"
 FILES = "Folder with files *_tracks.csv, *_tracksMeta.csv and *_recordingMeta.csv"
-HIGHD, EXID, CROSSINGS = "highD", "exiD", "inD, rounD and uniD"
-LANES = ("laneletId", "laneChange")  # columns of exiD that the formats in `CROSSINGS` lack
-MARKS = {
-    HIGHD: ("id", "x", "laneId"),
-    EXID: ("trackId", "xCenter", *LANES),
-    CROSSINGS: ("trackId", "xCenter"),
-}
-SOURCES_OF = {HIGHD: "highd", EXID: "exid"}
 RECORDING = "recordingId"
 WITHOUT_META = """
     SELECT CAST(min(id) AS VARCHAR), count(*) FROM (SELECT DISTINCT id FROM frames) ANTI JOIN meta USING (id)
@@ -54,7 +46,7 @@ LARGEST_RATE = 1000  # frames per second, more than any traffic camera has
 class Format:
     """A format of recordings: how its files are converted to the tables of `trajectories.changes_of_lane`."""
 
-    name: str
+    source: str  # name of the source in the configuration
     numbers: tuple[str, ...]  # columns of *_tracks.csv that are read as numbers
     texts: tuple[str, ...]  # columns of *_tracks.csv that are read as text
     # Columns of *_tracksMeta.csv that are read as numbers, in addition to the text ``class``.
@@ -85,8 +77,8 @@ def read_recordings(settings: Mapping[str, Any], form: Format) -> pd.DataFrame:
     read, if a vehicle has no row in *_tracksMeta.csv, if lengths of vehicles are impossible, if speeds
     contradict positions, or if no vehicle has one of the configured classes.
     """
-    files = recording_files(settings["path"], f"*{TRACKS}", f"data.{SOURCES_OF[form.name]}.path")
-    found, counts, warnings = [], Counter(), []
+    files = recording_files(settings["path"], f"*{TRACKS}", f"data.{form.source}.path")
+    found, counts, warnings = [], Counter[str](), []
     with database() as (connection, _):
         for file in tqdm(files, desc="find cut-ins", unit="recording", delay=1, disable=None):
             candidates, of_file, of_own = _read_recording(connection, file, settings, form)
@@ -102,7 +94,7 @@ def _read_recording(
     """Return the changes of lane of one recording in order of time, counts for the account, and warnings."""
     name = file.name.removesuffix(TRACKS)
     meta, recording = (file.with_name(f"{name}_{kind}Meta.csv") for kind in ("tracks", "recording"))
-    header = _require_format(file, form)
+    header = set(header_of(file, [*form.numbers, *form.texts]))
     for other in (meta, recording):
         if not other.is_file():
             raise InputError(
@@ -162,30 +154,6 @@ def _usual_reading(connection: "DuckDBPyConnection", file: Path, header: set[str
             "Truck.",
         )
     return usual
-
-
-def _require_format(file: Path, form: Format) -> set[str]:
-    """Return the columns of a file; raise InputError if it has another known format, and say what to do."""
-    header = set(header_of(file, ()))
-    seen = next((name for name, marks in MARKS.items() if header.issuperset(marks)), form.name)
-    if seen == form.name or (seen == CROSSINGS and not header.isdisjoint(LANES)):
-        return header  # the reader reports columns that are missing
-    if seen == CROSSINGS:
-        raise InputError(
-            f"{file}, row 1",
-            seen=f"the columns of {CROSSINGS}: {' and '.join(MARKS[seen])}, but no {' or '.join(LANES)}",
-            expected=f"those of {form.name}, which is recorded on motorways",
-            change="Recordings of crossings, roundabouts and a campus do not say which lane a vehicle is in, "
-            "and without lanes there is no cut-in. Leave them out. If you know the lanes from a map, write "
-            "OSI traces and use data.source osi, or find the cut-ins yourself and use data.source table.",
-        )
-    source = SOURCES_OF[seen]
-    raise InputError(
-        f"{file}, row 1",
-        seen=f"the columns of {seen} ({', '.join(MARKS[seen])})",
-        expected=f"those of {form.name} ({', '.join(MARKS[form.name])})",
-        change=f"Set data.source to {source}, and state the folder in data.{source}.path.",
-    )
 
 
 def _require_meta(connection: "DuckDBPyConnection", file: Path, meta: Path) -> None:

@@ -18,7 +18,7 @@ from math import inf
 from xml.etree import ElementTree
 from xml.etree.ElementTree import Element
 
-from accelerated_evaluation.base.errors import InputError
+from accelerated_evaluation.base.errors import DAMAGE, readable
 
 STEP = 0.5  # [m] between the points of a centre line
 # Types of lanes in which no car drives. A car on the hard shoulder is in a lane, and one on a border in none.
@@ -36,7 +36,9 @@ def lanes_of_map(text: str | bytes, where: str) -> list[Piece]:
     Heights and inclinations are ignored. InputError is raised if the text is no such map, or contains a curve
     or a description of lanes that is not supported.
     """
-    try:
+    expected = "an OpenDRIVE map with lines, arcs, spirals or paramPoly3, and lanes with widths"
+    change = "Write the map in this form, or assign the vehicles to lanes (assigned_lane_id)."
+    with readable(where, expected, change, (*DAMAGE, ElementTree.ParseError)):
         content = ElementTree.fromstring(text)
         for element in content.iter():  # some tools write a namespace
             element.tag = element.tag.rpartition("}")[2]
@@ -44,13 +46,6 @@ def lanes_of_map(text: str | bytes, where: str) -> list[Piece]:
         connections = _connections(content)
         sections = {road.attrib["id"]: len(road.findall("lanes/laneSection")) for road in roads}
         found = {lane: parts for road in roads for lane, parts in _lanes_of_road(road, connections)}
-    except (ElementTree.ParseError, LookupError, ValueError, TypeError) as error:
-        raise InputError(
-            where,
-            seen=f"{type(error).__name__}: {error}",
-            expected="an OpenDRIVE map with lines, arcs, spirals or paramPoly3, and lanes with widths",
-            change="Write the map in this form, or assign the vehicles to lanes (assigned_lane_id).",
-        ) from error
     numbers = {lane: number for number, lane in enumerate(found)}
 
     def numbered(lanes: list[Lane]) -> frozenset[int]:

@@ -17,7 +17,7 @@ import numpy as np
 import pandas as pd
 
 from accelerated_evaluation.base.errors import InputError
-from accelerated_evaluation.base.sections import Schema, listed, number
+from accelerated_evaluation.base.sections import listed, number
 from accelerated_evaluation.records.ingest import Account
 from accelerated_evaluation.records.recordings.cut_ins import (
     RULE,
@@ -91,9 +91,7 @@ AGREEMENTS = """
 CLASS_KEYS = ("lead_classes", "host_classes")
 
 
-def trajectory_keys(
-    lead_classes: Sequence[str], host_classes: Sequence[str], of: str = ""
-) -> dict[str, Schema]:
+def trajectory_keys(lead_classes: Sequence[str], host_classes: Sequence[str], of: str = "") -> dict[str, Any]:
     """Return the keys of the configuration that all sources of trajectories have, each with its schema.
 
     The defaults are classes of the vehicles that cut in, and of the hosts. The text ``of`` follows "Classes"
@@ -199,13 +197,7 @@ def cut_ins_of(
     account = _account(counts)
     candidates = with_names(pd.concat(found), "recording {recording} vehicle {vehicle} at {time:g} s")
     cut_ins = drop_in_turn(candidates, _reasons(settings), account)
-    return finished(
-        cut_ins[list(OUTPUT)],
-        account,
-        milliseconds=int(counts["milliseconds"]),
-        micrometres=int(counts["micrometres"]),
-        warnings=warnings,
-    )
+    return finished(cut_ins[list(OUTPUT)], account, counts, warnings)
 
 
 def _account(counts: Mapping[str, float]) -> Account:

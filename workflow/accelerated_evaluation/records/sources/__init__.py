@@ -19,7 +19,7 @@ from typing import Any
 import numpy as np
 import pandas as pd
 
-from accelerated_evaluation.base.arguments import Argument
+from accelerated_evaluation.base.arguments import Argument, if_it
 from accelerated_evaluation.base.errors import InputError
 from accelerated_evaluation.base.registry import Registry
 from accelerated_evaluation.base.sections import Check, Schema, listed, number, section, text
@@ -49,15 +49,9 @@ NEEDED = (  # columns of the records, of which one in each line is needed
 )
 
 
-def _table(value: Any) -> pd.DataFrame:  # noqa: ANN401
-    if not isinstance(value, pd.DataFrame) or not all(names & set(value) for names in NEEDED):
-        raise TypeError
-    return value
-
-
 A_TABLE = Argument(
     "a table with the columns lead_speed, range and closing_speed, or their inverse_range and ttc",
-    _table,
+    if_it(lambda value: isinstance(value, pd.DataFrame) and all(names & set(value) for names in NEEDED)),
     "Correct the source; docs/extensions.md has an example.",
 )
 

@@ -66,7 +66,7 @@ RANGE = f"""
     * CASE WHEN abs({HALF}) > 1e-6 THEN {HALF} / sin({HALF}) ELSE 1 END - (f.length + h.length) / 2
 """
 FORMAT = drone.Format(
-    drone.EXID,
+    "exid",
     numbers=(*NUMBERS, *NEIGHBOURS),
     texts=("laneletId", "latLaneCenterOffset"),
     meta_numbers=("trackId",),

@@ -34,7 +34,7 @@ META = """
     SELECT DISTINCT ON (id) id, drivingDirection, class FROM meta_file ORDER BY id, drivingDirection, class
 """
 FORMAT = drone.Format(
-    drone.HIGHD,
+    "highd",
     numbers=COLUMNS,
     texts=(),
     meta_numbers=("id", "drivingDirection"),

@@ -13,7 +13,7 @@ import pandas as pd
 from tqdm import tqdm
 
 from accelerated_evaluation.base.arrays import Array
-from accelerated_evaluation.base.errors import InputError, StudyError
+from accelerated_evaluation.base.errors import InputError, StudyError, readable
 from accelerated_evaluation.base.files import begins_in
 from accelerated_evaluation.records.recordings import trajectories
 from accelerated_evaluation.records.recordings.cut_ins import (
@@ -73,7 +73,7 @@ def read(settings: Mapping[str, Any]) -> pd.DataFrame:
     impossible lengths, or if no vehicle has one of the configured classes; StudyError if the library
     betterosi is not installed.
     """
-    found, counts = [], Counter()
+    found, counts = [], Counter[str]()
     with database() as (connection, _):
         for file in tqdm(_files(settings["path"]), desc="find cut-ins", unit="trace", delay=1, disable=None):
             fleet = _read_trace(connection, file, milliseconds(settings["rule"]["gap"]))
@@ -173,15 +173,10 @@ def _messages(file: Path) -> Iterator["GroundTruth"]:
             "OSI traces need the library betterosi, which is not installed; "
             "install it with `pip install 'accelerated-evaluation[osi]'`"
         ) from error
-    try:
+    expected = "a complete OSI trace with GroundTruth or SensorView messages"
+    # The libraries of the two formats raise various errors for a damaged file.
+    with readable(str(file), expected, "Write it again, or remove it.", (Exception,)):
         yield from betterosi.read(str(file), return_ground_truth=True)
-    except Exception as error:  # the libraries of the two formats raise various errors for a damaged file
-        raise InputError(
-            str(file),
-            seen=f"{type(error).__name__}: {error}",
-            expected="a complete OSI trace with GroundTruth or SensorView messages",
-            change="Write it again, or remove it.",
-        ) from error
 
 
 def _rows_of(
@@ -214,8 +209,8 @@ def _rows_of(
 def _numbers(one: "MovingObject") -> list[float]:
     """Return x, y [m], yaw [rad], velocity in x and y [m/s] and length [m]; NaN for missing values."""
     base = one.base
-    parts = (base.position, "x"), (base.position, "y"), (base.orientation, "yaw")
-    parts += (base.velocity, "x"), (base.velocity, "y"), (base.dimension, "length")
+    parts = [(base.position, "x"), (base.position, "y"), (base.orientation, "yaw")]
+    parts += [(base.velocity, "x"), (base.velocity, "y"), (base.dimension, "length")]
     return [np.nan if part is None else getattr(part, name) for part, name in parts]
 
 

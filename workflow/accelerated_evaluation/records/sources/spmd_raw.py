@@ -41,7 +41,7 @@ TARGETS, HOST = "DataFrontTargets*.csv", "DataWsu*.csv"
 PART = 150_000_000  # bytes of targets, about three million rows, that are processed at a time
 OUTPUT = ("lead_speed", "range", "closing_speed", "host_speed", "device", "trip", "time", "vehicle")
 
-KEYS = {
+KEYS: dict[str, Any] = {
     "time_unit": number(0.01, 0, 1, "Unit of the column Time [s].", exclusive=True),
     "speed_unit": choice("km/h", SPEED, "Unit of SpeedWsu."),
     "target_types": listed(
@@ -173,13 +173,7 @@ def read(settings: Mapping[str, Any]) -> pd.DataFrame:
     candidates = pd.concat(found).sort_values(["device", "trip", "time", "vehicle"])
     candidates = with_names(candidates, "device {device} trip {trip} at {time:g} s")
     cut_ins = drop_in_turn(candidates, _reasons(settings), account)
-    return finished(
-        cut_ins[list(OUTPUT)],
-        account,
-        milliseconds=int(counts["milliseconds"]),
-        micrometres=int(counts["micrometres"]),
-        warnings=warnings,
-    )
+    return finished(cut_ins[list(OUTPUT)], account, counts, warnings)
 
 
 def _sort_into_parts(
@@ -218,7 +212,7 @@ def _work(
     }
     connection.execute(f"CREATE TEMP TABLE devices AS SELECT DISTINCT device FROM {tables['targets']}")
     exposure = EXPOSURE.format(gap=milliseconds(settings["rule"]["gap"]))
-    found, counts = [], Counter()
+    found, counts = [], Counter[str]()
     for part in tqdm(range(parts), desc="find cut-ins", delay=1, disable=None):
         connection.execute(LOAD.format(part=part, **tables))
         changes, of_part = changes_into_path(connection, settings)

@@ -43,6 +43,7 @@ class CrossingCar(AccAebParameters):
     scenario: ClassVar[Scenario]
     contact: ClassVar[float]  # [m], distance of the centres at contact
     published_ttc: ClassVar[tuple[float, float]] = STANDING_THRESHOLD, TOP_THRESHOLD
+    published_line: ClassVar[tuple[float, float, float]] = THRESHOLD_BASE, THRESHOLD_SPEED, THRESHOLD_SLOPE
     side_contact: ClassVar[float] = 0.0  # [m], distance at contact in a sector to the side; 0 without one
     aeb_deceleration: float = 5.8
     aeb_jerk: float = 12.0
@@ -79,27 +80,11 @@ class CrossingCar(AccAebParameters):
 
     def compiled(self) -> CarParameters:
         """Return the parameters of the vehicle as numbers for the compiled simulation."""
-        scaled = self.aeb and self.aeb_ttc is None
-        constant = (self.aeb_ttc or 0.0) if self.aeb else 0.0  # with 0 the AEB never switches on
-        numbers = CarParameters(
-            headway=self.headway,
-            kp=self.kp,
-            ki_half_step=self.ki * TICK / 2,
-            acc_limit=self.acc_limit,
-            acc_top_speed=self.acc_top_speed,
-            threshold_base=THRESHOLD_BASE if scaled else constant,
-            threshold_slope=THRESHOLD_SLOPE if scaled else 0.0,
-            threshold_speed=THRESHOLD_SPEED,
-            threshold_top=TOP_THRESHOLD if scaled else constant,
+        return self.numbers(
+            CarParameters,
+            TICK,
+            TICK,
             threshold_top_speed=TOP_SPEED,
-            release_ttc=self.aeb_release_ttc,
-            aeb_deceleration=self.aeb_deceleration,
-            aeb_jerk=self.aeb_jerk,
-            friction_limit=self.friction_limit,
-            acceleration_step=self.actuator_jerk * TICK,
-            contact=self.contact,
-            side_contact=self.side_contact,
             side_slope=math.tan(math.pi / 8),
             most_ticks=math.ceil(self.longest_run / TICK),
         )
-        return CarParameters._make(map(float, numbers))

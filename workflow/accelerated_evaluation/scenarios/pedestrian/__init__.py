@@ -60,6 +60,7 @@ PEDESTRIAN = SCENARIOS.add("pedestrian")(
         panels=PANELS,
         records=Path("data/pedestrian/records.parquet"),
         cluster="device",
+        host_speed=("vehicle_speed_mps",),
         divided_by=("pedestrian_speed_mps", (0.13, 0.2, 0.3)),
         verdicts=Path("data/pedestrian/verdicts.csv.gz"),
         restrictions={"pedestrian speed 0.3 m/s or more": lambda x: np.abs(x[:, 1]) >= SLOWEST},

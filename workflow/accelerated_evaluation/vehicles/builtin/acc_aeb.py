@@ -30,7 +30,11 @@ class AccAeb(AccAebParameters, CompiledVehicle):
 
     kernel: ClassVar = staticmethod(simulate_slice)
     tracer: ClassVar = staticmethod(trace_car)
-    published_ttc: ClassVar[tuple[float, float]] = V60_TTC  # least and largest threshold
+    published_ttc: ClassVar[tuple[float, float]] = V60_TTC
+    published_line: ClassVar[tuple[float, float, float]] = (
+        *(V60_TTC[0], V60_SPEEDS[0]),
+        (V60_TTC[1] - V60_TTC[0]) / (V60_SPEEDS[1] - V60_SPEEDS[0]),
+    )
 
     top_start_speed: float = 35.0  # cap on the speed at the start of an encounter [m/s]
     # Steps of the motion and of the controller [s]. The published verdicts have 0.1 s for both; smaller steps
@@ -54,37 +58,12 @@ class AccAeb(AccAebParameters, CompiledVehicle):
         """Return the same car with other steps of the motion and of the controller [s]."""
         return replace(self, time_step=time_step, decision_step=decision_step)
 
-    @property
-    def threshold_top(self) -> float:
-        """Largest TTC at which the AEB switches on [s]; 0 without AEB, because the TTC is always above 0."""
-        if not self.aeb:
-            return 0.0
-        return V60_TTC[1] if self.aeb_ttc is None else self.aeb_ttc
-
     def compiled(self) -> Car:
         """Return the parameters of the vehicle as numbers for the compiled simulation."""
-        scaled = self.aeb and self.aeb_ttc is None
-        slope = (V60_TTC[1] - V60_TTC[0]) / (V60_SPEEDS[1] - V60_SPEEDS[0]) if scaled else 0.0
-        numbers = Car(
-            top_start_speed=self.top_start_speed,
-            headway=self.headway,
-            kp=self.kp,
-            ki_half_step=self.ki * self.decision_step / 2,
-            acc_limit=self.acc_limit,
-            acc_top_speed=self.acc_top_speed,
-            threshold_base=V60_TTC[0] if scaled else self.threshold_top,
-            threshold_slope=slope,
-            threshold_speed=V60_SPEEDS[0],
-            threshold_top=self.threshold_top,
-            release_ttc=self.aeb_release_ttc,
-            aeb_deceleration=self.aeb_deceleration,
-            aeb_jerk=self.aeb_jerk,
-            friction_limit=self.friction_limit,
-            acceleration_step=self.actuator_jerk * self.time_step,
-            step=self.time_step,
-            per_decision=round(self.decision_step / self.time_step),
+        per_decision = round(self.decision_step / self.time_step)
+        return self.numbers(
+            Car, self.decision_step, self.time_step, step=self.time_step, per_decision=per_decision
         )
-        return Car._make(map(float, numbers))
 
 
 @VEHICLES.add("acc_only")

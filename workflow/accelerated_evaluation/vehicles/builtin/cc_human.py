@@ -41,9 +41,7 @@ class CompetentCarefulHuman(ReferenceDriver):
         return self._numbers(
             TTC_RULE,
             self.reaction_time,
-            critical_ttc=self.critical_ttc,
-            coasting=self.release_deceleration,
             ramp_step=self.jerk * STEP,
-            deceleration=self.deceleration,
+            coasting=self.release_deceleration,
             dropped_ttc=math.inf if self.keeps_watching else self.critical_ttc,
         )

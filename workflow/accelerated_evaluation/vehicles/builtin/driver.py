@@ -1,10 +1,15 @@
 """Base class of the reference drivers: the two cars, the lateral motion, and the simulation."""
 
 import math
-from dataclasses import dataclass, fields
-from typing import Any, ClassVar
+from dataclasses import dataclass
+from typing import ClassVar
 
-from accelerated_evaluation.scenarios.parameters import check_number, parameter_error, zero_or_more
+from accelerated_evaluation.scenarios.parameters import (
+    check_parameters,
+    numbers_of,
+    parameter_error,
+    zero_or_more,
+)
 from accelerated_evaluation.vehicles.builtin.driver_kernel import STEP, follow_slice
 from accelerated_evaluation.vehicles.builtin.driver_numbers import Driver
 from accelerated_evaluation.vehicles.builtin.traces import trace_driver
@@ -56,13 +61,7 @@ class ReferenceDriver(CompiledVehicle):
     width: float = 1.9  # of both cars [m] (JRC-FSM)
 
     def __post_init__(self) -> None:
-        for field in fields(self):
-            value = getattr(self, field.name)
-            if field.type in (bool, "bool"):
-                if not isinstance(value, bool):
-                    raise parameter_error(field.name, value, "true or false")
-            else:
-                check_number(field.name, value, least=field.metadata.get("least"), published=field.default)
+        check_parameters(self)
         if self.entry_offset > self.start_offset:
             expected = f"at most start_offset = {self.start_offset:g} m"
             raise parameter_error("entry_offset", self.entry_offset, expected)
@@ -70,13 +69,11 @@ class ReferenceDriver(CompiledVehicle):
             expected = f"less than {self.width / STEP:g} m/s, a car's width in a step"
             raise parameter_error("lateral_speed", self.lateral_speed, expected)
 
-    def _numbers(self, rule: int, reaction_time: float, **numbers: Any) -> Driver:  # noqa: ANN401
-        """Return the parameters of a driver for the compiled code.
+    def _numbers(self, rule: int, reaction_time: float, **others: float) -> Driver:
+        """Return the parameters of the driver for the compiled code.
 
-        The reaction time is rounded up to whole steps: 8 for 0.75 s, 4 for 0.35 s. Further numbers are
+        The reaction time is rounded up to whole steps: 8 for 0.75 s, 4 for 0.35 s. The ``others`` are
         specific to the rule that detects danger.
         """
         steps = math.ceil(reaction_time / STEP - 1e-9)  # 0.3 / 0.1 is a little less than 3 in floating point
-        shared = {field.name: float(getattr(self, field.name)) for field in fields(ReferenceDriver)}
-        rest = {name: value if isinstance(value, bool) else float(value) for name, value in numbers.items()}
-        return Driver(rule=rule, reaction_steps=float(steps), **shared, **rest)
+        return numbers_of(self, Driver, rule=rule, reaction_steps=steps, **others)._replace(rule=rule)

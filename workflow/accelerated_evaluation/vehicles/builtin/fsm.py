@@ -42,15 +42,12 @@ class FuzzySafetyModel(ReferenceDriver):
         return self._numbers(
             FSM_RULE,
             self.reaction_time,
+            ramp_step=self.jerk * STEP,
             response_time=self.reaction_time,
             comfort=self.comfort_braking,
             comfort_to_full=self.host_braking - self.comfort_braking,
             comfort_path=1 / (2 * self.comfort_braking),
             host_path=1 / (2 * self.host_braking),
             lead_path=1 / (2 * self.lead_braking),
-            margin=self.margin,
-            safe_margin=self.safe_margin,
-            ramp_step=self.jerk * STEP,
-            deceleration=self.deceleration,
             forgets_ramp=True,
         )

@@ -1,7 +1,7 @@
 """A model of human drivers from published data: random response times, braking and swerving."""
 
 import math
-from dataclasses import dataclass, field, fields
+from dataclasses import dataclass, field
 from typing import ClassVar
 
 import numpy as np
@@ -11,13 +11,19 @@ from numpy.typing import ArrayLike
 from accelerated_evaluation.base.arrays import Array
 from accelerated_evaluation.base.errors import InputError
 from accelerated_evaluation.base.randomness import child_generator
-from accelerated_evaluation.scenarios.parameters import check_number, parameter_error, zero_or_more
+from accelerated_evaluation.scenarios.cut_in import CUT_IN
+from accelerated_evaluation.scenarios.parameters import (
+    check_parameters,
+    numbers_of,
+    parameter_error,
+    zero_or_more,
+)
 from accelerated_evaluation.vehicles.builtin import human_kernel
 from accelerated_evaluation.vehicles.builtin.human_kernel import SWERVE, HumanNumbers
 from accelerated_evaluation.vehicles.builtin.human_population import Population
 from accelerated_evaluation.vehicles.builtin.traces import trace_human
 from accelerated_evaluation.vehicles.moving import checked_lead_speeds, checked_motion, kept_speeds
-from accelerated_evaluation.vehicles.protocol import VEHICLES, Outcomes, checked_encounters
+from accelerated_evaluation.vehicles.protocol import VEHICLES, Outcomes
 
 URGENCY = 0.25  # [1/s], inverse time to collision of ``critical_response``
 
@@ -86,14 +92,7 @@ class Human:
     _generator: np.random.Generator = field(init=False, repr=False, compare=False)
 
     def __post_init__(self) -> None:
-        for each in fields(self):
-            value = getattr(self, each.name, None)
-            if each.name in ("swerves", "certain") and not isinstance(value, bool):
-                raise parameter_error(each.name, value, "true or false")
-            if each.init and each.name not in ("swerves", "certain", "seed"):
-                check_number(each.name, value, least=each.metadata.get("least"), published=each.default)
-        if isinstance(self.seed, bool) or not isinstance(self.seed, int) or self.seed < 0:
-            raise parameter_error("seed", self.seed, "a whole number of 0 or more")
+        check_parameters(self)
         if not self.urgent_response < self.critical_response < self.calm_response:
             expected = (
                 f"between {self.urgent_response:g} and {self.calm_response:g} s, the other two responses"
@@ -109,7 +108,7 @@ class Human:
 
         The arguments are lead speed [m/s], range [m] and closing speed [m/s], each of shape (n,).
         """
-        encounters = checked_encounters(lead_speed, range_, closing_speed)
+        encounters = CUT_IN.checked(lead_speed, range_, closing_speed)
         return self._outcomes(encounters, self.draw_next(encounters.shape[1]))[0]
 
     def draw_inner(self, size: int, generator: np.random.Generator) -> Array:
@@ -143,7 +142,7 @@ class Human:
         If a swerve avoids the crash, the smallest range is the last one before the cars pass each other.
         InputError names the first row, counted from 0, whose value is outside its limits.
         """
-        return self._outcomes(checked_encounters(lead_speed, range_, closing_speed), inner)[0]
+        return self._outcomes(CUT_IN.checked(lead_speed, range_, closing_speed), inner)[0]
 
     def braking_given(
         self, lead_speed: ArrayLike, range_: ArrayLike, closing_speed: ArrayLike, inner: Array
@@ -152,7 +151,7 @@ class Human:
 
         The arguments are those of `simulate_given`. The decelerations [m/s^2] have shape (n,).
         """
-        return self._outcomes(checked_encounters(lead_speed, range_, closing_speed), inner)
+        return self._outcomes(CUT_IN.checked(lead_speed, range_, closing_speed), inner)
 
     def simulate_moving(
         self, lead_speed: ArrayLike, range_: ArrayLike, closing_speed: ArrayLike, lead_speeds: ArrayLike
@@ -179,7 +178,7 @@ class Human:
         (n,); the lead speeds [m/s] at 0, 0.1, ... s, shape (n, at least 81); and the traits of the drivers
         (``inner``), shape (n, traits).
         """
-        encounters = checked_encounters(lead_speed, range_, closing_speed)
+        encounters = CUT_IN.checked(lead_speed, range_, closing_speed)
         speeds = checked_lead_speeds(lead_speeds, encounters[0])
         return self._outcomes(encounters, inner, speeds)[0]
 
@@ -200,7 +199,7 @@ class Human:
         [m/s] every 0.1 s, shape (states,), if the lead vehicle changes its speed. The table has one row for
         each state.
         """
-        encounter = checked_encounters([lead_speed], [range_], [closing_speed])
+        encounter = CUT_IN.checked([lead_speed], [range_], [closing_speed])
         speeds = checked_motion(lead_speeds, encounter)
         return trace_human(self.compiled(), encounter, self.draw_next(1)[0], speeds)
 
@@ -209,8 +208,7 @@ class Human:
         calm, critical = (
             response - self.urgent_response for response in (self.calm_response, self.critical_response)
         )
-        shared = {name: float(getattr(self, name)) for name in HumanNumbers._fields if hasattr(self, name)}
-        return HumanNumbers(urgency_slope=math.log(calm / critical) / URGENCY, **shared)
+        return numbers_of(self, HumanNumbers, urgency_slope=math.log(calm / critical) / URGENCY)
 
     def _outcomes(
         self, encounters: Array, inner: Array, lead_speeds: Array | None = None

@@ -99,6 +99,8 @@ def lead_at(lead_speeds: NDArray, time: float) -> float:
     keeps its speed.
     """
     last = lead_speeds.size - 1
+    if last == 0:
+        return lead_speeds[0]
     place = min(max(time / STEP, 0.0), float(last))
     before = int(place)
     return lead_speeds[before] + (place - before) * (lead_speeds[min(before + 1, last)] - lead_speeds[before])
@@ -141,13 +143,16 @@ def follow(
             written += 1
         if closing <= 0.0 and time >= settled:
             break
-        needed = wanted(numbers, traits, margin, range_, speed - lead_at(lead_speeds, time - numbers.delay))
-        # Once begun, hard braking continues until the approach ends.
-        target = max(needed, target) if time >= onset and needed > 0.0 else 0.0
         step = min(STEP, onset - time) if time < onset else STEP
+        if time >= onset:
+            seen = speed - lead_at(lead_speeds, time - numbers.delay)
+            needed = wanted(numbers, traits, margin, range_, seen)
+            # Once begun, hard braking continues until the approach ends.
+            target = max(needed, target) if needed > 0.0 else 0.0
         ahead = min(braking + traits[JERK] * step, target)
-        rise = max(ahead - braking, 0.0) / traits[JERK]  # time during which the deceleration increases
-        mean = ahead - (ahead - braking) * rise / (2.0 * step)
+        mean = ahead
+        if ahead > braking:  # the quotient by the jerk is the time during which the deceleration increases
+            mean -= (ahead - braking) * ((ahead - braking) / traits[JERK]) / (2.0 * step)
         new_speed = max(speed - mean * step, 0.0)
         new_closing = new_speed - lead_at(lead_speeds, time + step)
         # Within a step the range is smallest at the end of the step, or when the approach ends.

@@ -113,14 +113,14 @@ class Population:
         """
         columns = {field.name: getattr(self, field.name)[:, None] for field in fields(self)}
         spread, exponent, braking = columns["spread"], columns["exponent"], columns["braking"]
-        response = _normal_density(np.log(traits[:, RESPONSE]), self._log_response[:, None], spread)
-        notice = exponent * traits[:, NOTICE] ** (exponent - 1)
-        duration = _normal_density(np.log(traits[:, DURATION]), self._log_duration[:, None], DURATION_SHAPE)
+        response = (np.log(traits[:, RESPONSE]) - self._log_response[:, None]) / spread
+        duration = (np.log(traits[:, DURATION]) - self._log_duration[:, None]) / DURATION_SHAPE
+        log_density = (exponent - 1) * np.log(traits[:, NOTICE]) - (response**2 + duration**2) / 2
         piece = np.searchsorted(BRAKING_LEVELS, traits[:, BRAKING] / (G * braking), side="right")
         slope = np.concatenate([[0.0], np.diff(BRAKING_SHARES) / np.diff(BRAKING_LEVELS), [0.0]])
         swerving = np.where(traits[:, SWERVE] > 0, columns["swerving"], 1 - columns["swerving"])
         swerving = swerving if swerves else 1.0
-        return response * notice * duration * slope[piece] / braking * swerving
+        return np.exp(log_density) * slope[piece] * swerving * (exponent / (spread * braking))
 
     @property
     def _log_response(self) -> Array:
@@ -133,7 +133,3 @@ class Population:
     @property
     def _log_duration(self) -> Array:
         return np.log(self.lane_change) - DURATION_SHAPE**2 / 2
-
-
-def _normal_density(x: Array, mean: Array, deviation: Array | float) -> Array:
-    return np.exp(-(((x - mean) / deviation) ** 2) / 2) / np.sqrt(2 * np.pi) / deviation

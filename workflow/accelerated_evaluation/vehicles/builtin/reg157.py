@@ -38,9 +38,7 @@ class Reg157(ReferenceDriver):
         return self._numbers(
             TTC_RULE,
             self.reaction_time,
+            ramp_step=math.inf,
             critical_ttc=self.reaction_time + self.ttc_margin,
             ttc_slope=1 / (2 * self.deceleration),
-            lateral_gap=self.lateral_gap,
-            ramp_step=math.inf,
-            deceleration=self.deceleration,
         )

@@ -38,13 +38,10 @@ class ResponsibilitySensitiveSafety(ReferenceDriver):
         return self._numbers(
             RSS_RULE,
             self.reaction_time,
+            ramp_step=self.jerk * STEP,
             response_time=self.reaction_time,
-            response_acceleration=self.response_acceleration,
             host_path=1 / (2 * self.host_braking),
             lead_path=1 / (2 * self.lead_braking),
-            lateral_acceleration=self.lateral_acceleration,
             lateral_path=1 / (2 * self.lateral_acceleration),
             lateral_gap=self.lateral_margin,
-            ramp_step=self.jerk * STEP,
-            deceleration=self.deceleration,
         )

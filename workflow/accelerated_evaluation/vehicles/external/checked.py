@@ -14,6 +14,7 @@ from accelerated_evaluation.base.arrays import Array
 from accelerated_evaluation.base.errors import InputError
 from accelerated_evaluation.base.users_code import running
 from accelerated_evaluation.scenarios.cut_in import CUT_IN
+from accelerated_evaluation.scenarios.outcomes import have_failed
 from accelerated_evaluation.scenarios.protocol import Scenario
 from accelerated_evaluation.vehicles.moving import checked_lead_speeds, require_motion, takes_motion
 from accelerated_evaluation.vehicles.protocol import (
@@ -96,14 +97,8 @@ class CheckedVehicle:
         size = encounters.shape[1]
         if size > 0 and (not self.was_repeated or 0 < 10 * self._repeated_in < size):
             self.was_repeated, self._repeated_in = True, size
-            self.deterministic = after_repetition(
-                self._outcomes,
-                encounters,
-                outcomes,
-                self.name,
-                declared=self.deterministic,
-                scenario=self.scenario,
-            )
+            own = encounters, outcomes, self.name, self.scenario
+            self.deterministic = after_repetition(self._outcomes, *own, declared=self.deterministic)
         return outcomes
 
     def repeat(self, *columns: ArrayLike) -> Any:  # noqa: ANN401
@@ -146,43 +141,31 @@ def after_repetition(
     encounters: Array,
     first: Any,  # noqa: ANN401
     vehicle: str,
+    scenario: Scenario,
     *,
     declared: bool | None,
-    scenario: Scenario,
 ) -> bool | None:
     """Simulate some encounters again, and return whether the vehicle is deterministic, or None if unknown.
+
+    At most four encounters are simulated again, each twice. They are spread over the batch. The new batch
+    contains them in order and then in reverse order, so that the number of earlier calls, the size of the
+    batch, the neighbours and the position in the batch are different.
 
     Nothing is simulated if ``declared``, the user's statement, is False. If it is None and an outcome
     differs, a warning names the outcome. If it is True, InputError is raised.
     """
     if declared is False:
         return False
-    difference = found_difference(simulate, encounters, first, vehicle, scenario)
+    count = encounters.shape[1]
+    chosen = np.unique(np.linspace(0, count - 1, min(count, REPEATED)).astype(int))
+    rows = np.concatenate([chosen, chosen[::-1]])
+    difference = difference_in(simulate(encounters[:, rows]), rows, encounters, first, vehicle, scenario)
     if difference is not None and declared:
         raise difference
     if difference is not None:
         warnings.warn(f"{difference} The vehicle is treated as one with random outcomes.", stacklevel=3)
         return False
     return declared
-
-
-def found_difference(
-    simulate: Callable[[Array], Any],
-    encounters: Array,
-    first: Any,  # noqa: ANN401
-    vehicle: str,
-    scenario: Scenario,
-) -> InputError | None:
-    """Simulate some encounters again, and return the error for the first outcome that differs, or None.
-
-    At most four encounters are simulated again, each twice. They are spread over the batch. The new batch
-    contains them in order and then in reverse order, so that the number of earlier calls, the size of the
-    batch, the neighbours and the position in the batch are different.
-    """
-    count = encounters.shape[1]
-    chosen = np.unique(np.linspace(0, count - 1, min(count, REPEATED)).astype(int))
-    rows = np.concatenate([chosen, chosen[::-1]])
-    return difference_in(simulate(encounters[:, rows]), rows, encounters, first, vehicle, scenario)
 
 
 def difference_in(
@@ -193,10 +176,14 @@ def difference_in(
     vehicle: str,
     scenario: Scenario,
 ) -> InputError | None:
-    """Return the error for the first outcome of ``again`` that differs from that of its row in ``first``."""
+    """Return the error for the first outcome of ``again`` that differs from that of its row in ``first``.
+
+    Runs that have failed are not compared.
+    """
+    known = ~(have_failed(first)[rows] | have_failed(again))
     for name in scenario.outcome_names:
         before, after = getattr(first, name)[rows] * 1.0, getattr(again, name) * 1.0
-        differs = ~np.isclose(after, before, rtol=TOLERANCE, atol=TOLERANCE, equal_nan=True)
+        differs = known & ~np.isclose(after, before, rtol=TOLERANCE, atol=TOLERANCE, equal_nan=True)
         if differs.any():
             row = int(np.argmax(differs))
             return outcome_error(

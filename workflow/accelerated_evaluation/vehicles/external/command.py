@@ -21,7 +21,7 @@ from accelerated_evaluation.base.errors import InputError
 from accelerated_evaluation.base.numerals import number_in
 from accelerated_evaluation.laws.motion import SPEED_COLUMNS, STATES
 from accelerated_evaluation.scenarios.outcomes import FLAG
-from accelerated_evaluation.scenarios.parameters import parameter_error
+from accelerated_evaluation.scenarios.parameters import check_parameters, parameter_error
 from accelerated_evaluation.scenarios.protocol import Scenario
 from accelerated_evaluation.vehicles.external.checked import ForeignVehicle
 from accelerated_evaluation.vehicles.external.processes import Printed, ended, started
@@ -59,16 +59,9 @@ class Command(ForeignVehicle):
     _program: Conversation | None = field(default=None, init=False, repr=False, compare=False)
 
     def __post_init__(self) -> None:
-        for name in ("lead_motion", "stays"):
-            if not isinstance(getattr(self, name), bool):
-                raise parameter_error(name, getattr(self, name), "true or false")
-        is_list = isinstance(self.command, list | tuple)
-        if not (is_list and all(isinstance(word, str) for word in self.command)) and not isinstance(
-            self.command, str
-        ):
-            raise parameter_error("command", self.command, "a text, or a list of texts")
+        check_parameters(self)
         try:
-            self.words = list(self.command) if is_list else shlex.split(self.command)
+            self.words = shlex.split(self.command) if isinstance(self.command, str) else list(self.command)
         except ValueError as error:
             raise parameter_error("command", self.command, f"words as in a shell ({error})") from error
         if not self.words or not self.words[0]:
@@ -156,7 +149,7 @@ class Command(ForeignVehicle):
     def _run(self, words: Sequence[str], encounters: Array) -> None:
         """Run the command in its own process group, and end the whole group afterwards."""
         streams = {"stdin": subprocess.DEVNULL, "stdout": subprocess.PIPE, "stderr": subprocess.STDOUT}
-        process, mark = started(words, self._error, **streams)
+        process = started(words, self._error, **streams)
         printed = Printed(process.stdout)
         try:
             status = process.wait(self.time_limit)
@@ -168,7 +161,7 @@ class Command(ForeignVehicle):
                 "Make the command faster, raise simulations.time_limit, or lower simulations.batch_size.",
             ) from error
         finally:
-            ended(process, mark, printed)
+            ended(process, printed)
         if status:
             how = f"exit status {status}" if status > 0 else f"killed by {signal.Signals(-status).name}"
             batch = self.scenario.described_batch(encounters)

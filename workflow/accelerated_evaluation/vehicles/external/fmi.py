@@ -251,27 +251,27 @@ def _read(file: str) -> Any:  # noqa: ANN401
         change = "Install the extra: pip install 'accelerated-evaluation[fmu]'."
         raise InputError(f"vehicle {file}", seen="no package fmpy", expected="FMPy", change=change) from error
 
-    def error(seen: str, expected: str, change: str) -> InputError:
+    def refused(seen: str, expected: str, change: str) -> InputError:
         return InputError(f"vehicle {file}", seen=seen, expected=expected, change=change)
 
     if not Path(file).is_file() or not zipfile.is_zipfile(file):
         seen = "a file that is no ZIP archive" if Path(file).is_file() else "no such file"
         begun = "" if Path(file).is_file() else begins_in(file)
-        raise error(seen, "an FMU", f"Correct vehicle.parameters.file.{begun}")
+        raise refused(seen, "an FMU", f"Correct vehicle.parameters.file.{begun}")
     with zipfile.ZipFile(file) as archive:
         size = sum(part.file_size for part in archive.infolist())
     if size > LARGEST:
         seen = f"an archive whose files take {size / 1e6:,.0f} MB"
-        raise error(seen, f"at most {LARGEST / 1e6:,.0f} MB", "Leave out sources and documentation.")
+        raise refused(seen, f"at most {LARGEST / 1e6:,.0f} MB", "Leave out sources and documentation.")
     try:
         description, platforms = fmpy.read_model_description(file), fmpy.supported_platforms(file)
     except Exception as fault:  # FMPy raises various errors
-        raise error(error_in_words(fault), "a valid FMU", "Export it again.") from fault
+        raise refused(error_in_words(fault), "a valid FMU", "Export it again.") from fault
     if description.fmiVersion not in REAL or description.coSimulation is None:
         kind = "" if description.coSimulation else ", not for co-simulation"
         seen = f"FMI {description.fmiVersion}{kind}"
-        raise error(seen, "FMI 2.0 or 3.0 for co-simulation", "Export it as such.")
+        raise refused(seen, "FMI 2.0 or 3.0 for co-simulation", "Export it as such.")
     if fmpy.platform not in platforms:
         seen = f"binaries for {', '.join(platforms) or 'no platform'}"
-        raise error(seen, f"one for {fmpy.platform}", "Export or compile it for this platform.")
+        raise refused(seen, f"one for {fmpy.platform}", "Export or compile it for this platform.")
     return description

@@ -15,7 +15,7 @@ from accelerated_evaluation.base.arrays import Array
 from accelerated_evaluation.base.errors import located
 from accelerated_evaluation.laws.motion import STEP
 from accelerated_evaluation.scenarios.cut_in import CUT_IN, Outcomes
-from accelerated_evaluation.scenarios.parameters import check_number, parameter_error
+from accelerated_evaluation.scenarios.parameters import check_parameters, parameter_error
 from accelerated_evaluation.vehicles.builtin.traces import COLUMNS
 from accelerated_evaluation.vehicles.external.checked import ForeignVehicle
 from accelerated_evaluation.vehicles.external.fmi import HostAndLead, Model
@@ -53,13 +53,7 @@ class Fmu(ForeignVehicle):
     duration: float = 8.0  # of an encounter [s], rounded to whole steps
 
     def __post_init__(self) -> None:
-        if not isinstance(self.file, str):
-            raise parameter_error("file", self.file, "the path of an FMU")
-        for name in ("inputs", "acceleration", "start"):
-            if not isinstance(getattr(self, name), Mapping):
-                raise parameter_error(name, getattr(self, name), "a mapping")
-        for name in ("step", "duration"):
-            check_number(name, getattr(self, name))
+        check_parameters(self)
         if not 1 <= self.duration / self.step <= MOST_STEPS:
             raise parameter_error("duration", self.duration, f"1 to {MOST_STEPS:,} steps of {self.step:g} s")
         self._model = Model(self.file, self.inputs, self.acceleration, self.start)

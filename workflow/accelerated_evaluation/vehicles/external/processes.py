@@ -4,41 +4,32 @@ import contextlib
 import os
 import signal
 import subprocess
-import time
-import uuid
 from collections.abc import Callable, Sequence
-from pathlib import Path
 from threading import Thread
 from typing import BinaryIO
 
 from accelerated_evaluation.base.errors import InputError
 
 REMEMBERED = 2000  # number of bytes kept of the printed output, so that a message can contain the last line
-MARK = "ACCELERATED_EVALUATION_COMMAND"  # environment variable that all processes of a command inherit
 
-RUNNING: set[tuple[int, str]] = set()
-"""Arguments of `end_group` for the programs that are running, which have to end with this process."""
+RUNNING: set[int] = set()
+"""The process groups of the programs that are running, which have to end with this process."""
 
 
-def started(
-    words: Sequence[str], refuse: Callable[..., InputError], **streams: int
-) -> tuple[subprocess.Popen, str]:
-    """Start a program in its own process group, and return it with its mark (see `end_group`).
+def started(words: Sequence[str], refuse: Callable[..., InputError], **streams: int) -> subprocess.Popen:
+    """Start a program in its own process group.
 
     ``streams`` are arguments of `subprocess.Popen`. The error that ``refuse`` makes is raised if the program
     cannot be started.
     """
-    mark = f"{MARK}={uuid.uuid4()}"
     try:
-        process = subprocess.Popen(
-            words, env=os.environ | dict([mark.split("=")]), start_new_session=True, **streams
-        )
+        process = subprocess.Popen(words, start_new_session=True, **streams)
     except OSError as error:
         seen = f"{words[0]!r}: {(error.strerror or str(error)).lower()}"
         change = "Correct the path, and make the file executable or name its interpreter first."
         raise refuse("start", seen, "a program that can be run", change) from error
-    RUNNING.add((process.pid, mark))
-    return process, mark
+    RUNNING.add(process.pid)
+    return process
 
 
 class Printed:
@@ -69,34 +60,15 @@ class Printed:
         return f", and printed last {' '.join(lines[-1].split())[-300:]!r}" if lines else ""
 
 
-def end_group(process: int, mark: str) -> None:
-    """Kill all processes of a command: its process group, and processes that have left the group.
-
-    ``mark`` is an entry of the environment that only the processes of this command have. It identifies
-    processes that have left the group, on systems that list processes under /proc.
-    """
+def end_group(process: int) -> None:
+    """Kill all processes of a command, which are its process group."""
     with contextlib.suppress(ProcessLookupError, PermissionError):
         os.killpg(process, signal.SIGKILL)
-    while left := _marked(mark):  # a process may have started another one meanwhile
-        for one in left:
-            with contextlib.suppress(ProcessLookupError, PermissionError):
-                os.kill(one, signal.SIGKILL)
-        time.sleep(0.01)
 
 
-def _marked(mark: str) -> list[int]:
-    """Return the numbers of running processes that have the entry ``mark`` in their environment."""
-    found = []
-    for folder in Path("/proc").glob("[0-9]*"):
-        with contextlib.suppress(OSError):  # the process has ended, or belongs to another user
-            if mark.encode() in (folder / "environ").read_bytes().split(b"\0"):
-                found.append(int(folder.name))
-    return found
-
-
-def ended(process: subprocess.Popen, mark: str, printed: Printed) -> None:
+def ended(process: subprocess.Popen, printed: Printed) -> None:
     """End a program with all that it has started, and read the rest of what it printed."""
-    end_group(process.pid, mark)
+    end_group(process.pid)
     process.wait()
-    RUNNING.discard((process.pid, mark))
+    RUNNING.discard(process.pid)
     printed.stop()

@@ -29,7 +29,7 @@ class Conversation:
     def __init__(self, words: Sequence[str], time_limit: float, refuse: Refuse) -> None:
         self._time_limit, self._refuse, self._asked = time_limit, refuse, 0
         pipes = dict.fromkeys(("stdin", "stdout", "stderr"), subprocess.PIPE)
-        self._process, self._mark = started(words, refuse, **pipes)
+        self._process = started(words, refuse, **pipes)
         self._lines: SimpleQueue[bytes] = SimpleQueue()
         self._printed = Printed(self._process.stderr)
         Thread(target=_read_lines, args=(self._process.stdout, self._lines), daemon=True).start()
@@ -53,7 +53,7 @@ class Conversation:
             self._process.stdin.close()
         with suppress(subprocess.TimeoutExpired):
             self._process.wait(AT_LEISURE)
-        ended(self._process, self._mark, self._printed)
+        ended(self._process, self._printed)
 
     def _expect(self, place: str, expected: str, fits: Callable[[Mapping[str, Any]], bool]) -> dict[str, Any]:
         """Return the next object that the program writes; InputError names ``place`` unless it fits."""
@@ -73,7 +73,7 @@ class Conversation:
             seen = self._end_in_words(shown)
         else:
             seen = shown
-        ended(self._process, self._mark, self._printed)
+        ended(self._process, self._printed)
         raise self._refuse(place, f"{seen}{self._printed.last_line()}", expected, change)
 
     def _next_line(self, until: float) -> bytes | None:
@@ -96,7 +96,7 @@ def _object_in(line: bytes | None) -> dict[str, Any] | None:
     """Return the JSON object of a line; None if it is another text, or if there is no line."""
     try:
         return json.loads(line) if line else None
-    except ValueError:
+    except (ValueError, RecursionError):  # no JSON, or JSON that is nested too deeply
         return None
 
 

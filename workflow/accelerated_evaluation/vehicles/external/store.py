@@ -62,7 +62,7 @@ class Store:
     necessary. InputError is raised if the file is not a store, or is damaged.
     """
 
-    def __init__(self, path: str | os.PathLike, scenario: Scenario = CUT_IN) -> None:
+    def __init__(self, path: str | os.PathLike, scenario: Scenario) -> None:
         self.path, self._sql = Path(path), _Statements(scenario)
         self.path.parent.mkdir(parents=True, exist_ok=True)
         with self._connected() as connection:

@@ -12,7 +12,7 @@ import numpy as np
 
 from accelerated_evaluation.base.arrays import Array
 from accelerated_evaluation.base.errors import InputError
-from accelerated_evaluation.scenarios.outcomes import ENDED
+from accelerated_evaluation.scenarios.outcomes import have_failed
 from accelerated_evaluation.scenarios.protocol import Scenario
 from accelerated_evaluation.vehicles.protocol import Vehicle
 
@@ -23,19 +23,17 @@ DIE_WITH_PARENT = 1  # PR_SET_PDEATHSIG of prctl(2)
 class WatchedVehicle:
     """A vehicle that remembers its runs; all other attributes are those of ``vehicle``.
 
-    ``not_ended`` counts simulations that were stopped at their time limit. Their outcome is not known; an
-    estimate treats them as simulations without the event. ``differed`` counts repetitions that ended
-    differently from the first simulation of the encounter.
+    ``differed`` counts repetitions that ended differently from the first simulation of the encounter. Runs
+    that have failed are neither remembered nor compared.
     """
 
     def __init__(self, vehicle: Vehicle, scenario: Scenario) -> None:
-        self.vehicle, self.scenario, self.not_ended, self.differed = vehicle, scenario, 0, 0
+        self.vehicle, self.scenario, self.differed = vehicle, scenario, 0
         self._runs: dict[tuple[float, ...], tuple[float, ...]] = {}
 
     def simulate(self, *columns: Array) -> Any:  # noqa: ANN401
         """Return the outcomes of the vehicle, and remember them."""
         outcomes = self.vehicle.simulate(*columns)
-        self.not_ended += int(np.count_nonzero(~getattr(outcomes, ENDED, np.array([], bool))))
         if len(self._runs) < REMEMBERED:
             self._runs |= _rows(columns, outcomes)
         return outcomes
@@ -71,8 +69,9 @@ class WatchedVehicle:
 
 def _rows(columns: tuple[Array, ...], outcomes: Any) -> dict[tuple[float, ...], tuple[float, ...]]:  # noqa: ANN401
     """Return a mapping from each encounter to its outcomes, both as tuples of numbers."""
-    encounters = np.array([np.asarray(column, dtype=float) for column in columns]).T.tolist()
-    found = np.array([values * 1.0 for values in vars(outcomes).values()]).T.tolist()
+    known = ~have_failed(outcomes)
+    encounters = np.array([np.asarray(column, dtype=float)[known] for column in columns]).T.tolist()
+    found = np.array([values[known] * 1.0 for values in vars(outcomes).values()]).T.tolist()
     return dict(zip(map(tuple, encounters), map(tuple, found), strict=True))
 
 
@@ -112,11 +111,10 @@ def run_apart(work: Callable[[], None], what: str) -> None:
 
 def _work(work: Callable[[], None], pipe: int, parent: int) -> None:
     """Run the function in the child process, write its exception to the pipe, and end the child process."""
-    leave = os._exit
     if sys.platform == "linux":
         ctypes.CDLL(None).prctl(DIE_WITH_PARENT, signal.SIGKILL)
     if os.getppid() != parent:  # the parent has ended before prctl took effect
-        leave(1)
+        os._exit(1)
     report = b""
     try:
         work()
@@ -130,4 +128,4 @@ def _work(work: Callable[[], None], pipe: int, parent: int) -> None:
         file.write(report)
     sys.stdout.flush()
     sys.stderr.flush()
-    leave(0)
+    os._exit(0)

@@ -107,7 +107,7 @@ def workers_of(kind: str, count: int, options: Mapping[str, Any]) -> Iterator[Wo
             raise _error(
                 repr(kind), error_in_words(error), "a cluster that starts or answers", change
             ) from error
-        executor = client.get_executor(pure=False, retries=0)
+        executor = Cluster(client)
         yield Workers(executor, executor, count)
 
 
@@ -159,6 +159,32 @@ class Processes(Executor):
             pool.shutdown(wait, cancel_futures=cancel_futures)
 
 
+class Cluster(Executor):
+    """The workers of a Dask client.
+
+    The executor of Dask waits forever if a worker dies after a call, before its result was fetched, and the
+    repetition of this call is lost as well.
+    """
+
+    def __init__(self, client: Any) -> None:  # noqa: ANN401
+        self._client = client
+
+    def submit(self, fn: Callable, /, *args: Any, **kwargs: Any) -> Future:  # noqa: ANN401
+        """Run ``fn(*args, **kwargs)`` in a worker, and return the future of its result."""
+        future: Future = Future()
+        task = self._client.submit(fn, *args, pure=False, retries=0, **kwargs)
+        task.add_done_callback(partial(_pass_on, future))
+        return future
+
+
+def _pass_on(future: Future, task: Any) -> None:  # noqa: ANN401
+    """Give the result or the error of a task of Dask to a future."""
+    try:
+        future.set_result(task.result())
+    except Exception as error:  # Dask raises various errors for a worker that died
+        future.set_exception(error)
+
+
 def _end_children() -> None:
     """End all workers of this process and the commands that they run, and return when they have ended."""
     children = active_children()
@@ -175,10 +201,8 @@ def _follow_parent() -> None:
     """End this worker process and the command that it runs with the study, or if they are interrupted."""
 
     def end(*_: object) -> None:
-        for group, mark in [*RUNNING]:
-            end_group(group, mark)
-        # The process is ended by a signal, because os._exit is replaced while a vehicle runs; see
-        # `users_code.kept_alive`.
+        for group in [*RUNNING]:
+            end_group(group)
         os.kill(os.getpid(), signal.SIGKILL)
 
     def follow() -> None:
@@ -215,7 +239,7 @@ def _dask_client(kind: str, count: int, options: Mapping[str, Any], stack: ExitS
     if kind not in CLUSTERS:
         client = Client(kind, timeout=JOIN, **options)
     else:
-        own = {
+        own: dict[str, Any] = {
             "dask": {"n_workers": count, "threads_per_worker": 1, "dashboard_address": None},
             "slurm": {"n_workers": 0, "cores": 1, "processes": 1, "memory": "2 GB"},
         }[kind]

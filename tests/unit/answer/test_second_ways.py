@@ -1,0 +1,159 @@
+"""The second way to each published number: against closed forms, wrong twins, and the shipped study."""
+
+from pathlib import Path
+
+import numpy as np
+import pandas as pd
+import pytest
+from accelerated_evaluation.answer import second_ways as module
+from accelerated_evaluation.answer.candidates.fitted_records import FittedRecords
+from accelerated_evaluation.answer.second_ways import (
+    DOUBTFUL,
+    ROWS,
+    Plain,
+    StudyNumbers,
+    WideCutIns,
+    published,
+    second_numbers,
+    second_ways,
+)
+from accelerated_evaluation.publishing.study import TABLES
+from accelerated_evaluation.scenarios.cut_in import CUT_IN
+from accelerated_evaluation.vehicles.loading import load_vehicle
+from accelerated_evaluation.vehicles.protocol import events_of
+from mean_law import SUPPORT, encounters_, law_  # noqa: F401
+
+RANGE, CAP = 75.0, 45.0
+SPEEDS = np.linspace(5, 35, 1001)
+MEANS = np.array([1.0, 1.5])  # of the exponential closing speed, one for each law
+FAR = 4.0  # errors from which on two numbers contradict each other
+LARGEST_KNOWN = 1.35  # factor between two numbers that differ for a known reason
+PUBLISHED = Path(__file__).resolve().parents[3] / "figures" / "spmd" / "tables"
+# Tables whose numbers are no probabilities of the answer, and where their second ways are.
+RECORDS = "segment_counts dependence similarity calibration fold_calibration far_records margins"
+PAPER = "candidates trace course crude convergence variation repeated_searches sensitivity uncertainty"
+PAPER += " bootstrap coverage"  # readings, claims, crude Monte Carlo
+LAWS = "laws joint_laws choices data_quality answer_thresholds host_limit near_miss_answer extrapolation"
+PARTS = "answer_draws vehicle_draws crash_places answer_budget injury_budget injury_curves criteria deciding"
+SHOWN = "happened traces preventable prescribed numerical_error second_ways"
+FEW_RUNS = "sampled_estimate sampled_runs sampled_crashes scenario_estimates scenario_agreement"
+OTHERS = "crash_shares impact_speeds"
+WITHOUT = " ".join((RECORDS, PAPER, LAWS, PARTS, SHOWN, FEW_RUNS, OTHERS)).split()
+
+
+def density(x):
+    """The range is uniform, and the closing speed exponential, with the rest of its mass at the cap."""
+    closing, rate = x[:, 2], 1 / MEANS[:, None]
+    below = np.log(rate) - rate * closing
+    return np.where(closing >= CAP, -rate * CAP, below) - np.log(RANGE)
+
+
+def features(x):
+    """Two vehicles: the events of the first one, and those of the second if a fair coin falls on heads."""
+    events = ((x[:, 2] > 15) & (x[:, 1] < 10)).astype(float)[:, None]
+    yield "car", events, None
+    yield "random", events, lambda chosen: np.full((MEANS.size, chosen.size), 0.5)
+
+
+@pytest.mark.parametrize("wrong", [1.0, 1.5])
+def test_a_rare_event_has_its_probability(monkeypatch, wrong):
+    """The second value is that of a density which is half as large again, and has to be found out."""
+    monkeypatch.setattr(module, "SIZE", 2**13)
+    wide = WideCutIns(SPEEDS, RANGE, CAP)
+    plain = Plain.of(wide, lambda x: density(x) + np.log(wrong), features, np.random.default_rng(2))
+    found = plain.numbers(
+        lambda means: {(name, k): each[k, 0] for name, each in means.items() for k in range(MEANS.size)}
+    )
+    exact = np.exp(-15 / MEANS) * (10 - module.NEAREST) / RANGE
+    for (name, k), (value, error) in found.items():
+        right = exact[k] * (0.5 if name == "random" else 1.0)
+        assert error < 0.05 * right
+        assert (abs(value - right) < FAR * error) == (wrong == 1)
+
+
+def test_the_wide_density_is_one():
+    """The mean of density / density over a box is its volume, also at the cap on the closing speed."""
+    wide = WideCutIns(SPEEDS, RANGE, CAP)
+    x, log_density = wide.points(np.random.default_rng(3).random((400_000, 5)))
+    inside = (x[:, 1] > 20) & (x[:, 2] > 3) & (x[:, 2] < 9)
+    for chosen, volume in ((inside, (RANGE - 20) * 6), (x[:, 2] >= CAP, RANGE - module.NEAREST)):
+        terms = np.where(chosen, np.exp(-log_density), 0)
+        assert abs(terms.mean() - volume) < FAR * terms.std() / np.sqrt(terms.size)
+
+
+def test_every_table_of_a_study_is_computed_twice_or_says_why_not():
+    assert sorted([*ROWS, *WITHOUT]) == sorted(TABLES)
+
+
+# Lead motion that is known for all cut-ins, and for closing ones only.
+KNOWN = {"vehicle": "under test", "gap": ["closing", "opening"], "cut_ins": [0.4, 0.6], "high95": 4e-5}
+KNOWN |= {"moving": [1e-4, 3e-5], "standard_error": [1e-6, 5e-6], "factor": [1.5, np.nan]}
+KNOWN |= {"factor_error": [0.3, np.nan]}
+MOTIONS = [pd.DataFrame(KNOWN), pd.DataFrame(KNOWN | {"moving": [1e-4, np.nan], "factor": [0.9, np.nan]})]
+
+
+def numbers_of(encounters, law, seed):
+    """Return the numbers of a small study of a car and a random driver, by points of their own."""
+    exposure = {"kilometres": 1e5, "hours": None}
+    records = FittedRecords.of(CUT_IN, encounters, SUPPORT, exposure)
+    vehicles = {
+        name: load_vehicle(car, CUT_IN) for name, car in (("under test", "acc_only"), ("human", "human"))
+    }
+    events = [CUT_IN.events[0], *events_of(CUT_IN, {"impact_speed": [5], "min_ttc": [1.5]})]
+    generators = (lambda _: np.random.default_rng(4)), np.random.default_rng(seed)
+    return StudyNumbers(vehicles, CUT_IN, records, law, events, *generators, law, events, MOTIONS)
+
+
+def tables_of(found):
+    """Return the tables of numbers by table, row and column, as a study writes them."""
+    rows: dict[str, dict[str, dict]] = {}
+    for (table, row, column), value in found.items():
+        names = row.split(", ", len(ROWS[table]) - 1) if len(ROWS[table]) > 1 else [row]
+        cells = dict(zip(ROWS[table], names, strict=True))
+        rows.setdefault(table, {}).setdefault(row, cells)[column] = value
+    return {table: pd.DataFrame(found.values()) for table, found in rows.items()}
+
+
+def test_only_a_wrong_number_is_far_from_its_second_one(encounters, law, monkeypatch):
+    """The first numbers come from four times as many points, and one of them is made wrong."""
+    monkeypatch.setattr(module, "SIZE", 2**13)
+    found = {key: value for key, (value, _) in second_numbers(numbers_of(encounters, law, 1)).items()}
+    monkeypatch.setattr(module, "SIZE", 2**11)
+    wrong = {"answer": ("TTC at most 1.5 s", "high80"), "injuries": ("under test, MAIS3+, cut-in", "mean")}
+    wrong["all_cut_ins"] = ("under test, all, closing cut-in", "low80")
+    for table, (row, column) in wrong.items():
+        found[table, row, column] *= 1.5
+    tables = tables_of(found)
+    tables["counted_crashes"]["kind"] = "predicted"
+    twice = second_ways(numbers_of(encounters, law, 2), tables)
+    assert len(twice) == np.isfinite(list(found.values())).sum()
+    assert twice["second"].notna().mean() > 0.8
+    far = twice[twice["difference"].abs() > FAR]
+    assert {(each.table, (each.row, each.column)) for each in far.itertuples()} == set(wrong.items())
+
+
+@pytest.mark.parametrize(("largest", "mechanism"), [(10.0, module.PLAIN), (0.0, module.NONE)])
+def test_a_number_without_a_second_way_says_so(encounters, law, monkeypatch, largest, mechanism):
+    """A second number whose error is too large counts as none."""
+    monkeypatch.setattr(module, "LARGEST", largest)
+    monkeypatch.setattr(module, "SIZE", 2**6)
+    numbers = numbers_of(encounters, law, 2)
+    table = pd.DataFrame({"event": ["crash", "unheard of"], "probability": [1e-3, 1e-3]})
+    crash, other = second_ways(numbers, {"answer": table}).itertuples()
+    assert (crash.mechanism, other.mechanism) == (mechanism, module.NONE)
+    assert np.isnan(other.second)
+
+
+def test_the_published_numbers_of_the_study_have_a_second_way():
+    twice = pd.read_csv(PUBLISHED / "second_ways.csv", keep_default_na=False, na_values=[""])
+    tables = {
+        name: pd.read_csv(PUBLISHED / f"{name}.csv") for name in ROWS if (PUBLISHED / f"{name}.csv").is_file()
+    }
+    assert len(tables) >= 6
+    rows = set(zip(twice["table"], twice["row"], twice["column"], strict=True))
+    assert not published(tables).keys() - rows
+    far = twice["difference"].abs()
+    assert (twice["reason"].notna() == (far > DOUBTFUL)).all()
+    # Known errors of the crash map are small: a wrong number would be further off than this.
+    change = np.abs(np.log(twice["number"] / twice["second"]))
+    assert (change[far > FAR] < np.log(LARGEST_KNOWN)).all()

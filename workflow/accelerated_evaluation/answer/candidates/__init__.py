@@ -1,0 +1,1 @@
+"""Candidate laws: fitted to the records, scored on held-out records, and weighted."""
