@@ -367,7 +367,7 @@ LAWS = [
     ),
     ({"draw": lambda law, n, generator: np.zeros((n // 2, 3))}, "an array of shape (150, 3); expected an"),
     ({"draw": lambda law: 3}, "TypeError: <lambda>() takes 1 positional argument but 3 were given; expected"),
-    ({"log_density": lambda law, x: np.full(len(x), np.nan)}, "an array of shape (101,) with NaN; expected"),
+    ({"log_density": lambda law, x: np.full((len(x), 1), np.nan)}, ", 1) with NaN; expected an array"),
     ({"log_density": lambda law, x: 0.0}, "0.0; expected an array of numbers without NaN, of the shape ("),
     ({"log_density": lambda law, x: 1 / 0}, "ZeroDivisionError: division by zero; expected a function that"),
 ]
@@ -389,7 +389,8 @@ def test_a_law_of_a_user_is_checked_when_it_is_used(changed, message, law):
     with pytest.raises(ae.InputError) as error:
         ae.evaluate(problem, type("Mine", (ae.Law,), right | changed)(), way, generator=1)
     assert str(error.value).startswith("law Mine, the function <lambda> in ")
-    assert f"seen {message}" in str(error.value)
+    seen = str(error.value).partition(": seen ")[2]
+    assert message in seen
 
 
 @dataclass(frozen=True)
