@@ -12,7 +12,10 @@ from accelerated_evaluation.vehicles.named import NamedVehicle
 
 # A host that keeps its speed for 8 s. It notes every start and every run in the file LOG.
 CAR = """
-import csv, json, os, signal, sys, time
+import csv, json, os, signal, subprocess, sys, time
+
+ODD = {"unknown": {"id": 77}, "error": {"error": "lost map"}, "null": {"min_ttc": None}}
+ODD["text"] = {"min_range": "?"}
 
 
 def outcomes(start, closing):
@@ -59,8 +62,8 @@ def converse(trouble):
         answer = {"id": asked["id"], **outcomes(asked["range"], asked["closing_speed"])}
         if answer["min_ttc"] == float("inf"):
             answer["min_ttc"] = "inf"
-        text = json.dumps(answer)
         at_second = number == 1
+        text = json.dumps(answer | (ODD.get(trouble, {}) if at_second else {}))
         if trouble == "dies once" and asked["range"] == 11 and open("log").read().count("run 11") == 1:
             os.kill(os.getpid(), signal.SIGKILL)
         if trouble == "kills worker" and asked["range"] == 11 and open("log").read().count("run 11") == 1:
@@ -74,16 +77,16 @@ def converse(trouble):
             sys.exit(3)
         if trouble == "never" and at_second:
             time.sleep(60)
-        if trouble == "unknown" and at_second:
-            text = json.dumps(answer | {"id": 77})
-        if trouble == "error" and at_second:
-            text = json.dumps({"id": asked["id"], "error": "the map is lost"})
-        if trouble == "null" and at_second:
-            text = json.dumps(answer | {"min_ttc": None})
-        if trouble == "text" and at_second:
-            text = json.dumps(answer | {"min_range": "much"})
-        if trouble == "no JSON" and at_second:
-            text = "{oops"
+        if trouble == "child" and at_second:
+            subprocess.Popen(["sleep", "60"])
+            sys.exit(3)
+        if at_second:
+            text = {"no JSON": "{oops", "list": f"[{text}]", "list later": f"[0, {text}]"}.get(trouble, text)
+        if trouble == "odd bytes":
+            text = "\\ufeff" + json.dumps(answer | {"trace": "x" * 1_000_000}) + "\\r"
+        if trouble == "no UTF-8" and at_second:
+            sys.stdout.buffer.write(b'{"id": "\\xff"}\\n')
+            sys.stdout.flush()
         if trouble == "talks":
             print("step 1 of 3")
         print(text, flush=True)
@@ -131,7 +134,7 @@ def run(vehicle, ranges):
     return vehicle.simulate(np.full(len(ranges), 20.0), ranges, np.full(len(ranges), 1.0))
 
 
-@pytest.mark.parametrize("trouble", ["none", "banner", "talks", "prints", "stays for ever"])
+@pytest.mark.parametrize("trouble", ["none", "banner", "talks", "prints", "odd bytes", "stays for ever"])
 def test_one_start_for_all_batches_and_the_outcomes_of_the_class(trouble):
     vehicle = staying(trouble)
     assert vehicle.simulate(*ENCOUNTERS).min_ttc.tolist() == [0.002, 2.0, np.inf]
@@ -159,14 +162,18 @@ def test_one_start_for_all_batches_and_the_outcomes_of_the_class(trouble):
         ("never", "seen no line within 1 s; .*Make the program faster, or raise simulations.time_limit"),
         ("unknown", "seen '{\"id\": 77, .*'; expected one line of JSON with \"id\": 2 and the outcomes"),
         ("twice", "seen '{\"id\": 1, .*'; expected one line of JSON with \"id\": 2 and the outcomes"),
-        ("error", "range 10, closing_speed 1: seen '{\"id\": 2, \"error\": \"the map is lost\"}'"),
+        ("error", "range 10, closing_speed 1: seen '{\"id\": 2, .*, \"error\": \"lost map\"}'"),
         ("null", "outcome min_ttc of the encounter lead_speed 20, range 10, closing_speed 1: seen ''"),
-        ("text", "outcome min_range of the encounter .*: seen 'much'; expected a number"),
+        ("text", "outcome min_range of the encounter .*: seen '\\?'; expected a number"),
         ("no JSON", "seen '{oops'; expected one line of JSON with \"id\": 2 and the outcomes"),
+        ("list", r"seen '\[\{\"id\": 2, .*'; expected one line of JSON with \"id\": 2 and the outcomes"),
+        ("list later", r"seen no line within 1 s that begins with \{, but '\[0, \{\"id\": 2, "),
+        ("no UTF-8", r"seen '\{\"id\": \"\\\\xff\"\}'; expected"),
+        ("child", "closing_speed 1: seen its end with exit status 3; expected"),
     ],
 )  # fmt: skip
 def test_programs_that_break_the_protocol(trouble, message):
-    vehicle = staying(trouble, 1.0 if trouble in ("no greeting", "never") else 20.0)
+    vehicle = staying(trouble, 1.0 if trouble in ("no greeting", "never", "list later") else 20.0)
     with pytest.raises(InputError, match=message) as error:
         vehicle.simulate(*ENCOUNTERS)
     assert "docs/staying_program.md" in error.value.change

@@ -12,7 +12,8 @@ from typing import Any, BinaryIO
 from accelerated_evaluation.base.errors import InputError
 from accelerated_evaluation.vehicles.external.processes import Printed, ended, started
 
-LONGEST_LINE = 1_000_000  # number of bytes; the rest of a longer line is read as another line
+LONGEST_LINE = 10_000_000  # number of bytes; the rest of a longer line is read as another line
+BYTE_ORDER_MARK = b"\xef\xbb\xbf"
 AT_LEISURE = 2.0  # [s], longest time for the program to end after the end of its input
 GREETING = 'one line of JSON with the name of the program, such as {"name": "my stack", "version": "1.2"}'
 Refuse = Callable[..., InputError]
@@ -58,17 +59,20 @@ class Conversation:
     def _expect(self, place: str, expected: str, fits: Callable[[Mapping[str, Any]], bool]) -> dict[str, Any]:
         """Return the next object that the program writes; InputError names ``place`` unless it fits."""
         until = time.monotonic() + self._time_limit
-        line = self._next_line(until)
-        while line and not line.lstrip().startswith(b"{"):
-            line = self._next_line(until)
+        line, ignored = self._next_line(until), b""
+        while line and not line.startswith((b"{", b"[{")):
+            line, ignored = self._next_line(until), line
         found = _object_in(line)
         if found is not None and "error" not in found and fits(found):
             return found
-        shown = "" if not line else repr(line.decode(errors="replace").strip()[:200])
+        shown = _shown(line) if line else ""
         change = "Correct the program."
         if line is None:
             seen = f"no line within {self._time_limit:g} s"
+            seen += f" that begins with {{, but {_shown(ignored)}" if ignored else ""
             change = "Make the program faster, or raise simulations.time_limit."
+        elif len(line) >= LONGEST_LINE:
+            seen = f"a line of more than {LONGEST_LINE:,} bytes, {shown}"
         elif not line.endswith(b"\n"):
             seen = self._end_in_words(shown)
         else:
@@ -77,11 +81,20 @@ class Conversation:
         raise self._refuse(place, f"{seen}{self._printed.last_line()}", expected, change)
 
     def _next_line(self, until: float) -> bytes | None:
-        """Return the next line, which is empty at the end of the output; None after the time ``until``."""
-        try:
-            return self._lines.get(timeout=max(until - time.monotonic(), 0.0))
-        except Empty:
-            return None
+        """Return the next line, which is empty at the end of the output; None after the time ``until``.
+
+        The output also ends if the program has ended, but a process that it started keeps the pipe open.
+        """
+        has_ended = False
+        while (left := until - time.monotonic()) > 0 and not has_ended:
+            has_ended = self._process.poll() is not None
+            with suppress(Empty):
+                return (
+                    self._lines.get(timeout=min(left, AT_LEISURE))
+                    .removeprefix(BYTE_ORDER_MARK)
+                    .lstrip(b" \t")
+                )
+        return b"" if has_ended else None
 
     def _end_in_words(self, rest: str) -> str:
         """Return how the program ended, with the ``rest`` of a line that it had begun."""
@@ -93,11 +106,17 @@ class Conversation:
 
 
 def _object_in(line: bytes | None) -> dict[str, Any] | None:
-    """Return the JSON object of a line; None if it is another text, or if there is no line."""
+    """Return the JSON object of a line; None if it is something else, or if there is no line."""
     try:
-        return json.loads(line) if line else None
+        found = json.loads(line) if line else None
     except (ValueError, RecursionError):  # no JSON, or JSON that is nested too deeply
         return None
+    return found if isinstance(found, dict) else None
+
+
+def _shown(line: bytes) -> str:
+    """Return the beginning of a line for a message; bytes that are no UTF-8 are shown by their numbers."""
+    return repr(line[:1000].decode(errors="backslashreplace").strip()[:200])
 
 
 def _read_lines(pipe: BinaryIO, lines: "SimpleQueue[bytes]") -> None:
