@@ -129,7 +129,8 @@ def test_a_study_of_a_slow_vehicle_ends_in_a_book_though_it_dies_twice(finished,
     assert compared.loc["cc_human", "ratio_high80"] < 1
     resolved = pd.read_csv(results / "laws/vehicles.csv").set_index("vehicle")["resolved"]
     ratios = compared.loc[:, "ratio":"safer"].notna().all(axis=1)
-    assert (ratios == resolved[compared.index]).all()  # no ratio where the replayed records contradict an answer
+    # no ratio where the replayed records contradict an answer
+    assert (ratios == resolved[compared.index]).all()
     first_page = (results / "book/index.html").read_text()
     assert f"answers by {len(runs)} simulations" in first_page
     left_out = (results / "book/03_can_it_be_trusted.html").read_text()

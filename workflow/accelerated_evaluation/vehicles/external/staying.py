@@ -59,9 +59,9 @@ class Conversation:
     def _expect(self, place: str, expected: str, fits: Callable[[Mapping[str, Any]], bool]) -> dict[str, Any]:
         """Return the next object that the program writes; InputError names ``place`` unless it fits."""
         until = time.monotonic() + self._time_limit
-        line, ignored = self._next_line(until), b""
+        ignored, line = b"", self._next_line(until)
         while line and not line.startswith((b"{", b"[{")):
-            line, ignored = self._next_line(until), line
+            ignored, line = line, self._next_line(until)
         found = _object_in(line)
         if found is not None and "error" not in found and fits(found):
             return found
