@@ -3,8 +3,9 @@
     python benchmarks/second_ways.py left_turn [STUDY ...] --output FILE.csv
 
 A study simulates encounters of the mean of all draws of the law, and weights them for each draw. Here, each
-draw has encounters of its own, which are counted, so neither weights nor densities are used. The studies have
-to be finished, in ``results/STUDY``. The columns are those of the table ``second_ways`` of a study.
+draw has encounters of its own, which are counted, so neither weights nor densities are used. Of events that
+are too rare for that, the mean of all draws alone is compared. The studies have to be finished, in
+``results/STUDY``. The columns are those of the table ``second_ways`` of a study.
 """
 
 import argparse
@@ -14,7 +15,7 @@ from pathlib import Path
 import numpy as np
 import pandas as pd
 from accelerated_evaluation.answer.candidates.fitted_records import stored_records
-from accelerated_evaluation.answer.second_ways import COLUMNS, COUNT, Key, Means, Plain, summary
+from accelerated_evaluation.answer.second_ways import COLUMNS, Key, Means, Plain, summary
 from accelerated_evaluation.answer.study_tables import WHOLE
 from accelerated_evaluation.answer.ways.posterior import FEWEST
 from accelerated_evaluation.base.arrays import Array
@@ -26,19 +27,21 @@ from accelerated_evaluation.scenarios import SCENARIOS
 from accelerated_evaluation.vehicles.named import NamedVehicle
 from accelerated_evaluation.vehicles.protocol import events_of
 
-BATCHES, SIZE = 32, 128  # batches of each draw, and encounters in each
+BATCHES, SIZE = 32, 2**11  # batches of each draw, and the largest number of encounters in each
+EVENTS = 100  # expected events of a draw from which on a quantile of draws is little wider by their noise
+COUNTS = "counts of simulations under each draw of the law"
 PUBLISHED = ["probability", "median", "low50", "high50", "low80", "high80", "low95", "high95"]
 
 
 def counted(
-    draws: Draws, happened: Callable[[Array], Mapping[str, Array]], generator: np.random.Generator
+    draws: Draws, happened: Callable[[Array], Mapping[str, Array]], size: int, generator: np.random.Generator
 ) -> Plain:
-    """Return the means of the columns of each part of the encounters, by batches and draws."""
+    """Return the means of the columns of each part of the encounters, by batches of a size and by draws."""
     sums: dict[str, list[Array]] = {}
     for _ in range(BATCHES):
-        x = np.concatenate([law.draw(SIZE, generator) for law in draws.laws])
+        x = np.concatenate([law.draw(size, generator) for law in draws.laws])
         for name, columns in happened(x).items():
-            sums.setdefault(name, []).append(columns.reshape(draws.size, SIZE, -1).mean(axis=1))
+            sums.setdefault(name, []).append(columns.reshape(draws.size, size, -1).mean(axis=1))
     return Plain({name: np.stack(parts) for name, parts in sums.items()})
 
 
@@ -50,6 +53,7 @@ def twice(study: Path, seed: int) -> pd.DataFrame:
     draws = as_draws(read_law(study / "laws" / "draws.json", records.table))
     events = [scenario.events[0], *events_of(scenario, config["answer"]["events"])]
     parts = {WHOLE: lambda x: np.ones(len(x), dtype=bool), **scenario.restrictions}
+    answer = pd.read_csv(study / "laws" / "answer.csv")
     named = NamedVehicle.of(config["vehicle"], config["simulations"], scenario)
 
     def numbers(means: Means) -> dict[Key, float]:
@@ -68,17 +72,18 @@ def twice(study: Path, seed: int) -> pd.DataFrame:
             columns = np.column_stack([*(event.happens(outcomes) for event in events), np.ones(len(x))])
             return {name: columns * inside(x)[:, None] for name, inside in parts.items()}
 
-        plain = counted(draws, happened, child_generator(seed, "second ways", study.name))
-    second = plain.numbers(numbers)
-    rows, answer = [], pd.read_csv(study / "laws" / "answer.csv")
+        size = min(SIZE, int(EVENTS / answer["low95"].iloc[0] / BATCHES) + 1)
+        plain = counted(draws, happened, size, child_generator(seed, "second ways", study.name))
+    rows, second = [], plain.numbers(numbers)
     for row in answer.dropna(subset="median").to_dict("records"):
         # The sampling error of the mean, which all draws share.
         error = 1 / np.sqrt(max(row["probability"] * config["scenario"]["simulations"], FEWEST))
-        for column in PUBLISHED:
+        is_counted = row["low95"] * BATCHES * size >= EVENTS / 2
+        for column in PUBLISHED if is_counted else PUBLISHED[:1]:
             key = "answer", f"{row['event']}, {row['encounters']}", column
             (again, own_error), number = second[key], row[column]
             difference = (number - again) / np.hypot(own_error, error * number)
-            rows.append((*key, number, error * number, again, own_error, COUNT, difference, ""))
+            rows.append((*key, number, error * number, again, own_error, COUNTS, difference, ""))
     return pd.DataFrame(rows, columns=COLUMNS)
 
 

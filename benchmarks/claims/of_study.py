@@ -4,6 +4,7 @@ from collections.abc import Iterator
 
 import numpy as np
 import pandas as pd
+from accelerated_evaluation.answer.second_ways import LARGE
 from accelerated_evaluation.laws.files import read_law
 from accelerated_evaluation.methods.importance_sampling import crude_simulations
 from accelerated_evaluation.records.segments import read_encounters
@@ -146,6 +147,14 @@ def injuries(files: Files) -> Iterator[Claim]:
     )
     ratios = map(_ratio_to_human, files.pair("laws/risk_balance.csv"))
     yield Claim(f"ratio to cc_human, injury {SERIOUS}", *ratios)
+
+
+def scenarios(files: Files) -> Iterator[Claim]:
+    """Yield the claims that counts agree with the answers of other scenarios than the cut-in."""
+    for study, table in files.runs("second_ways").groupby("study"):
+        far = int((table["difference"].abs() > LARGE).sum())
+        text = f"numbers of the answer that counts contradict, {study.removeprefix('claims_')}"
+        yield Claim(text, Exactly("none"), Exactly(f"{far} of {len(table)}" if far else "none"))
 
 
 def _injured(table: pd.DataFrame, level: str) -> Mean:

@@ -15,7 +15,7 @@ from accelerated_evaluation.base.errors import InputError
 from accelerated_evaluation.base.files import write_csv
 from comparing import LEVEL, Claim
 from of_benchmarks import estimate, public, sampler, successor, vehicle, worlds
-from of_study import answer, counted, injuries, motion, paper
+from of_study import answer, counted, injuries, motion, paper, scenarios
 from sources import FILES, Files
 
 PARTS: dict[str, Callable[[Files], Iterator[Claim]]] = {
@@ -32,6 +32,7 @@ PARTS: dict[str, Callable[[Files], Iterator[Claim]]] = {
         public,
         successor,
         estimate,
+        scenarios,
     )
 }
 # Claims of the README that no part repeats, and why.

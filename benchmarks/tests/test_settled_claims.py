@@ -160,6 +160,13 @@ def test_lead_motion_agrees_with_itself_and_a_wrong_factor_is_refuted(tmp_path, 
         ]
 
 
+@pytest.mark.parametrize(("difference", "status"), [(-3.9, 0), (4.1, 1), (-4.1, 1)])
+def test_an_answer_that_counts_contradict_is_refuted(tmp_path, difference, status):
+    table = pd.DataFrame({"study": "claims_left_turn", "difference": [0.1, difference]})
+    table.to_csv(tmp_path / "second_ways.csv", index=False)
+    assert main(["scenarios"], replace(FILES, raw=tmp_path)) == status
+
+
 def test_what_is_not_repeated_is_printed_and_is_in_the_guide(repeated, capsys):
     main(["sampler"], repeated)
     printed = capsys.readouterr().out
