@@ -15,11 +15,9 @@ from accelerated_evaluation.base.arrays import Array
 from accelerated_evaluation.base.errors import InputError
 from accelerated_evaluation.laws import Law, StratifiedLaw, Stratum
 
-SPEEDS = 400  # number of bins of the recorded lead speeds, each of which is represented by its mean
+SPEEDS = 100  # number of bins of the recorded lead speeds, each of which is represented by its mean
 MOST_BEYOND = 0.5  # largest probability beyond the limits; a campaign must be about most cut-ins of the law
-NODES, WEIGHTS = np.polynomial.legendre.leggauss(
-    100
-)  # quadrature over the distribution function of the range
+NODES, WEIGHTS = np.polynomial.legendre.leggauss(40)  # over the distribution function of the range
 
 
 @dataclass(frozen=True)
