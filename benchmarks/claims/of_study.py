@@ -132,6 +132,7 @@ def motion(files: Files) -> Iterator[Claim]:
         yield Claim(text, *(Mean(*table.loc[(vehicle, CLOSING), RATIO]) for table in pair))
     text = f"crash probability of cut-ins whose gap opens, {TESTED}"
     yield Claim(text, *(Mean(*table.loc[(TESTED, OPENING), MOVING]) for table in pair))
+    yield _second(files.runs("moving_leads"), "numbers of lead motion that plain sampling contradicts")
 
 
 def injuries(files: Files) -> Iterator[Claim]:
@@ -152,9 +153,13 @@ def injuries(files: Files) -> Iterator[Claim]:
 def scenarios(files: Files) -> Iterator[Claim]:
     """Yield the claims that counts agree with the answers of other scenarios than the cut-in."""
     for study, table in files.runs("second_ways").groupby("study"):
-        far = int((table["difference"].abs() > LARGE).sum())
-        text = f"numbers of the answer that counts contradict, {study.removeprefix('claims_')}"
-        yield Claim(text, Exactly("none"), Exactly(f"{far} of {len(table)}" if far else "none"))
+        yield _second(table, f"numbers of the answer that counts contradict, {study.removeprefix('claims_')}")
+
+
+def _second(table: pd.DataFrame, text: str) -> Claim:
+    """Return the claim that no number of a table differs too far from its second one."""
+    far = int((table["difference"].abs() > LARGE).sum())
+    return Claim(text, Exactly("none"), Exactly(f"{far} of {len(table)}" if far else "none"))
 
 
 def _injured(table: pd.DataFrame, level: str) -> Mean:

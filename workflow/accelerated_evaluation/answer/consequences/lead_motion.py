@@ -24,8 +24,8 @@ from accelerated_evaluation.laws.smooth.family import DistinctRecords
 from accelerated_evaluation.vehicles.protocol import Vehicle
 
 FEWEST = 30  # smallest number of recorded opening cut-ins that are used
-COLUMNS = ["vehicle", "gap", "cut_ins", "exact", "constant", "moving", "standard_error", "high95"]
-COLUMNS += ["factor", "factor_error", "factor_half"]
+COLUMNS = ["vehicle", "gap", "cut_ins", "exact", "constant", "constant_error", "moving", "standard_error"]
+COLUMNS += ["high95", "factor", "factor_error", "factor_half"]
 # Number of opening cut-ins per closing cut-in, for studies without records of opening cut-ins. In the Safety
 # Pilot Model Deployment, 173,692 of 403,581 cut-ins are closing (paper, section II). In NGSIM there are 38
 # opening and 43 closing cut-ins.
@@ -55,7 +55,7 @@ def motion_table(
     fewer than `FEWEST` opening cut-ins, closing ones with the opposite sign of the closing speed are used
     instead. The row of a vehicle and kind of cut-in (``gap``) has the crash probability with a constant lead
     speed, ``exact`` (from the crash map, only for closing cut-ins, see `MovingProblem.exact`) and
-    ``constant`` (estimated); with a changing lead speed, ``moving``;
+    ``constant`` (estimated, with ``constant_error``); with a changing lead speed, ``moving``;
     ``factor``, moving divided by constant; and ``factor_half``, the factor if all changes of speed are
     halved, which is known for closing cut-ins and `Ngsim` only. With too few crashes of opening cut-ins,
     ``moving`` is NaN, and only its one-sided 95 % limit ``high95`` is known. ``factor_error`` is the standard
@@ -79,7 +79,9 @@ def motion_table(
         factors = [each.factor()[0] for each in spread]
         cut_ins = {"closing": 1 - share, "opening": share, "all": 1.0}
         for gap, found in wholes.items():
-            own = cut_ins[gap], exacts.get(gap, np.nan), found.still, found.moved, found.error, found.limit
+            still_error, moved_error = found.errors
+            constant = exacts.get(gap, np.nan), found.still, still_error
+            own = cut_ins[gap], *constant, found.moved, moved_error, found.limit
             factor, error = found.factor()
             if factors and gap == "closing":
                 error = float(np.hypot(error, np.std(factors, ddof=1)))

@@ -83,9 +83,9 @@ class Means:
         return cls(still, moved, covariance, float(moved + ONE_SIDED * np.sqrt(covariance[1, 1])))
 
     @property
-    def error(self) -> float:
-        """Standard error of ``moved``."""
-        return float(np.sqrt(self.covariance[1, 1]))
+    def errors(self) -> list[float]:
+        """Standard errors of ``still`` and ``moved``."""
+        return np.sqrt(np.diag(self.covariance)).tolist()
 
     def together(self, other: "Means", share: float) -> "Means":
         """Return the estimates for cut-ins of two independent kinds, of which the other has this share."""

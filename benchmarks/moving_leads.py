@@ -1,0 +1,169 @@
+"""Compute the crash probabilities with lead motion a second time, without a crash map and without strata.
+
+    python benchmarks/moving_leads.py [STUDY] --output FILE.csv
+
+A study draws lead speeds, ranges and motions where its crash maps say that they matter, and integrates the
+closing speed by strata. Here, closing cut-ins are drawn from a wide density that knows no vehicle, motions
+are drawn from their law, and opening cut-ins are recorded ones with motions of the law, whose crashes are
+counted. The study has to be finished, in ``results/STUDY``. The columns are those of the table
+``second_ways`` of a study.
+"""
+
+import argparse
+from collections.abc import Iterator, Mapping
+from pathlib import Path
+
+import numpy as np
+import pandas as pd
+from accelerated_evaluation.answer.candidates.fitted_records import FittedRecords, stored_records
+from accelerated_evaluation.answer.candidates.law_study import LawStudy
+from accelerated_evaluation.answer.consequences.lead_motion import FEWEST as FEWEST_RECORDED
+from accelerated_evaluation.answer.consequences.lead_motion import mirrored
+from accelerated_evaluation.answer.second_ways import CAP, COLUMNS, Features, Key, Means, Plain, WideCutIns
+from accelerated_evaluation.answer.settings import support_of
+from accelerated_evaluation.base.arrays import Array
+from accelerated_evaluation.base.files import read_json, write_csv
+from accelerated_evaluation.base.randomness import child_generator
+from accelerated_evaluation.laws.motion import LeadMotion, draw_lead_speeds
+from accelerated_evaluation.laws.motion.ngsim import Ngsim
+from accelerated_evaluation.laws.motion.recorded import Recorded
+from accelerated_evaluation.laws.smooth.draws import SmoothDraws
+from accelerated_evaluation.laws.smooth.family import DistinctRecords
+from accelerated_evaluation.records.ingest import opening_cut_ins
+from accelerated_evaluation.records.sources import read_source
+from accelerated_evaluation.scenarios.cut_in import CUT_IN
+from accelerated_evaluation.vehicles.loading import load_vehicle
+from accelerated_evaluation.vehicles.moving import simulate_motion
+from accelerated_evaluation.vehicles.protocol import RandomVehicle, Vehicle, simulate_inner
+
+VEHICLES = {"under test": "acc_aeb"} | {
+    name: name for name in ("acc_only", "cc_human", "fsm", "human", "reg157", "rss")
+}
+PROFILES = Path("data/europe/lead_motion.parquet")
+FINER = 2  # times as many closing cut-ins as the second numbers of a study have
+ROUNDS, SIZE = 100, 10_000  # rounds of opening cut-ins, and cut-ins in each
+SAMPLING, COUNTS = "plain importance sampling", "counts of simulations"
+FEWEST = 5.0  # smallest number of crashes of opening cut-ins that are compared
+
+
+def crashes(
+    vehicle: Vehicle, cut_ins: Array, motion: LeadMotion, inner: Array | None, generator: np.random.Generator
+) -> Array:
+    """Return 1 for each of n cut-ins, shape (3, n), that crashes behind a lead vehicle with this motion."""
+    speeds = draw_lead_speeds(motion, cut_ins, generator)
+    return simulate_motion(vehicle, tuple(cut_ins), speeds, inner).crash.astype(float)
+
+
+def closing(
+    vehicles: Mapping[str, Vehicle],
+    motions: Mapping[str, LeadMotion],
+    records: FittedRecords,
+    law: SmoothDraws,
+    generator: np.random.Generator,
+) -> dict[Key, tuple[float, float]]:
+    """Return the probabilities and factors of closing cut-ins, each with its standard error."""
+
+    def features(x: Array) -> Features:
+        for name, vehicle in vehicles.items():
+            inner = vehicle.draw_inner(len(x), generator) if isinstance(vehicle, RandomVehicle) else None
+            still = simulate_inner(vehicle, tuple(x.T), inner).crash.astype(float)
+            moved = [crashes(vehicle, x.T, motion, inner, generator) for motion in motions.values()]
+            yield name, np.column_stack([still, *moved]), None
+
+    def made(means: Means) -> dict[Key, float]:
+        numbers: dict[Key, float] = {}
+        for name, ((still, *moved),) in means.items():
+            found = dict(zip(motions, moved, strict=True))
+            for table in ("lead_motion", "lead_motion_europe"):
+                columns = {"exact": still, "constant": still, "moving": found[table]}
+                columns["factor"] = found[table] / still
+                numbers |= {(table, f"{name}, closing", column): each for column, each in columns.items()}
+            numbers["lead_motion", f"{name}, closing", "factor_half"] = found["half"] / still
+        return numbers
+
+    def density(x: Array) -> Array:
+        return law.log_densities(x, CAP)
+
+    wide = WideCutIns(records.x[:, 0], law.support.range_max, CAP)
+    return Plain.of(wide, density, features, generator, FINER).numbers(made)
+
+
+def opening(
+    vehicles: Mapping[str, Vehicle],
+    motions: Mapping[str, LeadMotion],
+    recorded: DistinctRecords,
+    generator: np.random.Generator,
+) -> Iterator[tuple[Key, tuple[float, float]]]:
+    """Yield the probability of a crash of recorded opening cut-ins, with its standard error."""
+    cut_ins = np.array([recorded.lead_speed, recorded.range_, recorded.closing_speed])
+    for name, vehicle in vehicles.items():
+        for table in ("lead_motion", "lead_motion_europe"):
+            count = 0.0
+            for _ in range(ROUNDS):
+                drawn = cut_ins[:, generator.integers(recorded.size, size=SIZE)]
+                inner = vehicle.draw_inner(SIZE, generator) if isinstance(vehicle, RandomVehicle) else None
+                count += crashes(vehicle, drawn, motions[table], inner, generator).sum()
+            if count >= FEWEST:
+                yield (
+                    (table, f"{name}, opening", "moving"),
+                    (count / ROUNDS / SIZE, count**0.5 / ROUNDS / SIZE),
+                )
+
+
+def twice(study: Path, seed: int) -> pd.DataFrame:
+    """Return the numbers of the tables of lead motion that have a second one, each with both."""
+    config = read_json(study / "config.json")
+    limits = support_of(CUT_IN, config)
+    exposure = read_json(study / "exposure.json")
+    records = stored_records(CUT_IN, study / "encounters.parquet", limits.content(), exposure)
+    stream = child_generator(config["seed"], "sample")
+    kept = opening_cut_ins(read_source(config["data"], stream), config["data"], config["filters"])
+    law_study = LawStudy.of_smooth(
+        records,
+        config["answer"]["draws"],
+        lambda *names: child_generator(config["seed"], "laws", *names),
+        study / "laws" / "family.npz",
+    )
+    smooth = law_study.smooth
+    law = SmoothDraws.of_laws(
+        smooth.family.ranges, [smooth.speeds(law_study.heaviest)], smooth.records.support
+    )
+    motions = {"lead_motion": Ngsim(), "half": Ngsim(0.5), "lead_motion_europe": Recorded.read(PROFILES)}
+    vehicles = {name: load_vehicle(each) for name, each in VEHICLES.items()}
+    generator = child_generator(seed, "second ways", "lead motion")
+    second = closing(vehicles, motions, records, law, generator)
+    mechanism = dict.fromkeys(second, SAMPLING)
+    recorded = DistinctRecords.of(kept, records.data.support)
+    if recorded.size < FEWEST_RECORDED:
+        recorded = mirrored(smooth.records)
+    counted = dict(opening(vehicles, motions, recorded, generator))
+    mechanism |= dict.fromkeys(counted, COUNTS)
+    rows = []
+    for table in ("lead_motion", "lead_motion_europe"):
+        published = pd.read_csv(study / f"{table}.csv")
+        for row in published.to_dict("records"):
+            stated = {"moving": row["standard_error"]}
+            stated |= {column: row[f"{column}_error"] for column in ("constant", "factor")}
+            for column in ("exact", "constant", "moving", "factor", "factor_half"):
+                key = table, f"{row['vehicle']}, {row['gap']}", column
+                if key in mechanism and not np.isnan(row[column]):
+                    (again, own), error = (second | counted)[key], stated.get(column, np.nan)
+                    difference = (row[column] - again) / np.hypot(own, np.nan_to_num(error))
+                    rows.append((*key, row[column], error, again, own, mechanism[key], difference, ""))
+    return pd.DataFrame(rows, columns=COLUMNS)
+
+
+def main() -> None:
+    """Compute the numbers of a study a second time, and write their table."""
+    parser = argparse.ArgumentParser(
+        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
+    )
+    parser.add_argument("study", nargs="?", default="spmd", metavar="STUDY")
+    parser.add_argument("--seed", type=int, default=1)
+    parser.add_argument("--output", type=Path, required=True)
+    given = parser.parse_args()
+    write_csv(given.output, twice(Path("results") / given.study, given.seed))
+
+
+if __name__ == "__main__":
+    main()
