@@ -16,7 +16,7 @@ MOVING = pd.DataFrame(
         ("late", "closing", 0.4, 3e-4, 3e-4, 4e-3, 2e-4, 4.4e-3, 13.0, 0.5, 3.0),
         ("late", "opening", 0.6, NONE, 0.0, 5e-5, 1e-5, 7e-5, NONE, NONE, NONE),
     ],
-    columns=COLUMNS,
+    columns=[column for column in COLUMNS if column != "constant_error"],
 )
 BUDGET = pd.DataFrame(
     {
