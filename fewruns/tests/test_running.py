@@ -253,6 +253,7 @@ def test_a_seed_is_a_generator_and_names_of_arguments_are_checked():
     [
         ({"function": 3}, "function: seen 3; expected a function of points"),
         ({"inputs": True}, "inputs: seen True; expected a number of inputs"),
+        ({"inputs": [stats.gamma]}, "; expected a number of inputs, or frozen distributions"),
         ({"inputs": 0}, "dimension: seen 0"),
         ({"inputs": [stats.norm(), "normal"]}, "normal"),
         ({"batch_size": 2.5}, "batch_size: seen 2.5"),

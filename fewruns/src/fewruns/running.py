@@ -242,10 +242,11 @@ def _dimension_of(inputs: int | Sequence[Marginal]) -> tuple[int, Sequence[Margi
     unknown: object = inputs
     if isinstance(inputs, Sequence):
         laws = [_with_usual_names(law) for law in inputs]
-        unknown = [law for law in laws if not (hasattr(law, "ppf") and hasattr(law, "isf"))]
+        # A distribution of SciPy that still needs parameters has the number of them, numargs.
+        unknown = [law for law in laws if not {"ppf", "isf"} <= {*dir(law)} or getattr(law, "numargs", 0) > 0]
         if not unknown:
             return len(laws), laws
-    expected = "a number of inputs, or a list of distributions with the methods ppf and isf (or icdf, iccdf)"
+    expected = "a number of inputs, or frozen distributions with the methods ppf and isf (or icdf, iccdf)"
     raise InputError("inputs", seen=f"{unknown!r:.80}", expected=expected, change="Correct the argument.")
 
 

@@ -3,7 +3,7 @@
 import numpy as np
 import pandas as pd
 import pytest
-from accelerated_evaluation import CUT_IN, Box, InputError, Problem, Stopping, write_law
+from accelerated_evaluation import CUT_IN, Box, Event, InputError, Problem, Stopping, write_law
 from accelerated_evaluation.methods import METHODS
 from accelerated_evaluation.methods.normal_mixture import DEFENSIVE, NormalMixture
 from accelerated_evaluation.methods.problem import read_law_of
@@ -111,6 +111,10 @@ OTHER = normal_law((14, 7, 60), np.eye(3), Box(("a", "b", "c"), (0, 0, 0), (30, 
 def test_a_law_beyond_the_limits_or_of_another_scenario_is_refused(scenario, law, message, tmp_path):
     with pytest.raises(InputError, match=message):
         Problem(scenario, Fast(), law=law)
+    with pytest.raises(
+        InputError, match=r"seen an event scored by 'gap'; expected an outcome of .*: crash, "
+    ):
+        Problem(scenario, Fast(), Event.flag("crash", scored_by="gap"))
     if law is not CUT_INS:
         write_law(tmp_path / "law.json", law)
         with pytest.raises(InputError, match=message):

@@ -86,6 +86,10 @@ class Problem:
             event = self.scenario.events[0]
         elif isinstance(event, str):
             event = event_named(event, self.scenario, f"{where} event")
+        if event.scored_by not in (None, *self.scenario.outcome_names):
+            outcomes = f"an outcome of {self.scenario.name}: {', '.join(self.scenario.outcome_names)}"
+            seen, change = f"an event scored by {event.scored_by!r}", "Correct scored_by of the event."
+            raise InputError(f"{where} event", seen=seen, expected=outcomes, change=change)
         object.__setattr__(self, "event", event)
         object.__setattr__(self, "vehicle", as_vehicle(self.vehicle, self.scenario, f"{where} vehicle"))
         if self.law is not None:

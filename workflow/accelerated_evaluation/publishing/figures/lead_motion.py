@@ -42,7 +42,8 @@ def fig34_lead_motion(lead_motion: pd.DataFrame, source: str) -> Drawn:
         moving, y[crashed], xerr=bars, marker="o", color=PIECES[0], elinewidth=0.8, label=label, **look
     )
     limit = rows["high95"][~crashed]
-    axes.plot(limit, y[~crashed], marker="<", color=PIECES[0], label="not known: 95 % limit", **look)
+    if len(limit):
+        axes.plot(limit, y[~crashed], marker="<", color=PIECES[0], label="not known: 95 % limit", **look)
     axes.set(xscale="log", xlabel="crash probability of a cut-in")
     name_rows(axes, y, rows["group"], vehicles_in_words(rows["vehicle"]))
     has_factor = rows["factor"].notna().to_numpy()
