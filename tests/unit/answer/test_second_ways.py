@@ -115,8 +115,8 @@ def tables_of(found):
 
 
 def test_only_a_wrong_number_is_far_from_its_second_one(encounters, law, monkeypatch):
-    """The first numbers come from four times as many points, and one of them is made wrong."""
-    monkeypatch.setattr(module, "SIZE", 2**13)
+    """The first numbers come from twice as many points, and three of them are made wrong."""
+    monkeypatch.setattr(module, "SIZE", 2**12)
     found = {key: value for key, (value, _) in second_numbers(numbers_of(encounters, law, 1)).items()}
     monkeypatch.setattr(module, "SIZE", 2**11)
     wrong = {"answer": ("TTC at most 1.5 s", "high80"), "injuries": ("under test, MAIS3+, cut-in", "mean")}
