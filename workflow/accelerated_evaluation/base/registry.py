@@ -146,7 +146,7 @@ class Registry(Mapping[str, Member], Generic[Member]):
                 f"{self.what} {name!r}",
                 seen=missing[0],
                 expected=missing[1],
-                change='Correct it; CONTRIBUTING.md, "How to add ...", says what each kind needs.',
+                change="Correct it; docs/extensions.md shows a file of each kind.",
             )
 
 
