@@ -24,6 +24,8 @@ COLUMNS = (
     "time_to_collision_s",
     "emergency",
 )
+STATE_OF_HUMAN = [getattr(human_kernel, name) for name in ("TIME", "RANGE", "SPEED", "NOW", "BRAKES")]
+CONTACT_OF_HUMAN = [getattr(human_kernel, name) for name in ("TIME", "RANGE", "CLOSING", "BRAKES")]
 
 
 def trace_car(car: Car, encounter: Array, lead_speeds: Array | None = None) -> pd.DataFrame:
@@ -90,11 +92,21 @@ def trace_human(
 
     The column "emergency" is 1 while the driver brakes.
     """
-    outcome, course = np.empty(5), np.empty((human_kernel.STEPS + 1, 5))
+    state = np.empty((human_kernel.FIELDS, 1))
+    course: list[tuple] = []
     speeds = encounter[0] if lead_speeds is None else lead_speeds
-    count = human_kernel.follow(numbers, encounter[:, 0], speeds, traits, outcome, course)
+    human_kernel.start(numbers, encounter[:, 0], speeds, traits, state, 0)
+    while len(course) < human_kernel.STEPS and state[human_kernel.OVER, 0] == 0:
+        human_kernel.watch_lead(numbers, speeds, state, 0)
+        time, range_, speed, lead, braking = state[STATE_OF_HUMAN, 0]
+        since_response = time - state[human_kernel.ONSET, 0]
+        sideways = numbers.car_width - human_kernel.overlap(numbers, traits, time, since_response)
+        course.append((time, range_, speed - lead, braking, sideways))
+        human_kernel.advance(numbers, state, 1, speeds.size - 1)
+    if state[human_kernel.OVER, 0] == human_kernel.CONTACT:
+        course.append((*state[CONTACT_OF_HUMAN, 0], 0.0))
     rows = []
-    for time, range_, closing, braking, sideways in course[:count]:
+    for time, range_, closing, braking, sideways in course:
         lead = human_kernel.lead_at(speeds, time)
         ttc = range_ / closing if closing > 0 and range_ > 0 else np.inf
         rows.append((time, range_, sideways, lead, lead + closing, -braking, range_, ttc, braking > 0))
