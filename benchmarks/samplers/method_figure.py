@@ -11,7 +11,7 @@ import numpy as np
 from accelerated_evaluation.publishing.figures.style import COLUMN_WIDTH, paper_style
 from fewruns import Estimate, Sampler, Stopping
 from fewruns.arrays import Array, Flags
-from fewruns.clearance import clearances, find_open_balls
+from fewruns.cover import clearances, find_open_balls
 from fewruns.running import run_batches, sampler_for
 from hidden_problems import hidden_problems
 from matplotlib.axes import Axes

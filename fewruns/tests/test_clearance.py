@@ -3,8 +3,8 @@
 import numpy as np
 import pytest
 from fewruns import Cover
-from fewruns.clearance import balls_with, clearances, find_open_balls, points_in_open_balls
 from fewruns.constants import STEEPER
+from fewruns.cover import balls_with, clearances, find_open_balls, points_in_open_balls
 from fewruns.wide_laws import draw_wide
 from sampler_checks import estimate, standard_normal_event
 from scipy.spatial.distance import cdist

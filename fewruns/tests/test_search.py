@@ -98,7 +98,7 @@ def test_a_circle_is_learnt_on_one_side_for_the_other():
 
     def right():
         """Return the share of the points on the other side whose outcome is predicted on the right side."""
-        below = surrogate.mean(new) < end_of_events(outcome, happened)
+        below = surrogate.expect(new)[0] < end_of_events(outcome, happened)
         return (below == (np.hypot(*new.T) > radius)).mean()
 
     assert right() > 0.9

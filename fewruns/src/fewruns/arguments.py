@@ -59,13 +59,8 @@ def outcomes(
     return happened & ~failed, score, failed
 
 
-def _is_switch(value: object) -> bool:
-    return isinstance(value, bool)
-
-
-def _is_number_of_checks(value: object) -> bool:
-    return is_whole(value, 0)
-
+_SWITCH = (lambda value: isinstance(value, bool), "True or False")
+_NUMBER_OF_CHECKS = (lambda value: is_whole(value, 0), "a whole number, at least 0")
 
 # Whether a value of each argument of a sampler can be used, and what is expected.
 _RULES: dict[str, tuple[Callable[[object], bool], str]] = {
@@ -77,10 +72,10 @@ _RULES: dict[str, tuple[Callable[[object], bool], str]] = {
         lambda value: isinstance(value, Certificate | Cover | None),
         "a Cover, a Certificate or None",
     ),
-    "upper_set": (_is_switch, "True or False"),
+    "upper_set": _SWITCH,
     "predecessor": (lambda value: isinstance(value, Predecessor | None), "a Predecessor or None"),
     "deterministic": (lambda value: isinstance(value, bool | None), "True, False or None"),
-    "enough_repeats": (_is_number_of_checks, "a whole number, at least 0"),
-    "enough_draws": (_is_number_of_checks, "a whole number, at least 0"),
-    "frequent": (_is_switch, "True or False"),
+    "enough_repeats": _NUMBER_OF_CHECKS,
+    "enough_draws": _NUMBER_OF_CHECKS,
+    "frequent": _SWITCH,
 }

@@ -5,7 +5,6 @@ more information if the system is smooth, and mislead if it has jumps. If there 
 surrogate also learns from its runs, and the second one only from the flags of the system under test.
 """
 
-from collections.abc import Callable
 from dataclasses import dataclass
 from functools import partial
 from typing import Self
@@ -14,12 +13,11 @@ import numpy as np
 from scipy.optimize import minimize_scalar
 from scipy.special import expit, log_ndtr, ndtr, ndtri
 
-from fewruns.arrays import Array, Flags
+from fewruns.arrays import Array, Flags, Function
 from fewruns.constants import (
     AMPLITUDE,
     COVERED,
     FRINGE,
-    LOG_SLOPE_BOUNDS,
     MOST_RUNS,
     MOST_TRUST,
     NOISY_AMPLITUDE,
@@ -93,7 +91,8 @@ def _slope(foreseen: Array, happened: Flags) -> float:
     def loss(log_slope: float) -> float:
         return (log_slope / SLOPE_SPREAD) ** 2 / 2 - log_ndtr(np.exp(log_slope) * towards).sum()
 
-    best = minimize_scalar(loss, bounds=LOG_SLOPE_BOUNDS, method="bounded").x
+    bounds = -4 * SLOPE_SPREAD, 5 * SLOPE_SPREAD
+    best = minimize_scalar(loss, bounds=bounds, method="bounded").x
     u = np.exp(best) * towards
     ratio = np.exp(-u * u / 2 - log_ndtr(u)) / np.sqrt(2 * np.pi)
     # The second derivative of the negative log likelihood of the runs may be negative; it is then ignored.
@@ -120,7 +119,7 @@ class Belief:
         self.scores = GradedSurrogate(space.dimension)
         self._predecessor, self._noisy = predecessor, noisy
         self._scores_are_noisy = noisy or isinstance(space, Subspace)
-        self._second: Callable[[Array], Array] | None = None
+        self._second: Function | None = None
         self._calibration = Calibration()
 
     def fit(self, progress: Progress, *, learn: bool) -> None:

@@ -4,6 +4,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from fewruns.arrays import Generator
 from fewruns.constants import (
     DRIFT_LAG,
     DRIFT_PAIRS,
@@ -56,7 +57,7 @@ class Checks:
         frequent = where_lapses_matter(progress.z, progress.mean, max(self.enough_repeats, 1))
         return choose_repeats(*known, count, expected, frequent, rounds=rounds)
 
-    def draws(self, most: int, generator: np.random.Generator, *, is_last: bool) -> PlainBatch | None:
+    def draws(self, most: int, generator: Generator, *, is_last: bool) -> PlainBatch | None:
         """Draw up to ``most`` points of the law itself; return None if no draws are due.
 
         They are due if the other checks are made (``is_last``), if surrogates do not learn the event, and for

@@ -177,16 +177,10 @@ def anytime_interval(
     goal = reach_of_goal(beta)
     for count in range(2, len(batches) + 1):
         combined = combine(batches[:count])
-        reach = boundary(alpha) * _inflated(combined, alpha)
+        # The coefficient of variation is multiplied by the ratio of Student's quantile to the normal one.
+        student = float(stdtrit(count - 1, 1 - alpha / 2) / ndtri(1 - alpha / 2))
+        reach = boundary(alpha) * (student * combined.error) if combined.probability > 0 else math.inf
         if reach <= goal:
             break
     # The boundary is z c^2 / c_g, and z c_g is the reach of the goal.
     return combined, ends(combined.probability, goal * max(reach / goal, 1.0) ** 2)
-
-
-def _inflated(combined: Combined, alpha: float) -> float:
-    """Return the coefficient of variation times the ratio of Student's quantile to the normal quantile."""
-    if combined.probability <= 0:
-        return math.inf
-    student = float(stdtrit(combined.batches - 1, 1 - alpha / 2) / ndtri(1 - alpha / 2))
-    return student * combined.error

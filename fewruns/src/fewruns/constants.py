@@ -91,9 +91,6 @@ MOST_POOL = 8000
 # pool.
 KERNELS = 200
 
-# Share of a pool that is drawn from the wide distribution, so that no part of the space is left out.
-WIDE_SHARE = 0.2
-
 # Largest rarity of the wide distribution. A standard normal vector exceeds the corresponding radius with
 # probability exp(-REACH) = 9e-27.
 REACH = 60.0
@@ -105,7 +102,8 @@ SMALLEST_SPREAD = 0.1
 # ---- the sample of the second phase
 
 # Defensive share of the runs, as protection against errors of the surrogate; and this share if the interval
-# is narrow enough and only the certificate is not yet met.
+# is narrow enough and only the certificate is not yet met. The first one is also the share of a pool that is
+# drawn from the wide distribution, so that no part of the space is left out.
 DEFENCE, DEFENCE_ALONE = 0.2, 0.9
 
 # Share of the defensive runs that is spread evenly over the pool, most of which surrounds the event. The
@@ -138,10 +136,8 @@ KEPT = 100
 
 # ---- the calibration of the surrogates
 
-# Prior standard deviation of the logarithm of a slope, and bounds of this logarithm, which are at least four
-# standard deviations from 0.
+# Prior standard deviation of the logarithm of a slope. The logarithm is at least -4 and at most 5 of them.
 SLOPE_SPREAD = 0.3
-LOG_SLOPE_BOUNDS = (-1.2, 1.5)
 
 # Largest weight of the second surrogate in the mixture of the two predictions. If there is a predecessor,
 # this is also the largest weight of the first surrogate.
@@ -234,9 +230,6 @@ LOG_DIRECTION_BOUNDS = ((-4.0, 1.0), (-1.0, 1.5), (-4.0, 0.5))
 # best is used.
 FIRST_NOISE, STARTS = 0.3, (0.05, 0.2, 0.5)
 
-# Largest number of steps of the optimisation of the directions.
-DIRECTION_STEPS = 40
-
 # Share of a pool that is drawn from the wide distribution of all normal scores.
 WHOLE_SHARE = 0.15
 
@@ -272,8 +265,8 @@ JITTER = 1e-6
 # steps could overshoot.
 DAMPING = 0.6
 
-# Largest number of steps of expectation propagation.
-SWEEPS = 40
+# Largest number of steps of expectation propagation, and of the optimisation of the directions.
+MOST_STEPS = 40
 
 # Expectation propagation ends when a step changes the log evidence by less than this value. The second value
 # is used while lengths and amplitude are optimised, where a larger error has no consequence.

@@ -7,30 +7,29 @@ directions are compared with single inputs, with a cost for the number of parame
 """
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Self
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.linalg.lapack import dpotrf, dpotri, dpotrs
 from scipy.optimize import minimize
 
 from fewruns.arrays import Array, Flags
 from fewruns.constants import (
     AMPLITUDE_SPREAD,
     COST,
-    DIRECTION_STEPS,
     FIRST_NOISE,
     LOG_DIRECTION_BOUNDS,
     MOST_DIRECTIONS,
     MOST_RUNS,
+    MOST_STEPS,
     NOISE,
     OUTWARD,
     OUTWARD_SPREAD,
     STARTS,
 )
 from fewruns.gaussian_process import covariance_of_runs, negative_log_posterior, thinned
-from fewruns.graded import graded
+from fewruns.graded import evidence_of, graded
 from fewruns.pools import outward
 
 # Prior mean and standard deviation of three logarithms: inverse length outward, amplitude and noise.
@@ -108,10 +107,9 @@ class _Regression:
             value, gradient, _ = self.posterior(model.at(vector), free)
             return value, gradient
 
-        steps = {"maxiter": DIRECTION_STEPS}
+        steps = {"maxiter": MOST_STEPS}
         found = minimize(loss, model.vector, method="L-BFGS-B", jac=True, bounds=bounds, options=steps)
-        best = model.at(found.x)
-        return _Model(best.directions, best.others, float(found.fun) + model.cost)
+        return replace(model.at(found.x), loss=float(found.fun) + model.cost)
 
     def grown(self, model: _Model, *, single: bool) -> _Model:
         """Return a model with one to `MOST_DIRECTIONS` columns, as long as each reduces the loss."""
@@ -137,11 +135,7 @@ class _Regression:
         scale, (variance, noise) = math.exp(others[0]), np.exp(2 * others[1:])
         points = np.column_stack([self._z @ along, self._outward * scale])
         covariance, slope = covariance_of_runs(points, variance, with_slope=True)
-        factor, _ = dpotrf(covariance + noise * np.eye(len(points)), lower=1, clean=1)
-        weights = dpotrs(factor, self._outcome, lower=1)[0]
-        evidence = -0.5 * self._outcome @ weights - np.log(np.diag(factor)).sum()
-        half = np.tril(dpotri(factor, lower=1)[0])
-        outer = 0.5 * (np.outer(weights, weights) - half - np.tril(half, -1).T)
+        evidence, outer = evidence_of(covariance, self._outcome, noise)
         by_square = -0.5 * variance * slope * outer  # derivative with respect to the squared distances
         growth = _sum_over_pairs(self._z, by_square)
         by_outward = 2 * scale**2 * _sum_over_pairs(self._outward[:, None], by_square).item()

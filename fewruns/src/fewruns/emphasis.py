@@ -6,42 +6,33 @@ and averaged over the laws, it is smallest for pi proportional to w e sqrt(mean 
 """
 
 from dataclasses import dataclass
-from typing import Protocol, Self
 
 import numpy as np
 from scipy.spatial import cKDTree
 
-from fewruns.arrays import Array, Indices
+from fewruns.arrays import Array, Function, Indices
 
 POINTS = 150  # largest number of points at which the emphasis is evaluated
 FEW_LAWS = 20  # number of laws that represent all laws, because the emphasis need not be exact
 SMALLEST = 1e-3  # share of the mean probability below which no more runs are made for a less probable law
 
 
-class Laws(Protocol):
-    """Laws with density ratios; see `SeveralLaws`."""
+def representative(probabilities: Array) -> tuple[Indices, Array]:
+    """Return the laws that represent all K laws, shape (k,), and their probabilities over the mean, (k,).
 
-    def ratios(self, z: Array) -> Array:
-        """Return f_k / f_sampled at normal scores z, shape (n, d), as an array of shape (K, n)."""
-
-    def only(self, chosen: Indices) -> "Laws":
-        """Return the laws with the given indices."""
+    They are chosen at equal steps of the rank of their probabilities, shape (K,).
+    """
+    steps = (np.arange(FEW_LAWS) + 0.5) / FEW_LAWS * probabilities.size
+    chosen = np.argsort(probabilities)[steps.astype(int)]
+    return chosen, np.maximum(probabilities[chosen] / probabilities.mean(), SMALLEST)
 
 
 @dataclass(frozen=True)
 class Emphasis:
     """Factor of the inclusion probabilities, as a function of the normal scores."""
 
-    few: Laws  # laws that represent all, chosen at equal steps of the rank of their probabilities
+    ratios: Function  # f_k / f_sampled of the k laws that represent all, at n points, shape (k, n)
     probabilities: Array  # of the event under each of these laws, divided by the mean over all laws
-
-    @classmethod
-    def of(cls, laws: Laws, probabilities: Array) -> Self:
-        """Return the factor that follows from estimated probabilities under all K laws, shape (K,)."""
-        size = probabilities.size
-        chosen = np.argsort(probabilities)[((np.arange(FEW_LAWS) + 0.5) / FEW_LAWS * size).astype(int)]
-        relative = np.maximum(probabilities[chosen] / probabilities.mean(), SMALLEST)
-        return cls(laws.only(chosen), relative)
 
     def __call__(self, z: Array) -> Array:
         """Return the emphasis at z, shape (n, d), or at the nearest of `POINTS` points; shape (n,)."""
@@ -49,5 +40,5 @@ class Emphasis:
             few = z[np.linspace(0, len(z) - 1, POINTS).astype(int)]
             return self(few)[cKDTree(few).query(z)[1]]
         with np.errstate(divide="ignore", invalid="ignore"):  # points so far out that a density underflows
-            emphasis = np.sqrt(np.mean((self.few.ratios(z) / self.probabilities[:, None]) ** 2, axis=0))
+            emphasis = np.sqrt(np.mean((self.ratios(z) / self.probabilities[:, None]) ** 2, axis=0))
         return np.where(np.isfinite(emphasis), emphasis, 1.0)

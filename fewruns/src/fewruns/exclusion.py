@@ -1,7 +1,7 @@
 """What other parts of the event the runs of a sampler exclude, and the runs that exclude more of them.
 
 The certificate says what has to be excluded. It is stated by the user, or a cover by default. The cover
-itself and its clearances (`clearance`) take long, so each is computed once for each state of the runs.
+itself and its clearances (`cover`) take long, so each is computed once for each state of the runs.
 """
 
 from dataclasses import dataclass
@@ -9,18 +9,10 @@ from functools import cached_property
 
 import numpy as np
 
-from fewruns.arrays import Array
+from fewruns.arrays import Array, Generator
 from fewruns.certificate import Certificate, Unseen, bound_of_any_set, look_beyond
-from fewruns.clearance import points_in_open_balls
-from fewruns.constants import (
-    AGREEMENT,
-    COVERED,
-    FEW,
-    LONGEST,
-    LONGEST_SHARE,
-    MOST_INPUTS,
-)
-from fewruns.cover import Cover
+from fewruns.constants import AGREEMENT, COVERED, FEW, LONGEST, LONGEST_SHARE, MOST_INPUTS
+from fewruns.cover import Cover, points_in_open_balls
 from fewruns.graded import say_more
 from fewruns.progress import Progress
 from fewruns.statements import point_the_wrong_way
@@ -122,7 +114,7 @@ class Exclusion:
             return False
         return self.progress.reaches_prediction(AGREEMENT)
 
-    def runs(self, generator: np.random.Generator) -> Array:
+    def runs(self, generator: Generator) -> Array:
         """Return up to ``most`` runs, shape (m, d), that exclude other parts; none if none are needed.
 
         The required certificate is a cover. Late runs only complete the cover. Pending runs are expected to
@@ -162,10 +154,7 @@ class Exclusion:
     def _in_open_balls(self, unknown: Array) -> Array:
         """Return points in open balls, shape (m, d), after runs of which some have no outcome, (k, d)."""
         progress, required = self.progress, self.stated or Cover.by_default(self.dimension)
-        known = progress.z, progress.happened, progress.score, self._centres
+        centres = progress.z[:0] if progress.centres is None else progress.centres
+        known = progress.z, progress.happened, progress.score, centres
         asked = required.share * self._mean, 1 / required.curvature
         return points_in_open_balls(self.most, *known, *asked, unknown)
-
-    @property
-    def _centres(self) -> Array:
-        return self.progress.z[:0] if self.progress.centres is None else self.progress.centres

@@ -30,11 +30,11 @@ from fewruns.constants import (
     LOG_AMPLITUDE_BOUNDS,
     LOG_LENGTH_BOUNDS,
     MOST_RUNS,
+    MOST_STEPS,
     OUTWARD,
     OUTWARD_SPREAD,
     ROUGHLY_SETTLED,
     SETTLED,
-    SWEEPS,
     SYSTEM_LENGTH,
     UNUSED,
 )
@@ -188,9 +188,8 @@ class EventSurrogate:
         lengths = [*[LENGTH * math.sqrt(dimension)] * dimension, UNUSED]
         lengths += [SYSTEM_LENGTH] if predecessor else []
         self.axes = np.eye(dimension)  # directions along which the lengths are measured, as columns
-        self.theta = np.log(
-            [*lengths, amplitude]
-        )  # of the lengths, then those of the distance and of the systems, and of the amplitude
+        # Logarithms of the lengths, of those of the distance and of the systems, and of the amplitude.
+        self.theta = np.log([*lengths, amplitude])
         # Precision, and precision times mean, of the Gaussian factor that approximates the likelihood of each
         # flag, those of the predecessor first.
         self.sites = np.empty((2, 0))
@@ -258,7 +257,7 @@ class EventSurrogate:
     ) -> tuple[float, Array, Array, Array]:
         """Return log evidence, Cholesky factor of I + S^1/2 K S^1/2, root of S, and weights K^-1 mean."""
         (precision, shift), previous = self.sites[:, self._kept], math.inf
-        for _ in range(SWEEPS):
+        for _ in range(MOST_STEPS):
             root = np.sqrt(precision)
             factor, _ = dpotrf(_scaled_on_both_sides(covariance, root), lower=1, clean=1, overwrite_a=1)
             inverse = dtrtri(factor, lower=1)[0]

@@ -55,6 +55,20 @@ def end_of_events(outcome: Array, happened: Flags) -> float:
     return float(outcome[happened].max() + outcome[~happened].min()) / 2
 
 
+def solve(covariance: Array, outcome: Array, noise_variance: float) -> tuple[Array, Array]:
+    """Return the Cholesky factor of the covariance with noise, and its inverse times the outcomes."""
+    factor, _ = dpotrf(covariance + noise_variance * np.eye(len(covariance)), lower=1, clean=1)
+    return factor, dpotrs(factor, outcome, lower=1)[0]
+
+
+def evidence_of(covariance: Array, outcome: Array, noise_variance: float) -> tuple[float, Array]:
+    """Return the log evidence of n outcomes, and its derivative by the covariance matrix, shape (n, n)."""
+    factor, weights = solve(covariance, outcome, noise_variance)
+    half = np.tril(dpotri(factor, lower=1)[0])
+    outer = 0.5 * (np.outer(weights, weights) - (half + np.tril(half, -1).T))
+    return -0.5 * outcome @ weights - np.log(np.diag(factor)).sum(), outer
+
+
 class GradedSurrogate:
     """Gaussian process regression of the graded outcome, with the covariance of `covariance_between`."""
 
@@ -77,15 +91,12 @@ class GradedSurrogate:
         self._runs = self._z / np.exp(self.theta[:-2])
         self._variance, noise_variance = np.exp(2 * self.theta[-2:])
         covariance, _ = covariance_of_runs(self._runs, self._variance)
-        self._factor, self._weights = self._solve(covariance, self._outcome, noise_variance)
-
-    def mean(self, z: Array) -> Array:
-        """Return the mean outcome at z, shape (m, d), which takes less time than `expect`."""
-        return self._covariance(z) @ self._weights
+        self._factor, self._weights = solve(covariance, self._outcome, noise_variance)
 
     def expect(self, z: Array) -> tuple[Array, Array]:
         """Return mean and standard deviation, without noise, of the outcome at z, shape (m, d)."""
-        covariance = self._covariance(z)
+        points = with_distance(z) / np.exp(self.theta[:-2])
+        covariance, _ = covariance_between(points, self._runs, self._variance)
         mean = covariance @ self._weights
         # The transpose has the column order of LAPACK, so it is not copied.
         scaled = dtrtrs(self._factor, covariance.T, lower=1, overwrite_b=1)[0]
@@ -108,26 +119,12 @@ class GradedSurrogate:
         deviation = np.sqrt(np.maximum(1 / precision - math.exp(2 * self.theta[-1]), LEAST_VARIANCE))
         return ndtr((below - self._outcome + self._weights / precision) / deviation)
 
-    def _covariance(self, z: Array) -> Array:
-        """Return the covariances between points z, shape (m, d), and the runs."""
-        points = with_distance(z) / np.exp(self.theta[:-2])
-        return covariance_between(points, self._runs, self._variance)[0]
-
-    def _solve(self, covariance: Array, outcome: Array, noise_variance: float) -> tuple[Array, Array]:
-        """Return the Cholesky factor of the covariance with noise, and its inverse times the outcomes."""
-        factor, _ = dpotrf(covariance + noise_variance * np.eye(len(covariance)), lower=1, clean=1)
-        return factor, dpotrs(factor, outcome, lower=1)[0]
-
     def _loss(self, theta: Array, z: Array, outcome: Array, centre: Array) -> tuple[float, Array]:
         """Return the negative log posterior density of the log parameters, and its gradient."""
         variance, noise_variance = np.exp(2 * theta[-2:])
         runs = z / np.exp(theta[:-2])
         covariance, slope = covariance_of_runs(runs, variance, with_slope=True)
-        factor, weights = self._solve(covariance, outcome, noise_variance)
-        evidence = -0.5 * outcome @ weights - np.log(np.diag(factor)).sum()
-        half = np.tril(dpotri(factor, lower=1)[0])
-        inverse = half + np.tril(half, -1).T
-        outer = 0.5 * (np.outer(weights, weights) - inverse)
+        evidence, outer = evidence_of(covariance, outcome, noise_variance)
         gradient = evidence_gradient(runs, covariance, slope, outer, variance)
         gradient = np.append(gradient, 2 * noise_variance * np.trace(outer))
         return negative_log_posterior(evidence, gradient, (theta - centre) / self._scale, self._scale)

@@ -8,13 +8,14 @@ directions that were not learnt.
 import math
 from collections.abc import Callable
 from dataclasses import dataclass
+from functools import partial
 
 import numpy as np
 from scipy.special import chdtr, chdtrc, chdtri, gammaincinv, ndtr, ndtri_exp
 
-from fewruns.arrays import Array
-from fewruns.constants import ALONG, DEFENCE, EVEN, LEAST_SINGULAR, REACH, WHOLE_SHARE, WIDE_SHARE
-from fewruns.wide_laws import KernelMixture, WideLaw, draw_wide, log_normal_to_wide, rarity
+from fewruns.arrays import Array, Function, Generator
+from fewruns.constants import ALONG, DEFENCE, EVEN, LEAST_SINGULAR, REACH, WHOLE_SHARE
+from fewruns.wide_laws import KernelMixture, draw_wide, log_normal_to_wide, rarity
 
 OUTERMOST = 37.0  # largest normal score; tail probabilities beyond it underflow
 
@@ -29,7 +30,7 @@ class WholeSpace:
         """Return the coordinates in which points are searched: here the points z, (n, d), themselves."""
         return z
 
-    def draw(self, coordinates: Array, generator: np.random.Generator) -> Array:
+    def draw(self, coordinates: Array, generator: Generator) -> Array:
         """Return the points with given coordinates, shape (n, d), which are the coordinates themselves."""
         return coordinates
 
@@ -55,7 +56,7 @@ class Subspace:
         square = np.maximum((z * z).sum(1) - (along * along).sum(1), 0.0)
         return np.column_stack([along, outward(square, self._across)])
 
-    def draw(self, coordinates: Array, generator: np.random.Generator) -> Array:
+    def draw(self, coordinates: Array, generator: Generator) -> Array:
         """Draw points, shape (n, d), with given coordinates and uniform directions across the axes."""
         across = generator.normal(size=(len(coordinates), len(self.axes)))
         across -= (across @ self.axes) @ self.axes.T
@@ -143,38 +144,29 @@ class SubspacePool(Pool):
 
 
 def draw_pool(
-    space: Space,
-    centres: Array | None,
-    size: int,
-    believed: Callable[[Array], Array],
-    generator: np.random.Generator,
+    space: Space, centres: Array | None, size: int, believed: Function, generator: Generator
 ) -> Pool:
-    """Return a pool from kernels around centres, shape (k, d) or None, and the wide distribution."""
-    law: WideLaw | KernelMixture = WideLaw(space.dimension)
+    """Return a pool from kernels around centres, shape (k, d) or None, and the wide distribution.
+
+    In a subspace, the share `WHOLE_SHARE` of the points is drawn from the wide distribution of all scores.
+    """
+    draw: Callable[..., Array] = partial(draw_wide, dimension=space.dimension)
+    log_ratio: Function = log_normal_to_wide
     if centres is not None:
-        law = KernelMixture.about(space.coordinates(centres), WIDE_SHARE)
-    if isinstance(space, Subspace):
-        return _draw_in_subspace(space, law, size, believed, generator)
-    z = law.draw(size, generator)
-    log_weight = law.log_normal_ratio(z)
-    wide = np.exp(log_weight - log_normal_to_wide(z))
-    return Pool(z, np.exp(log_weight), believed(z), wide, rarity(z))
-
-
-def _draw_in_subspace(
-    space: Subspace,
-    law: WideLaw | KernelMixture,
-    size: int,
-    believed: Callable[[Array], Array],
-    generator: np.random.Generator,
-) -> SubspacePool:
+        law = KernelMixture.about(space.coordinates(centres), DEFENCE)
+        draw, log_ratio = law.draw, law.log_normal_ratio
+    if isinstance(space, WholeSpace):
+        z = draw(size, generator=generator)
+        log_weight = log_ratio(z)
+        wide = np.exp(log_weight - log_normal_to_wide(z))
+        return Pool(z, np.exp(log_weight), believed(z), wide, rarity(z))
     whole = int(WHOLE_SHARE * size)
     share = whole / size
     z = draw_wide(whole, len(space.axes), generator)
-    coordinates = law.draw(size - whole, generator)
+    coordinates = draw(size - whole, generator=generator)
     z = np.vstack([z, space.draw(coordinates, generator)])
     coordinates = np.vstack([space.coordinates(z[:whole]), coordinates])
-    by_whole, by_law = log_normal_to_wide(z), law.log_normal_ratio(coordinates)
+    by_whole, by_law = log_normal_to_wide(z), log_ratio(coordinates)
     log_weight = -np.logaddexp(math.log(share) - by_whole, math.log1p(-share) - by_law)
     weight, probability = np.exp(log_weight), believed(z)
     wide, wide_along = (np.exp(log_weight - by) for by in (by_whole, log_normal_to_wide(coordinates)))

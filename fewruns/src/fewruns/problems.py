@@ -222,17 +222,13 @@ class Predecessor:
 
     def check(self, dimension: int) -> None:
         """Raise InputError if the runs cannot be used for a problem with ``dimension`` normal scores."""
-        seen = expected = ""
-        if dimension > FEW:
-            seen, expected = f"{dimension} inputs", f"at most {FEW}"
-        elif self.z.shape != (len(self.happened), dimension):
-            seen, expected = f"points of the shape {self.z.shape}", f"{(len(self.happened), dimension)}"
-        elif self.happened.dtype != bool:
-            seen, expected = f"flags of the type {self.happened.dtype}", "booleans"
-        elif not np.isfinite(self.z).all():
-            seen, expected = "points that are not finite", "finite normal scores"
-        elif not self.happened.any():
-            seen, expected = "no event in its runs", "at least one"
-        if seen:
-            change = "Leave the predecessor out, or name other runs."
-            raise InputError("predecessor", seen=seen, expected=expected, change=change)
+        shape, change = (len(self.happened), dimension), "Leave the predecessor out, or name other runs."
+        for fits, seen, expected in (
+            (dimension <= FEW, f"{dimension} inputs", f"at most {FEW}"),
+            (self.z.shape == shape, f"points of the shape {self.z.shape}", f"{shape}"),
+            (self.happened.dtype == bool, f"flags of the type {self.happened.dtype}", "booleans"),
+            (np.isfinite(self.z).all(), "points that are not finite", "finite normal scores"),
+            (self.happened.any(), "no event in its runs", "at least one"),
+        ):
+            if not fits:
+                raise InputError("predecessor", seen=seen, expected=expected, change=change)

@@ -26,11 +26,6 @@ class LawDraws:
     z: Annotated[Array, "draws", "dimension"]
     happened: Annotated[Flags, "draws"]
 
-    @classmethod
-    def none(cls, dimension: int) -> "LawDraws":
-        """Return an empty set of draws in ``dimension`` normal scores."""
-        return cls(np.empty((0, dimension)), np.empty(0, bool))
-
     def __len__(self) -> int:
         """Return the number of draws."""
         return len(self.happened)
@@ -129,9 +124,8 @@ class Progress:
     chance: bool = False  # whether an outcome may be random
     # Number of estimates when the verdict whether most outcomes are random last changed; they are not used.
     chance_since: int = 0
-    sizes: Annotated[Indices, "sizes"] = field(
-        default_factory=lambda: np.empty(0, np.int64)
-    )  # of the batches
+    # Numbers of runs of the batches.
+    sizes: Annotated[Indices, "sizes"] = field(default_factory=lambda: np.empty(0, np.int64))
     narrow_at: int | None = None  # number of runs when the interval last became narrow; None if it is not
     # The requested batches that are not complete, in their order. They become runs in this order.
     asked: list[Asked] = field(default_factory=list)
@@ -145,8 +139,8 @@ class Progress:
     @classmethod
     def start(cls, dimension: int) -> Self:
         """Return the progress of a sampler without any run."""
-        nothing = np.empty((0, dimension)), np.empty(0, bool), np.empty(0)
-        return cls(*nothing, LawDraws.none(dimension), LawDraws.none(dimension), nothing[0])
+        nothing = np.empty((0, dimension)), np.empty(0, bool)
+        return cls(*nothing, np.empty(0), LawDraws(*nothing), LawDraws(*nothing), nothing[0])
 
     @property
     def simulations(self) -> int:
@@ -199,16 +193,8 @@ class Progress:
         """Return the progress without some runs, for surrogates that are fitted to the others."""
         kept = np.setdiff1d(np.arange(len(self.z)), left_out)
         foreseen = kept[kept >= len(self.z) - len(self.foreseen)] - len(self.z)
-        return Progress(
-            self.z[kept],
-            self.happened[kept],
-            self.score[kept],
-            self.law_draws,
-            self.plain,
-            self.failed,
-            estimates=self.estimates,
-            foreseen=self.foreseen[foreseen],
-        )
+        others = {name: getattr(self, name)[kept] for name in ("z", "happened", "score")}
+        return replace(self, **others, foreseen=self.foreseen[foreseen])
 
     # ---- the batches of the estimate
 
@@ -225,9 +211,7 @@ class Progress:
     @property
     def stored(self) -> list[tuple[BatchEstimate, TwoPhaseBatch]]:
         """The consistent batches whose runs are stored, with their estimates."""
-        number = min(len(self.consistent), len(self.batches))
-        first = len(self.batches) - number
-        return list(zip(self.consistent[len(self.consistent) - number :], self.batches[first:], strict=True))
+        return [*zip(reversed(self.consistent), reversed(self.batches), strict=False)][::-1]
 
     @property
     def mean(self) -> float:

@@ -9,15 +9,7 @@ from scipy.spatial.distance import cdist
 from scipy.special import bdtr
 
 from fewruns.arrays import Array, Flags, Indices
-from fewruns.constants import (
-    DRIFT,
-    DRIFT_PAIRS,
-    FREQUENT_SHARE,
-    LARGEST,
-    OFTEN,
-    SAME_SCORE,
-    UNSEEN_ALPHA,
-)
+from fewruns.constants import DRIFT, DRIFT_PAIRS, FREQUENT_SHARE, LARGEST, OFTEN, SAME_SCORE, UNSEEN_ALPHA
 from fewruns.wide_laws import rarity
 
 

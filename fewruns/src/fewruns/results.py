@@ -18,14 +18,7 @@ from fewruns.wide_laws import bound_without_event
 ROUNDING = 1e-12  # relative tolerance
 
 
-def estimate(
-    progress: Progress,
-    batch_size: int,
-    stopping: Stopping,
-    exclusion: Exclusion,
-    *,
-    converged: bool,
-) -> Estimate:
+def estimate(exclusion: Exclusion, batch_size: int, stopping: Stopping, *, converged: bool) -> Estimate:
     """Return the estimated probability of the event, from the batches since the surrogate became usable.
 
     Without an event the estimate is 0, and the upper end of the interval is the bound for an event that no
@@ -33,8 +26,8 @@ def estimate(
     or if the events are counted, the estimate is the share of events in the draws of the law itself, with its
     interval. The estimate is then NaN if no draw is an event, and the interval is [0, 1] without draws.
     """
-    events, (combined, ends) = int(np.count_nonzero(progress.happened)), combined_estimate(progress, stopping)
-    draws, by_draws = progress.law_draws, progress.is_counted
+    progress, (combined, ends) = exclusion.progress, combined_estimate(exclusion.progress, stopping)
+    draws, by_draws, events = progress.law_draws, progress.is_counted, np.count_nonzero(progress.happened)
     if by_draws:
         probability, interval = draws.share, draws.interval(stopping.alpha)
     elif combined is not None:
@@ -60,9 +53,9 @@ def estimate(
         alpha=stopping.alpha,
         learning=progress.simulations - estimating,
         estimating=estimating,
-        events=draws.events if by_draws else events,
+        events=draws.events if by_draws else int(events),
         converged=converged,
-        diagnostics=_diagnostics(progress, combined, exclusion),
+        diagnostics=_diagnostics(exclusion, combined),
         tables={"runs": tabulate_runs(progress, batch_size)},
     )
 
@@ -151,9 +144,9 @@ def tabulate_runs(progress: Progress, batch_size: int) -> NDArray[np.void]:
     return table
 
 
-def _diagnostics(progress: Progress, combined: Combined | None, exclusion: Exclusion) -> dict[str, float]:
+def _diagnostics(exclusion: Exclusion, combined: Combined | None) -> dict[str, float]:
     """Return relative errors (NaN without an estimate), health of the weights, and unobserved parts."""
-    errors, probability = np.full(2, math.nan), 0.0
+    progress, errors, probability = exclusion.progress, np.full(2, math.nan), 0.0
     if combined is not None:
         probability = combined.probability
         errors = np.sqrt([combined.observed_variance, combined.predicted_variance]) / probability

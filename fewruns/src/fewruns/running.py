@@ -171,8 +171,7 @@ def estimate(
             raise InputError(name, seen="an unknown argument", expected=expected, change=change)
     expected = "a text that identifies the function and its inputs, because a state is saved"
     change = "State one, such as fingerprint='overload, normal inputs', and change it with the function."
-    is_known = bool(state_file is None or fingerprint)
-    require("fingerprint", fingerprint, expected, fits=is_known, change=change)
+    require("fingerprint", fingerprint, expected, fits=bool(state_file is None or fingerprint), change=change)
     problem = SystemProblem(partial(_answer, function), dimension, marginals, fingerprint, deterministic)
     return estimate_problem(problem, source, stopping, state_file, on_batch, **settings)
 

@@ -11,9 +11,7 @@ of parts that were missed is bounded (`certificate`). Before these batches, a se
 (`second_phase`). method.md derives the method, and README.md explains its use.
 """
 
-from collections.abc import Callable
 from dataclasses import replace
-from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -21,7 +19,7 @@ from threadpoolctl import ThreadpoolController
 
 from fewruns import results, wording
 from fewruns.arguments import check_settings, is_whole, outcomes
-from fewruns.arrays import Array, Flags, Indices
+from fewruns.arrays import Array, Flags, Function, Indices
 from fewruns.belief import Belief
 from fewruns.certificate import BY_DEFAULT, Certificate
 from fewruns.checks import Checks
@@ -152,7 +150,7 @@ class Sampler:
         self.progress.chance = deterministic is False
         self.generator = generator
         self.numbers = np.empty(0, np.int64)
-        self.emphasis: Callable[[Array], Array] | None = None
+        self.emphasis: Function | None = None
         self.belief = Belief(WholeSpace(dimension), predecessor)
         self._known: tuple[object, Exclusion] | None = None  # the last exclusion, and for which runs it is
         # Number of the first runs, their largest rarity, and the step of rarity with one run of the search.
@@ -266,15 +264,15 @@ class Sampler:
                 # Kernels are needed around the events of a part that the last pool did not contain.
                 progress.centres = np.vstack([progress.centres, batch.z[happened & (batch.weight == 0)]])
             return
-        events = self.belief.space.coordinates(batch.z[happened])
-        rarest = min(rarity(events).min(initial=REACH), progress.rarest)
         if batch.phase == PLAIN:
             progress.plain = progress.plain.extended(batch.z, happened)
         elif batch.phase == WIDE:
             progress.wide_draws = np.vstack([progress.wide_draws, [len(batch.z), 0.0, self._first[1]]])
         else:
             progress.searched += len(batch.z) / self._search.reach
-        progress.rarest = rarest  # only now, because the batch was drawn up to the earlier reach
+        # Only now, because the batch was drawn up to the earlier reach.
+        events = self.belief.space.coordinates(batch.z[happened])
+        progress.rarest = min(rarity(events).min(initial=REACH), progress.rarest)
 
     def _take_repeats(self, batch: RepeatBatch, happened: Flags, score: Array) -> None:
         """Compare repetitions with their runs; a difference shows that outcomes may be random."""
@@ -360,15 +358,14 @@ class Sampler:
         The diagnostics ``unseen_mode`` and ``unseen_any`` bound the probability of unobserved parts
         (`Certificate`).
         """
-        progress, exclusion, checks = self.progress, self._exclusion, self._checks
-        converged = self.has_converged(stopping)
-        found = results.estimate(progress, self.batch_size, stopping, exclusion, converged=converged)
-        words: dict[str, Any] = {
-            "reason": wording.reason(progress, stopping, exclusion, checks, is_settled=self.is_settled()),
-            "excluded": wording.excluded(progress, exclusion, checks, found.probability),
-            "warning": wording.warning(progress, exclusion),
-        }
-        return results.with_lapses(replace(found, **words), progress, stopping)
+        exclusion, checks, converged = self._exclusion, self._checks, self.has_converged(stopping)
+        found = results.estimate(exclusion, self.batch_size, stopping, converged=converged)
+        return replace(
+            results.with_lapses(found, self.progress, stopping),
+            reason=wording.reason(exclusion, checks, stopping, is_settled=self.is_settled()),
+            excluded=wording.excluded(exclusion, checks, found.probability),
+            warning=wording.warning(exclusion),
+        )
 
     @property
     def _exclusion(self) -> Exclusion:

@@ -4,7 +4,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from fewruns.arrays import Array, Flags
+from fewruns.arrays import Array, Flags, Generator
 from fewruns.constants import BEYOND, CANDIDATES, IN_VAIN, PATIENCE, REACH, SEARCHED
 from fewruns.gaussian_process import EventSurrogate
 from fewruns.graded import GradedSurrogate, end_of_events, graded
@@ -34,7 +34,7 @@ class Search:
         """Rarity up to which the search extends: that of the most probable known event plus `BEYOND`."""
         return min(self.progress.rarest + BEYOND, REACH)
 
-    def batch(self, most: int, generator: np.random.Generator) -> PlainBatch:
+    def batch(self, most: int, generator: Generator) -> PlainBatch:
         """Choose up to ``most`` runs for the next batch; in a search in vain, some are draws of the law."""
         progress, n, turn = self.progress, min(most, SEARCHED), self._turn(self.progress.searched)
         in_vain = not progress.happened.any() and progress.searched >= PATIENCE
@@ -44,7 +44,7 @@ class Search:
         z = draw_approach(n, self.reach, *known, generator, in_vain=in_vain, in_bulk=turn == 2)
         return PlainBatch(self.space.draw(z, generator), SEARCH)
 
-    def unguided_batch(self, n: int, reach: float, generator: np.random.Generator) -> PlainBatch:
+    def unguided_batch(self, n: int, reach: float, generator: Generator) -> PlainBatch:
         """Draw n runs while all outcomes are equal: wide draws up to a rarity, or draws of the law."""
         dimension = self.progress.z.shape[1]
         if self._turn(len(self.progress.z) / REACH) == 1:
@@ -76,7 +76,7 @@ def draw_approach(
     z: Array,
     happened: Flags,
     score: Array,
-    generator: np.random.Generator,
+    generator: Generator,
     *,
     in_vain: bool = False,
     in_bulk: bool = False,

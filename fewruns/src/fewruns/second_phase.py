@@ -1,21 +1,12 @@
 """The second phase of a sampler, in which each batch gives an estimate: the design of a batch."""
 
-from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
 
-from fewruns.arrays import Array
+from fewruns.arrays import Array, Function, Generator
 from fewruns.belief import Belief
-from fewruns.constants import (
-    CORE,
-    FRINGE_WEIGHT,
-    KERNELS,
-    MOST_POOL,
-    NOISY_FRINGE_WEIGHT,
-    POOL,
-    POOL_PER_RUN,
-)
+from fewruns.constants import CORE, FRINGE_WEIGHT, KERNELS, MOST_POOL, NOISY_FRINGE_WEIGHT, POOL, POOL_PER_RUN
 from fewruns.pools import Defence, Pool, draw_pool
 from fewruns.progress import Progress
 from fewruns.two_phase import Prediction, TwoPhaseBatch, draw_batch, expect, predict
@@ -31,8 +22,8 @@ class SecondPhase:
     runs: int  # number n of runs of the batch
     defence: Defence
     # Factor for the inclusion probabilities at points, as in `Sampler`.
-    emphasis: Callable[[Array], Array] | None
-    generator: np.random.Generator
+    emphasis: Function | None
+    generator: Generator
 
     def batch(self, cover: Array, known: Belief) -> tuple[TwoPhaseBatch, Array | None]:
         """Draw a pool, choose runs from it, and return them as a batch, with the centres of the pool.
@@ -78,8 +69,7 @@ class SecondPhase:
 
     def _pool(self, centres: Array | None, size: int) -> Pool:
         """Draw a pool around centres, shape (k, d), with the surrogate's predicted probabilities."""
-        belief = self.belief
-        return draw_pool(belief.space, centres, size, belief.probability, self.generator)
+        return draw_pool(self.belief.space, centres, size, self.belief.probability, self.generator)
 
     @property
     def _pool_size(self) -> int:

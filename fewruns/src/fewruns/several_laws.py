@@ -13,7 +13,7 @@ import numpy as np
 
 from fewruns.arrays import Array, Flags, Indices
 from fewruns.crossfit import Control, cross_fitted
-from fewruns.emphasis import Emphasis
+from fewruns.emphasis import Emphasis, representative
 from fewruns.errors import InputError
 from fewruns.progress import LawDraws, Progress
 from fewruns.sampler import Sampler
@@ -137,10 +137,7 @@ class SeveralLaws:
         return SeveralLaws(lambda x: self._log_ratios(x)[chosen], self._to_points)
 
     def estimate(
-        self,
-        sampler: Sampler,
-        happened: Array | None = None,
-        controls: Sequence[Control] | None = None,
+        self, sampler: Sampler, happened: Array | None = None, controls: Sequence[Control] | None = None
     ) -> LawEstimates | None:
         """Return the estimates of the probability of an event under each law; None if there are none yet.
 
@@ -170,16 +167,16 @@ class SeveralLaws:
         importance /= importance.sum()
         last = np.cumsum([len(batch.z) for batch in batches])
         flags: list[Array] = np.split(known[len(known) - last[-1] :], last[:-1])
-        found, parts = [], []
+        parts: list[Part] = []
+        # What `reweight` returns for the sampled event is computed once for each batch.
+        found = self._estimates if happened is None and controls is None else {}
         for place, (weight, batch) in enumerate(zip(importance, batches, strict=True)):
-            number = first + place
-            if happened is None and controls is None:
-                found.append(self._sampled(number, batch, flags[place]))
-            else:
-                control = Control.own(batch) if controls is None else controls[place]
-                parts.append((weight, batch, self._ratios_of(number, batch), flags[place], control))
-                found.append(reweight(*parts[-1][1:]))
-        estimates, variances, kept, outer, run, size = map(np.array, zip(*found, strict=True))
+            number, control = first + place, Control.own(batch) if controls is None else controls[place]
+            parts.append((weight, batch, self._ratios_of(number, batch), flags[place], control))
+            if number not in found:
+                found[number] = reweight(*parts[-1][1:])
+        results = [found[first + place] for place in range(len(parts))]
+        estimates, variances, kept, outer, run, size = map(np.array, zip(*results, strict=True))
         mean = importance @ estimates
         if not mean.mean() > 0:
             return None
@@ -204,7 +201,8 @@ class SeveralLaws:
 
     def emphasis(self, found: LawEstimates) -> Emphasis:
         """Return the value for `Sampler.emphasis` with which the estimates become equally precise."""
-        return Emphasis.of(self, found.probabilities)
+        chosen, relative = representative(found.probabilities)
+        return Emphasis(self.only(chosen).ratios, relative)
 
     def effective_events(self, progress: Progress) -> Array:
         """Return the effective number of events (sum w)^2 / sum w^2 under each law (Kish 1965)."""
@@ -235,13 +233,6 @@ class SeveralLaws:
         share = weights.max(axis=1) / np.maximum(estimates, TINY)
         errors = relative_errors(estimates, np.sqrt(variances), share, effective_number(weights) >= FEWEST)
         return LawEstimates(estimates, errors, max(int(np.count_nonzero(events)), 2))
-
-    def _sampled(self, number: int, batch: TwoPhaseBatch, happened: Array) -> "Reweighted":
-        """Return the result of `reweight` of a batch for the sampled event, which is computed once."""
-        if number not in self._estimates:
-            ratios = self._ratios_of(number, batch)
-            self._estimates[number] = reweight(batch, ratios, happened, Control.own(batch))
-        return self._estimates[number]
 
     def _ratios_of(self, number: int, batch: TwoPhaseBatch) -> Ratios:
         if number not in self._known:

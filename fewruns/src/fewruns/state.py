@@ -9,6 +9,7 @@ import os
 from collections import ChainMap
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
+from itertools import takewhile
 from pathlib import Path
 from types import MappingProxyType
 from typing import Annotated, Any, get_type_hints
@@ -56,17 +57,16 @@ class State:
     graded_theta: Annotated[Array, "graded lengths"]
 
 
-FIELDS = tuple(State.__dataclass_fields__)
-ARGUMENTS = FIELDS[: FIELDS.index("generator")]
+ARGUMENTS = tuple(takewhile("generator".__ne__, State.__dataclass_fields__))
 
 
 def content_of(sampler: Sampler) -> dict[str, Any]:
     """Return the state of a sampler as dictionaries, lists and numbers, with a version and a checksum."""
-    flags, scores = sampler.belief.flags, sampler.belief.scores
-    learnt = sampler.progress, flags.axes, flags.theta, flags.sites, scores.theta
-    settings = (getattr(sampler, name) for name in ARGUMENTS)
-    values = *settings, sampler.generator.bit_generator.state, *learnt
-    state = encode(State(**dict(zip(FIELDS, values, strict=True))))
+    flags, theta = sampler.belief.flags, sampler.belief.scores.theta
+    values = {name: getattr(sampler, name) for name in (*ARGUMENTS, "progress")}
+    values |= {"axes": flags.axes, "theta": flags.theta, "sites": flags.sites, "graded_theta": theta}
+    values["generator"] = sampler.generator.bit_generator.state
+    state = encode(State(**values))
     return {"format": FORMAT, "version": VERSION, "checksum": checksum([VERSION, state]), "state": state}
 
 

@@ -11,13 +11,12 @@ proportional to w_j sqrt(E (1{event}_j - g_j)^2). method.md derives both results
 """
 
 import math
-from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Annotated, Self
 
 import numpy as np
 
-from fewruns.arrays import Array, Flags, Indices
+from fewruns.arrays import Array, Flags, Function, Generator, Indices
 from fewruns.constants import BEYOND, CONTROLLED, CORE, FLOOR, FRINGE, KEPT, LARGEST, REACH
 from fewruns.pools import Defence, Pool
 
@@ -48,9 +47,7 @@ def draws_of_the_wide_law(wide: Array, inclusion: Array) -> float:
     return float(draws.min() * len(inclusion)) if within.any() else 0.0
 
 
-def draw_systematically(
-    z: Array, importance: Array, inclusion: Array, generator: np.random.Generator
-) -> Indices:
+def draw_systematically(z: Array, importance: Array, inclusion: Array, generator: Generator) -> Indices:
     """Draw points of a pool by systematic sampling with given inclusion probabilities; return their indices.
 
     Along the principal axis of the important points, a point is selected wherever the cumulated probability
@@ -147,11 +144,7 @@ def reach_of(probability: float) -> float:
     return min(BEYOND - math.log(probability), REACH) if probability > 0 else REACH
 
 
-def expect(
-    pool: Pool,
-    fringe_limit: float,
-    emphasis: Callable[[Array], Array] | None = None,
-) -> Expectation:
+def expect(pool: Pool, fringe_limit: float, emphasis: Function | None = None) -> Expectation:
     """Return the surrogate's expectations at the points of a pool.
 
     Runs are sampled preferentially from the core, where the predicted probability is at least `CORE`, and
@@ -190,8 +183,8 @@ def draw_batch(
     prediction: Prediction,
     runs: int,
     defence: Defence,
-    foresee: Callable[[Array], Array],
-    generator: np.random.Generator,
+    foresee: Function,
+    generator: Generator,
 ) -> TwoPhaseBatch:
     """Return a batch of runs that are drawn from a pool by systematic sampling.
 

@@ -8,16 +8,16 @@ import numpy as np
 from scipy.spatial.distance import cdist
 from scipy.special import chdtr, chdtrc, chdtri, gammaincinv, gammaln
 
-from fewruns.arrays import BLOCK, Array
+from fewruns.arrays import BLOCK, Array, Generator
 from fewruns.constants import REACH, SMALLEST_SPREAD
 
 
-def draw_wide(n: int, dimension: int, generator: np.random.Generator, reach: float = REACH) -> Array:
+def draw_wide(n: int, dimension: int, generator: Generator, reach: float = REACH) -> Array:
     """Draw n points, shape (n, d), with uniform directions and uniform rarities up to ``reach``."""
     return draw_at(generator.uniform(0, reach, n), dimension, generator)
 
 
-def draw_at(rarity: Array, dimension: int, generator: np.random.Generator) -> Array:
+def draw_at(rarity: Array, dimension: int, generator: Generator) -> Array:
     """Draw points, shape (n, d), with given rarities, shape (n,), in uniform directions."""
     radius = np.sqrt(chdtri(dimension, np.exp(-rarity)))
     z = generator.normal(size=(len(rarity), dimension))
@@ -43,21 +43,6 @@ def _log_tail(square: Array, dimension: int) -> Array:
         log_tail[tail] = np.log(chdtrc(dimension, square[tail]))
     log_tail[~tail] = np.log1p(-chdtr(dimension, square[~tail]))
     return log_tail
-
-
-@dataclass(frozen=True)
-class WideLaw:
-    """The wide distribution in a given number of dimensions, from which the points of a pool are drawn."""
-
-    dimension: int
-
-    def draw(self, n: int, generator: np.random.Generator) -> Array:
-        """Draw n points from the wide distribution, shape (n, d)."""
-        return draw_wide(n, self.dimension, generator)
-
-    def log_normal_ratio(self, z: Array) -> Array:
-        """Return the log ratio of the standard normal density to the wide density at points z, shape (n,)."""
-        return log_normal_to_wide(z)
 
 
 def bound_without_event(runs: float, alpha: float) -> float:
@@ -93,7 +78,7 @@ class KernelMixture:
         k, d = points.shape
         return cls(points, np.maximum(points.std(0), SMALLEST_SPREAD) * k ** (-1 / (d + 4)), wide_share)
 
-    def draw(self, n: int, generator: np.random.Generator) -> Array:
+    def draw(self, n: int, generator: Generator) -> Array:
         """Draw n points, shape (n, d); the first ``wide_share`` n, rounded down, are wide draws."""
         wide, d = int(self.wide_share * n), self.centres.shape[1]
         step = generator.normal(size=(n - wide, d)) / np.sqrt(generator.chisquare(d, (n - wide, 1)) / d)

@@ -8,15 +8,13 @@ from fewruns.constants import FEW, STEEPER, UNSEEN_ALPHA
 from fewruns.cover import Cover
 from fewruns.estimates import Stopping
 from fewruns.exclusion import Exclusion
-from fewruns.progress import Progress
 from fewruns.results import combined_estimate, is_narrow
 from fewruns.statements import events_below_others, point_the_wrong_way
 
 
-def reason(
-    progress: Progress, stopping: Stopping, exclusion: Exclusion, checks: Checks, *, is_settled: bool
-) -> str:
+def reason(exclusion: Exclusion, checks: Checks, stopping: Stopping, *, is_settled: bool) -> str:
     """Return in one sentence why an estimate has converged, or why it has not."""
+    progress = exclusion.progress
     if progress.repeats.drift:
         return "the system drifts: repetitions of the same runs differ in one direction"
     if progress.may_lapse and not progress.is_counted:
@@ -42,9 +40,10 @@ def reason(
     return "the surrogate predicts more than the estimate, which may have missed a part that was found late"
 
 
-def excluded(progress: Progress, exclusion: Exclusion, checks: Checks, probability: float) -> str:
+def excluded(exclusion: Exclusion, checks: Checks, probability: float) -> str:
     """Return what other parts of the event the runs exclude, and what outcomes by chance."""
-    required, parts = exclusion.required, "nothing, so that the event may have other parts"
+    progress, required = exclusion.progress, exclusion.required
+    parts = "nothing, so that the event may have other parts"
     if required == BY_DEFAULT:
         parts = "other parts of the event, because it was stated that there are none"
     elif exclusion.is_certified:
@@ -66,9 +65,9 @@ def excluded(progress: Progress, exclusion: Exclusion, checks: Checks, probabili
     return words + f", {added / probability:.2g} times the estimate" * (probability > 0)
 
 
-def warning(progress: Progress, exclusion: Exclusion) -> str:
+def warning(exclusion: Exclusion) -> str:
     """Return what the runs say against statements about the problem; empty if nothing."""
-    words = []
+    progress, words = exclusion.progress, []
     if failed := len(progress.failed):
         share = f"{failed} of {progress.simulations} runs ({failed / progress.simulations:.2g} of them)"
         words.append(f"{share} have failed; the interval allows for all or none of them to be events")
