@@ -49,11 +49,7 @@ from accelerated_evaluation.base.percent import in_percent
 from accelerated_evaluation.crash_map.mapping import map_crashes
 from accelerated_evaluation.crash_map.maps import Grid
 from accelerated_evaluation.laws.draws import Draws
-from accelerated_evaluation.laws.files import (
-    names_records,
-    read_verdict,
-    write_law,
-)
+from accelerated_evaluation.laws.files import names_records, read_verdict, write_law
 from accelerated_evaluation.laws.limited import limited, limits_in_words
 from accelerated_evaluation.methods.problem import Problem
 from accelerated_evaluation.methods.surrogate import (

@@ -7,12 +7,7 @@ import numpy as np
 import pandas as pd
 
 from accelerated_evaluation.base.arrays import Array
-from accelerated_evaluation.crash_map.exact import (
-    ALL,
-    capped_intervals,
-    exact_table,
-    weighted_lines,
-)
+from accelerated_evaluation.crash_map.exact import ALL, capped_intervals, exact_table, weighted_lines
 from accelerated_evaluation.crash_map.maps import LINES_PER_CELL, Cells, CrashMap
 from accelerated_evaluation.crash_map.severity import impact_speed_table, severity_table
 from accelerated_evaluation.laws import Factors, StratifiedLaw, Stratum

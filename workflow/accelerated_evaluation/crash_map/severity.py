@@ -3,9 +3,7 @@
 import numpy as np
 import pandas as pd
 
-from accelerated_evaluation.crash_map.exact import (
-    exact_probabilities,
-)
+from accelerated_evaluation.crash_map.exact import exact_probabilities
 from accelerated_evaluation.crash_map.maps import CrashMap
 from accelerated_evaluation.laws import StratifiedLaw
 

@@ -8,16 +8,7 @@ from typing import Any, Protocol, Self
 import numpy as np
 import pandas as pd
 
-from accelerated_evaluation.base.sections import (
-    OR_AUTO,
-    TEXT,
-    choice,
-    integer,
-    listed,
-    number,
-    section,
-    text,
-)
+from accelerated_evaluation.base.sections import OR_AUTO, TEXT, choice, integer, listed, number, section, text
 from accelerated_evaluation.records.checks import Records, Simulate
 from accelerated_evaluation.records.ingest import Account, ingest
 from accelerated_evaluation.records.segments import require_rows, write_encounters

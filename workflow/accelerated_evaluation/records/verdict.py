@@ -14,14 +14,7 @@ from typing import Any, Self
 import pandas as pd
 
 from accelerated_evaluation.base.errors import InputError
-from accelerated_evaluation.records.checks import (
-    CHECKS,
-    STOP,
-    VERDICTS,
-    WARNING,
-    Records,
-    inspect_records,
-)
+from accelerated_evaluation.records.checks import CHECKS, STOP, VERDICTS, WARNING, Records, inspect_records
 from accelerated_evaluation.records.segments import NUMBERS
 
 WIDTH = 100

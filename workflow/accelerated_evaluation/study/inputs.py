@@ -15,13 +15,7 @@ from accelerated_evaluation.records.sources import SOURCES
 from accelerated_evaluation.records.verdict import require_checks
 from accelerated_evaluation.scenarios import SCENARIOS
 from accelerated_evaluation.scenarios.record_table import named_records_of
-from accelerated_evaluation.study.configuration import (
-    completed,
-    load_modules,
-    read_again,
-    resolved,
-    validate,
-)
+from accelerated_evaluation.study.configuration import completed, load_modules, read_again, resolved, validate
 from accelerated_evaluation.study.dependencies import in_order, without_unused
 from accelerated_evaluation.study.limits import with_values
 from accelerated_evaluation.study.preflight import (

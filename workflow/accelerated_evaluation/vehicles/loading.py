@@ -26,10 +26,7 @@ from accelerated_evaluation.scenarios import A_SCENARIO, SCENARIOS
 from accelerated_evaluation.scenarios.cut_in import CUT_IN
 from accelerated_evaluation.scenarios.parameters import parameter_names, required_names
 from accelerated_evaluation.scenarios.protocol import Scenario
-from accelerated_evaluation.vehicles.external.checked import (
-    CheckedVehicle,
-    ForeignVehicle,
-)
+from accelerated_evaluation.vehicles.external.checked import CheckedVehicle, ForeignVehicle
 from accelerated_evaluation.vehicles.protocol import VEHICLES, RandomVehicle, Vehicle
 
 PLAIN = ["number", "boolean", "string"]

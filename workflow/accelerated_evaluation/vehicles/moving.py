@@ -11,12 +11,7 @@ from accelerated_evaluation.base.errors import InputError
 from accelerated_evaluation.laws.motion import STATES, STEP
 from accelerated_evaluation.scenarios.cut_in import CUT_IN, SPEED_LIMIT
 from accelerated_evaluation.scenarios.parameters import simulate_in_slices
-from accelerated_evaluation.vehicles.protocol import (
-    MovingVehicle,
-    Outcomes,
-    RandomVehicle,
-    Vehicle,
-)
+from accelerated_evaluation.vehicles.protocol import MovingVehicle, Outcomes, RandomVehicle, Vehicle
 
 if TYPE_CHECKING:
     import pandas as pd

@@ -11,11 +11,7 @@ from tqdm import tqdm
 from accelerated_evaluation.answer.candidates.cut_in_family import scores_by_region
 from accelerated_evaluation.answer.candidates.law_study import LawStudy
 from accelerated_evaluation.answer.candidates.law_weights import mixture_scores
-from accelerated_evaluation.answer.candidates.scores import (
-    FittedLaw,
-    HeldOut,
-    time_to_collision_boundary,
-)
+from accelerated_evaluation.answer.candidates.scores import FittedLaw, HeldOut, time_to_collision_boundary
 from accelerated_evaluation.base.arrays import Array
 from accelerated_evaluation.base.errors import ConvergenceError
 from accelerated_evaluation.crash_map.lines import CrashLines

@@ -14,13 +14,7 @@ from accelerated_evaluation.answer.candidates.scores import BLOCKS, HeldOut, con
 from accelerated_evaluation.base.arrays import Array
 from accelerated_evaluation.laws.smooth.conditional import SpeedLaw
 from accelerated_evaluation.laws.smooth.draws import SmoothDraws
-from accelerated_evaluation.laws.smooth.family import (
-    DistinctRecords,
-    Fitter,
-    LawFamily,
-    Member,
-    members_at,
-)
+from accelerated_evaluation.laws.smooth.family import DistinctRecords, Fitter, LawFamily, Member, members_at
 from accelerated_evaluation.laws.smooth.mean import MeanLaw
 
 # [1/s], inverse time to collision above which laws are scored. In the study, the region contains the crash

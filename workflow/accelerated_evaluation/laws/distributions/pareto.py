@@ -9,11 +9,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from accelerated_evaluation.base.arrays import Array
-from accelerated_evaluation.laws.distributions.described import (
-    Described,
-    Parameter,
-    distribution,
-)
+from accelerated_evaluation.laws.distributions.described import Described, Parameter, distribution
 
 
 @distribution("Pareto")

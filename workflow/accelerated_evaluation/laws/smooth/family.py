@@ -13,13 +13,7 @@ import pandas as pd
 from numpy.typing import NDArray
 
 from accelerated_evaluation.base.arrays import Array, Chosen
-from accelerated_evaluation.laws.smooth.conditional import (
-    Places,
-    SpeedLaw,
-    Threshold,
-    range_grid,
-    speed_grid,
-)
+from accelerated_evaluation.laws.smooth.conditional import Places, SpeedLaw, Threshold, range_grid, speed_grid
 from accelerated_evaluation.laws.smooth.excess import Excess, fit_excess
 from accelerated_evaluation.laws.smooth.far_tail import FarPosterior, FarPrior, FarTail, levels_of
 from accelerated_evaluation.laws.smooth.shapes import SHAPES

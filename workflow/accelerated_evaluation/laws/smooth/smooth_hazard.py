@@ -18,12 +18,7 @@ from scipy.linalg import cho_factor, cho_solve, solve_triangular
 
 from accelerated_evaluation.base.arrays import Array
 from accelerated_evaluation.base.errors import ConvergenceError
-from accelerated_evaluation.laws.smooth.splines import (
-    Basis,
-    Constant,
-    Penalty,
-    Tensor,
-)
+from accelerated_evaluation.laws.smooth.splines import Basis, Constant, Penalty, Tensor
 
 ITERATIONS = 100  # largest number of Newton steps
 TOLERANCE = 1e-5  # the iterations end if a Newton step is expected to gain less in log likelihood

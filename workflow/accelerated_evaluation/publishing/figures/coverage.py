@@ -8,13 +8,7 @@ import pandas as pd
 from matplotlib.axes import Axes
 from matplotlib.ticker import NullFormatter
 
-from accelerated_evaluation.publishing.figures.dot_chart import (
-    FRAME,
-    ROW,
-    name_rows,
-    spaced,
-    write_beside,
-)
+from accelerated_evaluation.publishing.figures.dot_chart import FRAME, ROW, name_rows, spaced, write_beside
 from accelerated_evaluation.publishing.figures.style import COLUMN_WIDTH, Drawn, note_source
 from accelerated_evaluation.publishing.published import figure
 

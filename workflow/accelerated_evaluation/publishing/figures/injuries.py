@@ -6,12 +6,7 @@ import pandas as pd
 from accelerated_evaluation.answer.consequences.injuries.curves import FRONTAL, LEVELS, REAR
 from accelerated_evaluation.answer.consequences.injuries.tables import PER_ENCOUNTER
 from accelerated_evaluation.publishing.figures.dot_chart import DOT, FRAME, ROW, finish, name_rows, spaced
-from accelerated_evaluation.publishing.figures.style import (
-    COLUMN_WIDTH,
-    Drawn,
-    Look,
-    say_no_crash,
-)
+from accelerated_evaluation.publishing.figures.style import COLUMN_WIDTH, Drawn, Look, say_no_crash
 from accelerated_evaluation.publishing.published import figure
 from accelerated_evaluation.publishing.tables.display import vehicles_in_words
 from accelerated_evaluation.publishing.tables.exact import best_known

@@ -10,12 +10,7 @@ from matplotlib.axes import Axes
 from accelerated_evaluation.answer.candidates.calibration import HOST
 from accelerated_evaluation.answer.candidates.law_table import ERRORS
 from accelerated_evaluation.base.arrays import Array
-from accelerated_evaluation.publishing.figures.dot_chart import (
-    FRAME,
-    ROW,
-    name_rows,
-    spaced,
-)
+from accelerated_evaluation.publishing.figures.dot_chart import FRAME, ROW, name_rows, spaced
 from accelerated_evaluation.publishing.figures.style import COLUMN_WIDTH, Drawn, note_source
 from accelerated_evaluation.publishing.published import figure
 

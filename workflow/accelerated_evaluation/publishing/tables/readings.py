@@ -12,13 +12,7 @@ from accelerated_evaluation.publishing.published import table
 from accelerated_evaluation.publishing.tables.display import readable
 from accelerated_evaluation.publishing.tables.models import without_mixtures
 from accelerated_evaluation.publishing.tables.searches import search_totals
-from accelerated_evaluation.publishing.tables.spreads import (
-    LEVEL,
-    Mean,
-    Spread,
-    exactly,
-    pooled_probability,
-)
+from accelerated_evaluation.publishing.tables.spreads import LEVEL, Mean, Spread, exactly, pooled_probability
 
 NORMAL = float(ndtri((1 + LEVEL) / 2))
 CHOSEN = {"pareto": ("Pareto", "inverse_range"), "exponential": ("exponential", "inverse_ttc")}

@@ -17,15 +17,7 @@ from scipy.stats import rankdata
 
 from accelerated_evaluation.base.arrays import Array
 from accelerated_evaluation.base.files import project_file
-from accelerated_evaluation.records.checks import (
-    CHECKS,
-    FINE,
-    MANY,
-    STOP,
-    WARNING,
-    Finding,
-    Records,
-)
+from accelerated_evaluation.records.checks import CHECKS, FINE, MANY, STOP, WARNING, Finding, Records
 from accelerated_evaluation.records.segments import MINIMUM_ROWS, complete
 
 # Numbers in one unit that stand for 1 in the unit of the variable.

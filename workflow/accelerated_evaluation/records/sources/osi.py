@@ -16,11 +16,7 @@ from accelerated_evaluation.base.arrays import Array
 from accelerated_evaluation.base.errors import InputError, StudyError, readable
 from accelerated_evaluation.base.files import begins_in
 from accelerated_evaluation.records.recordings import trajectories
-from accelerated_evaluation.records.recordings.cut_ins import (
-    milliseconds,
-    require_agreement,
-    require_lengths,
-)
+from accelerated_evaluation.records.recordings.cut_ins import milliseconds, require_agreement, require_lengths
 from accelerated_evaluation.records.recordings.database import database
 from accelerated_evaluation.records.recordings.osi_lanes import TraceLanes
 from accelerated_evaluation.records.recordings.osi_vehicles import LANE, Fleet

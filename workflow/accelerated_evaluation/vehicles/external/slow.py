@@ -251,10 +251,7 @@ class SlowVehicle:
         self._asked, self._without = self._asked + asked, self._without + failed
         if failed and self._without > MOST_FAILED + MOST_FAILED_SHARE * (self._asked - self._without):
             last = next(reversed(self.failed.values()))
-            seen = f"{last.seen}; {self._without} of {self._asked} runs have failed"
-            raise self._with_kept(
-                InputError(last.where, seen=seen, expected=last.expected, change=last.change)
-            )
+            raise self._with_kept(last, f"; {self._without} of {self._asked} runs have failed")
 
     # ---- runs on workers
 
@@ -373,6 +370,6 @@ class SlowVehicle:
             "The vehicle crashes or ends its process, or was killed." if died else "Correct the vehicle.",
         )
 
-    def _with_kept(self, fault: InputError) -> InputError:
+    def _with_kept(self, fault: InputError, more: str = "") -> InputError:
         kept = f"{fault.change} {len(self.store):,} outcomes are kept in {self.store.path}."
-        return InputError(fault.where, seen=fault.seen, expected=fault.expected, change=kept)
+        return InputError(fault.where, seen=f"{fault.seen}{more}", expected=fault.expected, change=kept)

@@ -26,11 +26,7 @@ from accelerated_evaluation.base.users_code import error_in_words
 from accelerated_evaluation.scenarios import DEFAULT, SCENARIOS
 from accelerated_evaluation.scenarios.events import Event
 from accelerated_evaluation.scenarios.protocol import Scenario
-from accelerated_evaluation.vehicles.external.checked import (
-    CheckedVehicle,
-    ForeignVehicle,
-    difference_in,
-)
+from accelerated_evaluation.vehicles.external.checked import CheckedVehicle, ForeignVehicle, difference_in
 from accelerated_evaluation.vehicles.external.processes import RUNNING, end_group
 from accelerated_evaluation.vehicles.loading import load_vehicle
 from accelerated_evaluation.vehicles.protocol import outcome_error
