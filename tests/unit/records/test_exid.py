@@ -196,6 +196,15 @@ def test_to_count_every_change_of_lanelet_invents_cut_ins(generated):
     assert invented.sum() > 0.2 * len(planted)
 
 
+def test_every_second_frame_lacks_changes_of_lane_which_is_warned_of(generated, tmp_path):
+    for file in generated[0].glob("*.csv"):
+        table = pd.read_csv(file, dtype=str)
+        keep = table["frame"].astype(int) % 2 == 0 if "_tracks.csv" in file.name else slice(None)
+        table[keep].to_csv(tmp_path / file.name, index=False)
+    assert "changes of lane are not marked as such" in extract(tmp_path).attrs["warnings"][0]
+    assert not extract(generated[0]).attrs["warnings"]
+
+
 # ---------------------------------------------------------------- bad input
 
 
@@ -207,7 +216,7 @@ def test_to_count_every_change_of_lanelet_invents_cut_ins(generated):
         ("00_tracks.csv", "\n0,1,", "\n0,one,", r'00_tracks\.csv, row 3: .*"one"'),
         ("00_tracks.csv", ",1.8,", ",left,", r"00_tracks\.csv: seen Could not convert string 'left'"),
         ("00_tracksMeta.csv", "class", "kind", r"00_tracksMeta\.csv, row 1: seen no column class"),
-        ("00_tracksMeta.csv", "\n1,car", "", r"00_tracksMeta\.csv: seen no row for vehicle 1; .*00_tracks"),
+        ("00_tracksMeta.csv", "\n1,car", "", r"00_tracksMeta\.csv: seen no row .* vehicle 1; .*00_tracks"),
         ("00_recordingMeta.csv", ",25", ",0", r"frameRate: seen 0\.0"),
         ("00_recordingMeta.csv", ",25", ",5", r"ratio 0\.2;.*frameRate"),
     ],

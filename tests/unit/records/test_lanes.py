@@ -183,6 +183,7 @@ def test_lanes_continue_across_sections_roads_and_junctions_and_end_where_they_m
             "borders",
         ),
         (road("a", [], [(0, lane(-1), "")], 9), "IndexError"),
+        (road("a", [(0, 0, 0, 0, 9, "<line/>")], [(0, lane(-1).replace("a='", "a='-"), "")], 9), "negative"),
     ],
 )
 def test_maps_that_cannot_be_read_are_refused(content, seen):

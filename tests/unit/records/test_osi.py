@@ -117,6 +117,7 @@ def one_message(folder, **changes):
             row = {"id": 1, "x": 1.2 * frame, "y": 0.0, "width": 4.0, "xVelocity": 30.0, "laneId": 1}
             row |= {"drivingDirection": 2, "class_": "Car"} | changes
             moving = osi_trace.vehicle(pd.Series(row), 0.0, changes.get("field", "newer"))
+            moving.base.orientation.yaw += changes.get("yaw", 0.0)
             if "without" in changes:
                 setattr(moving.base, changes["without"], None)
             stamp = betterosi.Timestamp(seconds=frame // 25, nanos=40_000_000 * (frame % 25))
@@ -156,6 +157,7 @@ def test_a_vehicle_alone_and_a_message_without_one_are_no_errors(tmp_path):
             r"none is complete: orientation is missing in 50; .*and either assigned_lane_id, or",
         ),
         ({"without": "velocity"}, "of which none is complete: velocity is missing in 50;"),
+        ({"yaw": 90.0}, r"a\.mcap: seen the velocities along orientation\.yaw .* in the ratio -0\.448"),
         ({"xVelocity": 108.0}, r"a\.mcap: seen changes of position .* in the ratio 0\.278"),
     ],
 )

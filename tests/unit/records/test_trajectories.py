@@ -1,5 +1,6 @@
 """Cut-ins in trajectories in the format of highD: each choice of the rule, planted cut-ins, bad input."""
 
+import re
 import sys
 from functools import partial
 from pathlib import Path
@@ -196,7 +197,50 @@ def test_the_order_of_rows_does_not_count(generated, tmp_path):
     assert again.attrs == first.attrs
 
 
+def changed(folder, target, end, **columns):
+    """Copy a folder of recordings, and replace columns of the files whose names end in ``end``."""
+    for file in folder.glob("*.csv"):
+        table = pd.read_csv(file)
+        changes = {name: change(table) for name, change in columns.items()} if end in file.name else {}
+        table.assign(**changes).to_csv(target / file.name, index=False)
+    return target
+
+
+@pytest.mark.parametrize("numbers", [(2, 1), (2, 2), (1, 1), (0, 1), (-1, 1)])
+def test_directions_may_have_any_numbers(generated, tmp_path, numbers):
+    """Half or all of the cut-ins were left out, because their ranges seemed to be negative."""
+    folder, planted = generated
+    renumbered = {
+        "drivingDirection": lambda meta: meta["drivingDirection"].map(dict(zip((1, 2), numbers, strict=True)))
+    }
+    assert agree(extract(changed(folder, tmp_path, "tracksMeta", **renumbered)), planted)
+
+
+@pytest.mark.parametrize(
+    ("end", "columns", "reported"),
+    [
+        ("_tracks.csv", {"x": lambda table: table["x"] / 0.9144}, r"in the ratio 1\.09"),  # yards
+        ("recordingMeta", {"frameRate": lambda table: 30}, r"in the ratio 1\.2"),
+        (
+            "_tracks.csv",
+            {"x": lambda table: np.where(table["id"] < 9, 3.28, 1) * table["x"]},
+            "in 8 of 160 vehicles",
+        ),
+        ("_tracks.csv", {"followingId": lambda table: 0}, "no row is a cut-in; .* no vehicle behind"),
+    ],
+)
+def test_quantities_that_nearly_agree_are_warned_of(generated, tmp_path, end, columns, reported):
+    warnings = extract(changed(generated[0], tmp_path, end, **columns)).attrs["warnings"]
+    assert re.search(reported, "\n".join(warnings))
+
+
 # ---------------------------------------------------------------- bad input
+
+
+def test_frames_in_milliseconds_are_refused(generated, tmp_path):
+    folder = changed(generated[0], tmp_path, "_tracks.csv", frame=lambda table: 40 * table["frame"])
+    with pytest.raises(InputError, match="no host with two frames"):
+        extract(folder)
 
 
 def test_a_missing_file_beside_the_tracks_is_told(tmp_path):
@@ -213,7 +257,8 @@ def test_a_missing_file_beside_the_tracks_is_told(tmp_path):
         ("01_tracks.csv", "\n1,1,", "\n1,one,", r'01_tracks\.csv, row 2: .*"one"'),
         ("01_tracksMeta.csv", "class", "kind", r"01_tracksMeta\.csv, row 1: seen no column class"),
         ("01_tracksMeta.csv", "Car", "Car,1", r"01_tracksMeta\.csv, row 2: .*Columns"),
-        ("01_tracksMeta.csv", "\n2,Car,2", "", r"01_tracksMeta\.csv: seen no row for vehicle 2;"),
+        ("01_tracksMeta.csv", "\n2,Car,2", "", r"01_tracksMeta\.csv: seen no row .* class for vehicle 2"),
+        ("01_tracksMeta.csv", "2,Car,", "2,,", r"01_tracksMeta\.csv: seen no row .* class for vehicle 2"),
         ("01_recordingMeta.csv", ",25", ",0", r"frameRate: seen 0\.0"),
         ("01_recordingMeta.csv", "\n1,25", "", "frameRate: seen no row"),
         ("01_recordingMeta.csv", ",25", ",5", r"ratio 0\.2;.*frameRate"),
@@ -246,6 +291,7 @@ def test_a_folder_without_recordings_is_told(tmp_path):
     [
         ({"width": -LENGTH}, "column width: seen .* vehicles with a length of 0 or less"),
         ({"width": LENGTH / 0.3048}, r"a median length of cars of 13\.1 m"),
+        ({"width": 2.5}, r"a median length of trucks of 2\.5 m"),
         ({"id": 2.0**53}, "column id"),
         ({"id": 1.5}, r"column id: seen 1\.5; expected whole numbers"),
         ({"x": 1e300}, ": seen "),
@@ -253,7 +299,7 @@ def test_a_folder_without_recordings_is_told(tmp_path):
 )
 def test_lengths_and_identifiers_that_cannot_be_are_errors(changed, told, tmp_path):
     with pytest.raises(InputError, match=told):
-        extract(write(tmp_path / "r", ["cut-in"], **changed))
+        extract(write(tmp_path / "r", ["truck before a car"], **changed))
 
 
 @pytest.mark.parametrize("rate", [np.inf, 0, -25, 1e9])

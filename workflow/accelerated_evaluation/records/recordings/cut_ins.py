@@ -23,8 +23,10 @@ RULE = section(  # the section ``rule`` of each source that finds cut-ins in rec
     stay=number(0.5, 0, 60, "Shortest time [s] in the lane of the host that counts as a cut-in."),
 )
 AGREEMENT = 1.25  # factor by which speeds may differ from changes of position, or from other recorded speeds
-LENGTHS = 2.5, 8.0  # [m]: limits of the median length of cars; in feet the median would be about 15
+# Limits of the median length [m] of the vehicles of a class. Cars have about 15 feet; trucks are 2.5 m wide.
+LENGTHS = {"car": (2.5, 8.0), "truck": (4.0, 30.0)}
 TRACKING = "tracking"  # step of the account with rows that repeat the number and the time of another row
+EXCERPT = 1000  # so few rows may be an excerpt, in which no host has two frames
 MANY_REPEATED = 0.01  # share of these rows that causes a warning
 LONGEST = 30.0  # [m]: limit of the median length of vehicles, as the longest lorries have 25 m
 
@@ -96,25 +98,39 @@ def with_names(candidates: pd.DataFrame, name: str) -> pd.DataFrame:
 
 
 def finished(
-    cut_ins: pd.DataFrame, account: Account, counts: Mapping[str, float], warnings: Sequence[str]
+    cut_ins: pd.DataFrame, account: Account, counts: Mapping[str, float], warnings: Sequence[str], where: str
 ) -> pd.DataFrame:
     """Return the cut-ins in the form of a source, with rows numbered from 1.
 
     The attributes (``attrs``) are ``account``; ``exposure``, with the ``hours`` and ``kilometres`` that the
     hosts drove while cut-ins could be observed, from the counts of milliseconds and micrometres; and
-    ``warnings``, texts about units of the speeds that could not be checked, and about many rows that were
-    left out.
+    ``warnings``, texts about units that could not be checked or nearly disagree, about many rows that were
+    left out, and about recordings without a cut-in. InputError, which names the folder ``where``, is raised
+    if no host was recorded twice within the rule of gaps, because no change of lane can then be seen.
     """
+    lines = account.table().to_dict("records")
+    read = lines[0]["rows_in"]
+    if not counts["milliseconds"] > 0 and read > EXCERPT:
+        raise InputError(
+            where,
+            seen="no host with two frames that are at most rule.gap apart",
+            expected="the frames of each vehicle in succession, and hosts in the recordings",
+            change="Correct the numbers or the unit of frames or times, or the numbers of the vehicles.",
+        )
     result = cut_ins.set_index(pd.RangeIndex(1, len(cut_ins) + 1, name="row"))
-    result.attrs["account"] = account.table().to_dict("records")
+    result.attrs["account"] = lines
     result.attrs["exposure"] = {
         "hours": int(counts["milliseconds"]) / 3.6e6,
         "kilometres": int(counts["micrometres"]) / 1e9,
     }
-    lines = result.attrs["account"]
     repeated = sum(each["rows_dropped"] for each in lines if each["step"] == TRACKING)
-    read = lines[0]["rows_in"]
     result.attrs["warnings"] = list(warnings)
+    if cut_ins.empty:
+        dropped = [each for each in lines if each["rows_dropped"]][-1:]
+        result.attrs["warnings"] += [
+            f"no row is a cut-in; the last {each['rows_dropped']:,} were left out for: {each['reason']}"
+            for each in dropped
+        ]
     if repeated > MANY_REPEATED * read:
         result.attrs["warnings"].append(
             f"{repeated:,} of {read:,} rows of the recordings have the number and the time of another row, "
@@ -123,13 +139,16 @@ def finished(
     return result
 
 
-def require_agreement(where: str, ratio: float, *, what: str, key: str, factor: float = AGREEMENT) -> None:
+def require_agreement(
+    where: str, ratio: float, *, what: str, key: str, factor: float = AGREEMENT
+) -> list[str]:
     """Raise InputError if speeds contradict another recorded quantity, because of a wrong unit or sign.
 
     The ``ratio`` of two quantities, such as distances from positions and from speeds, is 1, except for noise,
     if the units are right. InputError is raised if it is below ``1 / factor`` or above ``factor``. The
-    default detects mph in place of km/h, knots in place of m/s, feet in place of metres and a wrong sign.
-    Nothing is checked if the ratio is NaN, which means that it is unknown.
+    default detects mph in place of km/h, knots in place of m/s, feet in place of metres and a wrong sign. A
+    warning is returned if the ratio differs from 1 by more than a quarter of this, as for yards in place of
+    metres. Nothing is checked if the ratio is NaN, which means that it is unknown.
     """
     if not (np.isnan(ratio) or 1 / factor <= ratio <= factor):
         raise InputError(
@@ -138,28 +157,42 @@ def require_agreement(where: str, ratio: float, *, what: str, key: str, factor: 
             expected="a ratio near 1, because both have the same unit and sign",
             change=f"Correct {key}.",
         )
+    near = 1 + (factor - 1) / 4
+    if np.isnan(ratio) or 1 / near <= ratio <= near:
+        return []
+    return [f"{what} are in the ratio {ratio:.3g}, though it should be 1; check {key}"]
 
 
-def require_lengths(where: str, column: str, lengths: pd.Series, is_car: pd.Series) -> None:
+def require_lengths(where: str, column: str, lengths: pd.Series, kind: pd.Series) -> None:
     """Check that lengths of vehicles are positive and in metres, because ranges are computed from them.
 
-    InputError is raised if a length is not above 0, if the median length of cars is outside of `LENGTHS`, or
-    if the median length of all vehicles is above `LONGEST`.
+    ``kind`` is the class of each vehicle in lower case. InputError is raised if a length is not above 0, if
+    the median length of a class is outside of `LENGTHS`, or if that of all vehicles is above `LONGEST`.
     """
-    cars = lengths[is_car]
+    medians = lengths.groupby(kind).median()
     seen = ""
     if (lengths <= 0).any():
         seen = (
             f"{(lengths <= 0).sum():,} vehicles with a length of 0 or less, the smallest {lengths.min():g} m"
         )
-    elif len(cars) and not LENGTHS[0] <= cars.median() <= LENGTHS[1]:
-        seen = f"a median length of cars of {cars.median():.3g} m"
+    elif outside := [one for one in medians.index if not _is_possible(one, medians[one])]:
+        seen = " and ".join(f"a median length of {one}s of {medians[one]:.3g} m" for one in outside)
     elif len(lengths) and lengths.median() > LONGEST:
         seen = f"a median length of vehicles of {lengths.median():.3g} m"
     if seen:
         raise InputError(
             f"{where}, {column}",
             seen=seen,
-            expected=f"lengths above 0 m, those of cars about 4.5 m ({LENGTHS[0]:g} to {LENGTHS[1]:g} m)",
-            change="Correct the column. Its unit (feet instead of metres) or its sign may be wrong.",
+            expected="lengths above 0 m, "
+            + " and ".join(
+                f"those of {kind}s from {low:g} to {high:g} m" for kind, (low, high) in LENGTHS.items()
+            ),
+            change="Correct the column. Its unit (feet instead of metres) or its sign may be wrong, or it "
+            "may contain widths.",
         )
+
+
+def _is_possible(kind: str, median: float) -> bool:
+    """Return whether the vehicles of a class may have this median length [m]."""
+    low, high = LENGTHS.get(kind, (0.0, np.inf))
+    return low <= median <= high

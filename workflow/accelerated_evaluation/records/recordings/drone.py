@@ -10,7 +10,7 @@ import pandas as pd
 from tqdm import tqdm
 
 from accelerated_evaluation.base.errors import InputError
-from accelerated_evaluation.records.recordings.cut_ins import require_agreement, require_lengths
+from accelerated_evaluation.records.recordings.cut_ins import require_lengths
 from accelerated_evaluation.records.recordings.database import (
     csv_errors,
     csv_relation,
@@ -21,9 +21,9 @@ from accelerated_evaluation.records.recordings.database import (
 from accelerated_evaluation.records.recordings.own_distances import OwnColumns, compared
 from accelerated_evaluation.records.recordings.trajectories import (
     changes_of_lane,
+    check_speeds,
     cut_ins_of,
     frames_sql,
-    position_agreement,
 )
 
 if TYPE_CHECKING:
@@ -33,10 +33,11 @@ TRACKS = "_tracks.csv"
 FILES = "Folder with files *_tracks.csv, *_tracksMeta.csv and *_recordingMeta.csv"
 RECORDING = "recordingId"
 WITHOUT_META = """
-    SELECT CAST(min(id) AS VARCHAR), count(*) FROM (SELECT DISTINCT id FROM frames) ANTI JOIN meta USING (id)
+    SELECT CAST(min(id) AS VARCHAR), count(*) FROM (SELECT DISTINCT id FROM frames)
+    ANTI JOIN (FROM meta WHERE class <> '') USING (id)
 """
 LENGTHS_OF = """
-    SELECT min(f.{length}) AS length, any_value(lower(m.class)) = 'car' AS is_car
+    SELECT min(f.{length}) AS length, any_value(lower(m.class)) AS kind
     FROM frames AS f JOIN meta AS m USING (id) GROUP BY id
 """
 LARGEST_RATE = 1000  # frames per second, more than any traffic camera has
@@ -62,6 +63,9 @@ class Format:
     own: OwnColumns  # columns with distances to the vehicle ahead, which a file may lack
     same_lane: str  # SQL condition that the host is in the lane of the vehicle that cuts in
     speeds: tuple[str, str]  # for the check of the units: what is compared, and what the user has to correct
+    missed: str = (
+        "FALSE"  # SQL condition that a row of frames shows a change of lane which the file does not mark
+    )
     # Columns that only another data set in this format has, and the reading of its positions.
     relative: tuple[frozenset[str], str] = (frozenset(), "")
 
@@ -116,12 +120,13 @@ def _read_recording(
     _require_meta(connection, file, meta)
     _require_lengths(connection, file, form)
     with csv_errors(file):
-        ratio, (supported, warnings) = (
-            position_agreement(connection),
-            compared(connection, str(file), form.readings, form.own),
-        )
-        what, key = form.speeds
-        require_agreement(str(file), ratio, what=what, key=key)
+        supported, warnings = compared(connection, str(file), form.readings, form.own)
+        warnings += check_speeds(connection, str(file), *form.speeds)
+        (missed,) = connection.execute(f"SELECT count(*) FROM frames WHERE {form.missed}").fetchone()
+        if missed:
+            warnings.append(
+                f"{missed:,} changes of lane are not marked as such; use all frames of the recording"
+            )
         reading = supported or _usual_reading(connection, file, header, form)
         candidates, counts = changes_of_lane(
             connection,
@@ -162,7 +167,8 @@ def _require_meta(connection: "DuckDBPyConnection", file: Path, meta: Path) -> N
     if count:
         raise InputError(
             str(meta),
-            seen=f"no row for vehicle {first}" + (f" and {count - 1:,} more" if count > 1 else ""),
+            seen=f"no row with a class for vehicle {first}"
+            + (f" and {count - 1:,} more" if count > 1 else ""),
             expected=f"one row for each vehicle of {file.name}",
             change="Use the complete file that belongs to this recording.",
         )
@@ -184,7 +190,7 @@ def _require_lengths(connection: "DuckDBPyConnection", file: Path, form: Format)
     """Raise InputError if lengths of vehicles are not positive or not in metres."""
     query = LENGTHS_OF.format(length=form.own.length)
     lengths = connection.execute(query).df()
-    require_lengths(str(file), f"column {form.own.length}", lengths["length"], lengths["is_car"])
+    require_lengths(str(file), f"column {form.own.length}", lengths["length"], lengths["kind"])
 
 
 def _frame_rate(connection: "DuckDBPyConnection", file: Path) -> float:

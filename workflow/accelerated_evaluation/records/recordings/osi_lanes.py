@@ -87,6 +87,8 @@ def _lanes_of_road(
         for side, sign in (("left", 1), ("right", -1)):
             lanes = sorted(section.findall(f"{side}/lane"), key=lambda lane: abs(int(lane.attrib["id"])))
             widths = [_cubic(lane.findall("width"), "sOffset", s - start) for lane in lanes]
+            if any((width < -1e-3).any() for width in widths):  # [m], beyond rounding errors
+                raise ValueError("a lane with a negative width")
             inner = accumulate(widths, initial=np.zeros(s.size))
             for lane, width, edge in zip(lanes, widths, inner, strict=False):
                 if lane.find("border") is not None:

@@ -33,6 +33,8 @@ class Fleet:
         self.driven: dict[int, tuple[float, float, float]] = {}  # distance and last position [m], by number
         # Number of positions of vehicles without each of the things that are needed.
         self.missing = Counter({"position": 0, "orientation": 0, "velocity": 0, LANE: 0})
+        # Sums of the products of the speeds [m/s] with the velocities along the yaw, and with themselves.
+        self.ahead, self.speed = 0.0, 0.0
         self.others = 0  # number of positions of objects that are not vehicles
         self.has_boundaries = False  # whether the trace has boundaries of lanes
         self._gap = gap

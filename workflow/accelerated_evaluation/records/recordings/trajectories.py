@@ -20,11 +20,13 @@ from accelerated_evaluation.base.errors import InputError
 from accelerated_evaluation.base.sections import listed, number
 from accelerated_evaluation.records.ingest import Account
 from accelerated_evaluation.records.recordings.cut_ins import (
+    AGREEMENT,
     RULE,
     TRACKING,
     drop_in_turn,
     finished,
     milliseconds,
+    require_agreement,
     stays_sql,
     track_sql,
     with_names,
@@ -88,6 +90,7 @@ AGREEMENTS = """
     SELECT sum(moved * reported) / sum(reported * reported) AS ratio, sum(reported * reported) AS weight
     FROM frames GROUP BY id HAVING sum(reported * reported) > 0 ORDER BY ratio
 """
+MANY_OTHERS = 0.02  # share of the vehicles whose speeds contradict their positions that causes a warning
 CLASS_KEYS = ("lead_classes", "host_classes")
 
 
@@ -151,17 +154,23 @@ def changes_of_lane(
     return candidates, counts
 
 
-def position_agreement(connection: "DuckDBPyConnection") -> float:
-    """Return the ratio of the changes of position to those that the velocities explain, NaN if unknown.
+def check_speeds(connection: "DuckDBPyConnection", where: str, what: str, key: str) -> list[str]:
+    """Compare the changes of position with those that the velocities explain; see `require_agreement`.
 
-    It is the median of the ratios of the vehicles, each with the weight of its squared changes of position,
-    so that a number that was given to another vehicle, which then jumps, does not outweigh all others.
+    The ratio is the median of the ratios of the vehicles, each with the weight of its squared changes of
+    position, so that a number that was given to another vehicle, which then jumps, does not outweigh all
+    others. A further warning is returned if many vehicles have another ratio.
     """
     vehicles = connection.execute(AGREEMENTS).df()
     if vehicles.empty:
-        return np.nan
-    weight = vehicles["weight"].cumsum().to_numpy()
-    return float(vehicles["ratio"].iloc[np.searchsorted(weight, weight[-1] / 2)])
+        return []
+    ratio, weight = vehicles["ratio"], vehicles["weight"].cumsum().to_numpy()
+    median = float(ratio.iloc[np.searchsorted(weight, weight[-1] / 2)])
+    warnings = require_agreement(where, median, what=what, key=key)
+    others = ~ratio.between(1 / AGREEMENT, AGREEMENT)
+    if others.mean() > MANY_OTHERS:
+        warnings.append(f"{what} have another ratio than 1 in {others.sum():,} of {others.size:,} vehicles")
+    return warnings
 
 
 def require_classes(counts: Mapping[Any, float], settings: Mapping[str, Any]) -> None:
@@ -197,7 +206,7 @@ def cut_ins_of(
     account = _account(counts)
     candidates = with_names(pd.concat(found), "recording {recording} vehicle {vehicle} at {time:g} s")
     cut_ins = drop_in_turn(candidates, _reasons(settings), account)
-    return finished(cut_ins[list(OUTPUT)], account, counts, warnings)
+    return finished(cut_ins[list(OUTPUT)], account, counts, warnings, settings["path"])
 
 
 def _account(counts: Mapping[str, float]) -> Account:

@@ -34,6 +34,9 @@ ROWS = f"""
 # A lane continues from lanelet to lanelet, so a change of laneletId alone is not a change of lane. If the
 # flag laneChange is set in several consecutive frames of one lanelet, they are one change.
 CHANGED = "laneChange = 1 AND (lag(laneChange) OVER one = 0 OR laneletId <> lag(laneletId) OVER one)"
+# If frames are missing, the flag may be missing, but the offset then leaps by the width of a lane. Where two
+# lanes become one, it leaps by half of a width.
+LEAP = 2.5  # [m]
 # `lane` is the number of lanes by which the vehicle is further to the left than when it was first seen. In a
 # change to the left, the vehicle is left of the middle of its lane before the change, and right of the middle
 # of its new lane after the change. A vehicle that returns to a lane has the same number again, so that short
@@ -48,14 +51,15 @@ FRAMES = f"""
                 + (yCenter - lag(yCenter) OVER one) * sin(radians(heading)) AS moved,
             velocity * (time - lag(time) OVER one) / 1000 AS reported,
             CASE WHEN {CHANGED}
-                THEN CASE WHEN aside < lag(aside) OVER one THEN 1 ELSE -1 END ELSE 0 END AS side
+                THEN CASE WHEN aside < lag(aside) OVER one THEN 1 ELSE -1 END ELSE 0 END AS side,
+            coalesce(laneChange <> 1 AND abs(aside - lag(aside) OVER one) > {LEAP}, FALSE) AS leapt
         FROM ({trajectories.TRACKED.format(rows=ROWS)}) WINDOW one AS (PARTITION BY id, seen ORDER BY time)
     )
     WINDOW one AS (PARTITION BY id, seen ORDER BY time)
 """
 META = """
     CREATE OR REPLACE TEMP TABLE meta AS
-    SELECT DISTINCT ON (trackId) trackId AS id, class FROM meta_file ORDER BY trackId, class
+    SELECT DISTINCT ON (trackId) trackId AS id, trim(class) AS class FROM meta_file ORDER BY trackId, class
 """
 # The distance of two vehicles along the road is the length of the arc of a circle that has the headings of
 # the vehicles as tangents. On a straight road this is the distance along the heading.
@@ -87,6 +91,7 @@ FORMAT = drone.Format(
         difference=f"{RANGE} + (f.length + h.length) / 2",
     ),
     same_lane="h.lead = f.id",
+    missed="leapt",
     speeds=(
         "changes of xCenter and yCenter along heading and lonVelocity times the time between frames",
         "the columns xCenter, yCenter [m], heading [degrees] and lonVelocity [m/s], or frameRate in the file "

@@ -14,11 +14,12 @@ from accelerated_evaluation.records.recordings.own_distances import OwnColumns
 from accelerated_evaluation.records.recordings.trajectories import trajectory_keys
 from accelerated_evaluation.records.sources import source
 
-# In highD `x` is the left end of the bounding box and `width` is its length along the road. Vehicles of
-# direction 1 drive to the left, so their front is at x. Vehicles of direction 2 drive to the right. AD4CHE
+# In highD `x` is the left end of the bounding box and `width` is its length along the road. Vehicles that
+# drive to the left have their front at x. They have direction 1, but other data sets number directions
+# otherwise, so that the change of x decides, and the number only for vehicles that stand still. AD4CHE
 # has the same columns and three more, and its `x` is the centre of the box. In SUMO a position is the front.
 LEFT_END, CENTRE = "left end of the bounding box", "centre of the bounding box"
-AHEAD = "CASE WHEN m.drivingDirection = 1 THEN h.x - f.x ELSE f.x - h.x END"
+AHEAD = "CASE WHEN m.to_left THEN h.x - f.x ELSE f.x - h.x END"
 COLUMNS = ("frame", "id", "x", "width", "xVelocity", "followingId", "laneId")
 FRAMES = trajectories.FRAMES.format(
     rows=f"""
@@ -31,7 +32,9 @@ FRAMES = trajectories.FRAMES.format(
 )
 META = """
     CREATE OR REPLACE TEMP TABLE meta AS
-    SELECT DISTINCT ON (id) id, drivingDirection, class FROM meta_file ORDER BY id, drivingDirection, class
+    SELECT DISTINCT ON (id) id, coalesce(way < 0, drivingDirection = 1) AS to_left, trim(class) AS class
+    FROM meta_file LEFT JOIN (SELECT id, nullif(sum(moved), 0) AS way FROM frames GROUP BY id) USING (id)
+    ORDER BY id, to_left, class
 """
 FORMAT = drone.Format(
     "highd",
@@ -42,7 +45,7 @@ FORMAT = drone.Format(
     frames=FRAMES,
     meta=META,
     readings={
-        LEFT_END: f"{AHEAD} - CASE WHEN m.drivingDirection = 1 THEN f.width ELSE h.width END",
+        LEFT_END: f"{AHEAD} - CASE WHEN m.to_left THEN f.width ELSE h.width END",
         CENTRE: f"{AHEAD} - (f.width + h.width) / 2",
         "front of the vehicle": f"{AHEAD} - f.width",
         "rear of the vehicle": f"{AHEAD} - h.width",

@@ -22,8 +22,8 @@ from accelerated_evaluation.records.recordings.osi_lanes import TraceLanes
 from accelerated_evaluation.records.recordings.osi_vehicles import LANE, Fleet
 from accelerated_evaluation.records.recordings.trajectories import (
     changes_of_lane,
+    check_speeds,
     cut_ins_of,
-    position_agreement,
     trajectory_keys,
 )
 from accelerated_evaluation.records.sources import source
@@ -34,6 +34,7 @@ if TYPE_CHECKING:  # an optional extra
 
 ENDINGS = (".mcap", ".osi")
 CARS = ("SMALL_CAR", "COMPACT_CAR", "CAR", "LUXURY_CAR")
+STRAIGHT = 1.05  # vehicles move in the direction of their heading, except for some degrees
 BATCH = 100_000  # rows in memory at a time
 COMPLETE = "coalesce(isfinite(x) AND isfinite(velocity), FALSE) AND lane IS NOT NULL"
 # `x` is the distance that the vehicle has driven while in view, so that roads may bend.
@@ -69,17 +70,17 @@ def read(settings: Mapping[str, Any]) -> pd.DataFrame:
     impossible lengths, or if no vehicle has one of the configured classes; StudyError if the library
     betterosi is not installed.
     """
-    found, counts = [], Counter[str]()
+    found, counts, warnings = [], Counter[str](), []
     with database() as (connection, _):
         for file in tqdm(_files(settings["path"]), desc="find cut-ins", unit="trace", delay=1, disable=None):
             fleet = _read_trace(connection, file, milliseconds(settings["rule"]["gap"]))
             connection.execute(trajectories.frames_sql(FRAMES, settings["rule"]))
             candidates, of_file = changes_of_lane(connection, settings, range_="f.gap", complete=COMPLETE)
             _require_use(str(file), of_file, fleet)
-            _require_units(connection, str(file), fleet)
+            warnings += [f"{file.name}: {each}" for each in _check_units(connection, str(file), fleet)]
             found.append(fleet.identified(candidates).assign(recording=file.stem))
             counts.update(of_file)
-    return cut_ins_of(found, counts, settings)
+    return cut_ins_of(found, counts, settings, warnings)
 
 
 def _files(folder: str) -> list[Path]:
@@ -115,17 +116,27 @@ def _require_use(where: str, counts: Mapping[str, float], fleet: Fleet) -> None:
     )
 
 
-def _require_units(connection: "DuckDBPyConnection", where: str, fleet: Fleet) -> None:
-    """Raise InputError if speeds contradict positions, or if lengths of vehicles are impossible."""
-    require_agreement(
+def _check_units(connection: "DuckDBPyConnection", where: str, fleet: Fleet) -> list[str]:
+    """Return warnings about units; raise InputError if units are wrong or lengths are impossible."""
+    warnings = require_agreement(
         where,
-        position_agreement(connection),
-        what="changes of position and velocity times the time between frames",
-        key="position [m], velocity [m/s] or timestamp of the messages",
+        fleet.ahead / fleet.speed if fleet.speed > 0 else np.nan,
+        what="the velocities along orientation.yaw and the speeds",
+        key="orientation.yaw [rad, from the x axis to the left] or velocity [m/s, in the axes of the map]",
+        factor=STRAIGHT,
+    )
+    warnings += check_speeds(
+        connection,
+        where,
+        "changes of position and velocity times the time between frames",
+        "position [m], velocity [m/s] or timestamp of the messages",
     )
     lengths = pd.Series(fleet.lengths, dtype=float).dropna()
-    is_car = pd.Series(fleet.classes, dtype=object).isin(CARS)
-    require_lengths(where, "dimension.length of the vehicles", lengths, is_car[lengths.index])
+    kind = pd.Series(fleet.classes, dtype=object).replace(
+        dict.fromkeys(CARS, "car") | {"HEAVY_TRUCK": "truck"}
+    )
+    require_lengths(where, "dimension.length of the vehicles", lengths, kind[lengths.index])
+    return warnings
 
 
 def _read_trace(connection: "DuckDBPyConnection", file: Path, gap: int) -> Fleet:
@@ -188,6 +199,8 @@ def _rows_of(
     owners = fleet.owners(vehicles, numbers, along, across)
     host, range_ = _hosts(along, yaw, length, lane, owners)
     velocity = speed_x * np.cos(yaw) + speed_y * np.sin(yaw)
+    fleet.ahead += float(np.nansum(velocity * np.hypot(speed_x, speed_y)))
+    fleet.speed += float(np.nansum(speed_x**2 + speed_y**2))
     for i, number in enumerate(numbers):
         if owners[i] != i:
             continue  # a trailer

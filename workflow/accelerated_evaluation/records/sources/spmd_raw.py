@@ -173,7 +173,7 @@ def read(settings: Mapping[str, Any]) -> pd.DataFrame:
     candidates = pd.concat(found).sort_values(["device", "trip", "time", "vehicle"])
     candidates = with_names(candidates, "device {device} trip {trip} at {time:g} s")
     cut_ins = drop_in_turn(candidates, _reasons(settings), account)
-    return finished(cut_ins[list(OUTPUT)], account, counts, warnings)
+    return finished(cut_ins[list(OUTPUT)], account, counts, warnings, folder)
 
 
 def _sort_into_parts(
@@ -236,23 +236,24 @@ def _require_types(folder: str, counts: Mapping[Any, float], types: Sequence[int
 
 def _require_units(folder: str, counts: Mapping[str, float], unit: str) -> list[str]:
     """Raise InputError if units contradict each other; return warnings about units that cannot be checked."""
-    require_agreement(
+    warnings = require_agreement(
         folder,
         counts["moved"] / counts["reported"] if counts["reported"] > 0 else np.nan,
         what="changes of Range and RangeRate times the time between frames",
         key="data.spmd_raw.time_unit, or the columns Range [m] and RangeRate [m/s, negative when closing]",
         factor=2,  # the radar's range rates are noisy
     )
-    require_agreement(
+    warnings += require_agreement(
         folder,
         counts["speed"] / counts["gps_speed"] if counts["gps_speed"] > 0 else np.nan,
         what="SpeedWsu, as m/s, and GpsSpeedWsu [m/s]",
         key="data.spmd_raw.speed_unit, or the column SpeedWsu",
     )
     if counts["gps_speed"] > 0:
-        return []
+        return warnings
     return [
-        f"no row with a GpsSpeedWsu above 5 m/s, so that the unit of SpeedWsu ({unit}) could not be checked"
+        *warnings,
+        f"no row with a GpsSpeedWsu above 5 m/s, so that the unit of SpeedWsu ({unit}) could not be checked",
     ]
 
 
