@@ -135,6 +135,10 @@ REFUSED = [
     (lambda turns, _: ae.fit_paper_law("four", turns), "name: seen 'four'; expected one of two_pieces"),
     (lambda *_: ae.Variable("gap", "m", 9, 0, "the gap"), "Variable gap: seen limits from 9 to 0"),
     (lambda *_: ae.Box(("a", "b"), (0.0,), (1.0, 1.0)), "a lower limit below an upper limit for each"),
+    (lambda *_: ae.Box(("a", "a"), (0.0, 0.0), (1.0, 1.0)), "expected different names"),
+    (lambda *_: ae.Stopping(maximum_simulations=-1), "seen -1; expected a number above -1"),
+    (lambda *_: ae.child_generator(1, -1), "path: seen -1; expected texts, and whole numbers"),
+    (lambda *_: ae.Posterior([0.1, -0.2], [0, 1]), "negative or infinite values; expected"),
     (lambda *_: ae.Posterior([0.1, 0.2], [0]), "expected one probability and one number of a candidate"),
     (lambda *_: replace(TURN, variables=()), "Scenario left_turn: seen no variables"),
     (lambda *_: replace(TURN, variables=TURN.variables[:1] * 2), "expected a name of its own for each"),
@@ -235,6 +239,7 @@ def test_limits_that_are_auto_are_derived_from_a_users_table(tmp_path, monkeypat
 PLACES = {"name": "gap", "unit": "m", "description": "the gap"}
 DOORS = [
     (ae.child_generator, {"root_seed": 1}),
+    (ae.Stopping, asdict(ae.Stopping())),
     (ae.load, {"paths": (), "given": {}}),
     (ae.read_records, {"config": "left_turn", "check": None}),
     (ae.event_named, {"text": "crash", "scenario": "left_turn"}),

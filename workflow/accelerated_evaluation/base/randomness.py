@@ -9,6 +9,10 @@ from accelerated_evaluation.base.arguments import Argument, a_number
 from accelerated_evaluation.base.checking import checked
 
 A_SEED = a_number(0, whole=True)
+A_PART = Argument(
+    "texts, and whole numbers of 0 or more",
+    lambda part: zlib.crc32(part.encode()) if isinstance(part, str) else A_SEED.take(part),
+)
 
 
 @checked(root_seed=A_SEED)
@@ -38,7 +42,7 @@ def child_generator(root_seed: int, *path: str | int) -> np.random.Generator:
     >>> first == again != ae.child_generator(7, "fit", 4).random()
     True
     """
-    key = tuple(part if isinstance(part, int) else zlib.crc32(part.encode()) for part in path)
+    key = tuple(A_PART.of(part, "child_generator, argument path") for part in path)
     return np.random.default_rng(np.random.SeedSequence(root_seed, spawn_key=key))
 
 

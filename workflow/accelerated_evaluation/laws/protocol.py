@@ -73,12 +73,12 @@ class Box:
         for name in ("lower", "upper"):  # whole numbers would make arrays of integers
             object.__setattr__(self, name, tuple(map(float, getattr(self, name))))
         ends = list(zip(self.lower, self.upper, strict=False))
-        sizes = {len(self.names), len(self.lower), len(self.upper)}
+        sizes = {len({*self.names}), len(self.names), len(self.lower), len(self.upper)}
         if len(sizes) > 1 or not all(low < high for low, high in ends):
             raise InputError(
                 "Box",
                 seen=f"{len(self.names)} variables with the limits {self.lower} and {self.upper}"[:200],
-                expected="a lower limit below an upper limit for each variable",
+                expected="different names, and a lower limit below an upper limit for each",
                 change="Correct the names or the limits.",
             )
 

@@ -1,13 +1,19 @@
 """Methods that estimate the probability of an event, their common interface, and their registry."""
 
 from abc import ABC, abstractmethod
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
+from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any, ClassVar, Self
 
 import numpy as np
-from fewruns.estimates import Estimate, Stopping
+from fewruns.errors import InputError as SamplerInputError
+from fewruns.estimates import Estimate
+from fewruns.estimates import Stopping as StoppingOfSampler
 from scipy.special import ndtri
 
+from accelerated_evaluation.base.checking import checked
+from accelerated_evaluation.base.errors import InputError
 from accelerated_evaluation.base.registry import Registry
 from accelerated_evaluation.base.sections import Schema, Sections, integer, section, share
 
@@ -48,6 +54,28 @@ IMPORTANCE_SAMPLING = section(
         "Number of simulations after each of which the running estimate is saved (figures 12 and 13).",
     ),
 )
+
+
+@contextmanager
+def study_errors() -> Iterator[None]:
+    """Convert an `InputError` of the sampler into one of the study, which is printed without a traceback."""
+    try:
+        yield
+    except SamplerInputError as error:
+        raise InputError(
+            error.where, seen=error.seen, expected=error.expected, change=error.change
+        ) from error
+
+
+@checked()
+@dataclass(frozen=True)
+class Stopping(StoppingOfSampler):  # noqa: D101
+    __doc__ = StoppingOfSampler.__doc__
+
+    def __post_init__(self) -> None:
+        """Check the values."""
+        with study_errors():
+            super().__post_init__()
 
 
 def normal_reach(alpha: float) -> float:

@@ -2,23 +2,20 @@
 
 import math
 import os
-from collections.abc import Callable, Iterator, Mapping
-from contextlib import contextmanager
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
 from typing import Any, ClassVar, Self
 
 import numpy as np
 from fewruns.certificate import Certificate
 from fewruns.constants import UNSEEN_ALPHA
-from fewruns.errors import InputError as SamplerInputError
 from fewruns.estimates import Estimate, Stopping
 from fewruns.problems import Predecessor, ScoreProblem
 from fewruns.running import estimate_problem, sampler_for
 from fewruns.sampler import Sampler
 
-from accelerated_evaluation.base.errors import InputError
 from accelerated_evaluation.base.sections import Schema, Sections, choice, integer, section
-from accelerated_evaluation.methods import METHODS, Method, configured_stopping
+from accelerated_evaluation.methods import METHODS, Method, configured_stopping, study_errors
 from accelerated_evaluation.methods.problem import Problem
 from accelerated_evaluation.scenarios.events import Event
 from accelerated_evaluation.scenarios.protocol import Scenario
@@ -48,17 +45,6 @@ SETTINGS = section(
         "one that does so although it is checked after every batch, for about a sixth more simulations.",
     ),
 )
-
-
-@contextmanager
-def study_errors() -> Iterator[None]:
-    """Convert an `InputError` of the sampler into one of the study, which is printed without a traceback."""
-    try:
-        yield
-    except SamplerInputError as error:
-        raise InputError(
-            error.where, seen=error.seen, expected=error.expected, change=error.change
-        ) from error
 
 
 def rules_for(scenario: Scenario, event: Event) -> dict[str, Any]:

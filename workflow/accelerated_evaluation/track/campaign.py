@@ -20,8 +20,8 @@ from fewruns.sampler import Sampler
 from accelerated_evaluation.base.errors import InputError
 from accelerated_evaluation.base.randomness import child_generator
 from accelerated_evaluation.laws import Law
-from accelerated_evaluation.methods import Estimate, Stopping
-from accelerated_evaluation.methods.surrogate import rules_for, study_errors
+from accelerated_evaluation.methods import Estimate, Stopping, study_errors
+from accelerated_evaluation.methods.surrogate import rules_for
 from accelerated_evaluation.scenarios.cut_in import CUT_IN
 from accelerated_evaluation.scenarios.events import Event
 from accelerated_evaluation.scenarios.protocol import Scenario

@@ -54,10 +54,11 @@ class Posterior:
     member: NDArray[np.intp]  # number of the candidate from which each law was drawn, shape (K,)
 
     def __post_init__(self) -> None:
-        if self.probabilities.shape != self.member.shape or self.probabilities.ndim != 1:
+        values, shape = self.probabilities, self.member.shape
+        if values.shape != shape or values.ndim != 1 or (values < 0).any() or np.isinf(values).any():
             raise InputError(
                 "Posterior",
-                seen=f"probabilities of shape {self.probabilities.shape}, member of {self.member.shape}",
+                seen=f"probabilities of shape {values.shape}, member of {shape}, negative or infinite values",
                 expected="one probability and one number of a candidate for each draw, shape (K,)",
                 change="Pass two arrays of equal length.",
             )
