@@ -31,12 +31,9 @@ from accelerated_evaluation.answer.consequences.criterion import (
     under,
 )
 from accelerated_evaluation.answer.consequences.deciding import (
-    assurance,
     criteria_tables,
     deciding_table,
     encounters_needed,
-    factor_needed,
-    variances_of,
 )
 from accelerated_evaluation.answer.ways.extrapolation import exact_interval
 from scipy.special import ndtri
@@ -167,7 +164,7 @@ def test_references_that_counts_contradict_are_marked():
     own, basis = lognormal(1e-6, 0.1), Basis(ae.CUT_IN.scope)
     exposed = {"kilometres": 2000.0, "hours": None}
     others = {"cc_human": lognormal(1e-4, 0.1), "careful": lognormal(1e-6, 0.1)}
-    given = own, None, basis, 100, exposed, others, {}
+    given = own, basis, 100, exposed, others, {}
     table = criteria_tables([of("0.5 x cc_human"), of("2 x careful")], *given)["criteria"]
     assert "contradicted by counts: 13 crashes" in table["reason"][0]
     assert "contradicted by counts" in criterion_in_words(table.iloc[0])
@@ -202,32 +199,11 @@ def test_encounters_without_the_event():
     assert encounters_needed(impossible) == np.inf
 
 
-def test_the_promise_of_more_simulations_holds():
-    """In simulated later posteriors, half of the simulations decide less often than promised."""
-    generator, distance, data, kept = np.random.default_rng(5), 0.3, 0.5, 0.005
-    factor = factor_needed(distance, data, kept)
-
-    def decided(factor: float) -> float:
-        after = data / factor + kept
-        means = generator.normal(distance, np.sqrt(data + kept - after), 20_000)
-        return float((np.abs(means) >= ndtri(0.95) * np.sqrt(after)).mean())
-
-    error = np.sqrt(0.8 * 0.2 / 20_000)
-    assert decided(factor) == pytest.approx(0.8, abs=4 * error)
-    assert decided(factor / 2) < 0.8 - 10 * error
-    assert factor_needed(0.1, 0.1, 1.0) == np.inf  # the choice of law alone leaves it undecided
-    assert factor_needed(10.0, 0.1, 0.0) == 1.0
-    assert assurance(0.3, 0.5, 0.5) == 0.0
-
-
 def test_the_table_of_what_would_decide():
     posterior = lognormal(1e-6, 0.5)
     exposure = {"kilometres": 2e4, "hours": None}
     judged = judge(of("1.5e-6 per cut-in"), posterior, 1_000, exposure)
-    variances = variances_of(judged, posterior.member, 0.0, 1_000)
-    assert variances["data"] == pytest.approx(0.25, rel=0.01)
-    assert variances["choice of law"] == 0
-    table = deciding_table(judged, variances, 1_000, None, exposure).set_index("effort")
+    table = deciding_table(judged, 1_000, exposure).set_index("effort")
     assert list(table.index) == ["records", "encounters without the event", "kilometres without the event"]
     assert np.isnan(table.loc["records", "needed"])  # how fast the choice of law would shrink is not known
     ratio = (
@@ -236,7 +212,7 @@ def test_the_table_of_what_would_decide():
     )
     assert ratio == pytest.approx(20)
     decided = judge(of("1 per cut-in"), posterior, 1_000, exposure)
-    assert deciding_table(decided, variances, 1_000, None, exposure).empty
+    assert deciding_table(decided, 1_000, exposure).empty
 
 
 PARTS = pd.DataFrame({"part": ["all", "recorded"], "upper95": [4e-6, 1e-6], "recorded": 0, "records": 299})
@@ -280,7 +256,7 @@ def test_a_rate_of_all_encounters_is_judged_if_it_is_known():
     """Events that were not recorded make the rate ten times as large, and no replay speaks about them."""
     own, basis = lognormal(1e-6, 0.5), Basis("closing cut-ins", 0.0, (0.0, 2e-6))
     every = lognormal(1e-5, 1.0), basis.of_every("cut-in")
-    given = [of("3e-6 per cut-in")], own, None, basis, 100, UNKNOWN, {}, {}
+    given = [of("3e-6 per cut-in")], own, basis, 100, UNKNOWN, {}, {}
     closing, whole = (criteria_tables(*given, each)["criteria"].iloc[0] for each in (None, every))
     assert (closing["verdict"], closing["encounters"]) == (SHOWN[True], "closing cut-ins")
     assert (whole["verdict"], whole["encounters"]) == (UNDECIDED, "all cut-ins")
@@ -320,7 +296,7 @@ def test_a_posterior_under_another_choice():
 )
 def test_the_weakest_verdict_under_all_choices_is_the_verdict(limit, alone, weakest):
     choices = [row_of("as in the answer", 1e-6, 0.5), row_of("low", 3e-7, 0.5), row_of("high", 3e-6, 0.5)]
-    given = [of(f"{limit} per cut-in")], lognormal(1e-6, 0.5), None, Basis(), 100, UNKNOWN, {}, {}
+    given = [of(f"{limit} per cut-in")], lognormal(1e-6, 0.5), Basis(), 100, UNKNOWN, {}, {}
     assert criteria_tables(*given)["criteria"]["verdict"][0] == alone
     tables = criteria_tables(*given, choices=pd.DataFrame(choices))
     row = tables["criteria"].iloc[0]
@@ -339,16 +315,16 @@ def test_injuries_and_all_encounters_change_with_the_choice():
     exposed = {"kilometres": 1000.0, "hours": None}
     criteria = [of("3e-7 MAIS3+ per cut-in", ("MAIS3+",)), of("3e-5 per cut-in"), of("1 x human")]
     every = lognormal(1e-5, 0.5), Basis()
-    table = criteria_tables(
-        criteria, own, None, Basis(), 100, exposed, {"human": own}, injured, every, choices
-    )["criteria"]
+    table = criteria_tables(criteria, own, Basis(), 100, exposed, {"human": own}, injured, every, choices)[
+        "criteria"
+    ]
     same = norm.cdf(np.log(0.3) / 0.5)
     assert table["weakest_probability"][:2].tolist() == pytest.approx([same, same], abs=0.01)
     assert table["weakest_choice"].tolist() == ["tenfold", "tenfold", ""]  # a ratio has no other choices
 
 
 def test_no_verdict_without_an_estimate():
-    found = criteria_tables([of("3e-6 per cut-in")], None, None, Basis(), 100, UNKNOWN, {}, {})
+    found = criteria_tables([of("3e-6 per cut-in")], None, Basis(), 100, UNKNOWN, {}, {})
     assert "replayed records contradict" in criterion_in_words(found["criteria"].iloc[0])
 
 

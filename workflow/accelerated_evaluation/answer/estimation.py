@@ -113,7 +113,6 @@ class Estimated:
         return criteria_tables(
             self.criteria,
             None if self.evidence.doubts else own.posterior,
-            own.simulations,
             Basis.of(first, own.problem.scenario.scope),
             self.records.size,
             self.records.exposure,

@@ -188,7 +188,7 @@ def study_criteria(
 ) -> Tables:
     """Return the tables ``criteria`` and ``deciding`` of the vehicle under test (`criteria_tables`).
 
-    ``made`` are tables of the study: ``vehicle_draws`` and ``extrapolation``, and those of ``answer_draws``,
+    ``made`` are tables of the study: ``vehicle_draws`` and ``extrapolation``, and those of
     ``risks``, ``choices`` and ``all_cut_ins`` that the study has.
     """
     posteriors = {str(name): posterior_of(rows) for name, rows in made["vehicle_draws"].groupby("vehicle")}
@@ -197,7 +197,6 @@ def study_criteria(
     return criteria_tables(
         criteria,
         own,
-        made["answer_draws"].get("simulations", pd.Series([None])).iloc[0],
         basis,
         records.size,
         records.exposure,

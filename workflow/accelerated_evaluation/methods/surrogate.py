@@ -9,13 +9,13 @@ from typing import Any, ClassVar, Self
 import numpy as np
 from fewruns.certificate import Certificate
 from fewruns.constants import UNSEEN_ALPHA
-from fewruns.estimates import Estimate, Stopping
+from fewruns.estimates import Estimate
 from fewruns.problems import Predecessor, ScoreProblem
 from fewruns.running import estimate_problem, sampler_for
 from fewruns.sampler import Sampler
 
 from accelerated_evaluation.base.sections import Schema, Sections, choice, integer, section
-from accelerated_evaluation.methods import METHODS, Method, configured_stopping, study_errors
+from accelerated_evaluation.methods import METHODS, Method, Stopping, configured_stopping, study_errors
 from accelerated_evaluation.methods.problem import Problem
 from accelerated_evaluation.scenarios.events import Event
 from accelerated_evaluation.scenarios.protocol import Scenario

@@ -9,7 +9,6 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from fewruns.estimates import Stopping
 from fewruns.state import content_of, sampler_of
 from fewruns.typed_json import MISFIT, checksum, decode, encode
 
@@ -17,7 +16,7 @@ from accelerated_evaluation.base.errors import InputError, located
 from accelerated_evaluation.base.files import read_json, write_text
 from accelerated_evaluation.base.tables import require_file
 from accelerated_evaluation.laws import Law
-from accelerated_evaluation.methods import study_errors
+from accelerated_evaluation.methods import Stopping, study_errors
 from accelerated_evaluation.scenarios import SCENARIOS
 from accelerated_evaluation.track.campaign import Campaign, Run
 from accelerated_evaluation.track.law_files import InputFile, law_in, source_of

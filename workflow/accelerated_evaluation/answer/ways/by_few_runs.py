@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 import pandas as pd
-from fewruns import Estimate, LawEstimates, Predecessor, Sampler, SeveralLaws, Stopping, run_batches
+from fewruns import Estimate, LawEstimates, Predecessor, Sampler, SeveralLaws, run_batches
 from fewruns.crossfit import Control, cross_fitted
 from fewruns.problems import PartialResponse
 from fewruns.two_phase import TwoPhaseBatch
@@ -23,6 +23,7 @@ from accelerated_evaluation.base.arguments import a_number, one_of
 from accelerated_evaluation.base.arrays import Array
 from accelerated_evaluation.base.checking import checked
 from accelerated_evaluation.laws.draws import Draws
+from accelerated_evaluation.methods import Stopping
 from accelerated_evaluation.methods.problem import Problem
 from accelerated_evaluation.methods.study import with_encounters
 from accelerated_evaluation.methods.surrogate import configured_sampler

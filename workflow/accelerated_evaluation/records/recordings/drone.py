@@ -122,7 +122,7 @@ def _read_recording(
     with csv_errors(file):
         supported, warnings = compared(connection, str(file), form.readings, form.own)
         warnings += check_speeds(connection, str(file), *form.speeds)
-        (missed,) = connection.execute(f"SELECT count(*) FROM frames WHERE {form.missed}").fetchone()
+        [(missed,)] = connection.execute(f"SELECT count(*) FROM frames WHERE {form.missed}").fetchall()
         if missed:
             warnings.append(
                 f"{missed:,} changes of lane are not marked as such; use all frames of the recording"
