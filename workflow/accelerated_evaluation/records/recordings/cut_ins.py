@@ -175,7 +175,7 @@ def require_lengths(where: str, column: str, lengths: pd.Series, kind: pd.Series
         seen = (
             f"{(lengths <= 0).sum():,} vehicles with a length of 0 or less, the smallest {lengths.min():g} m"
         )
-    elif outside := [one for one in medians.index if not _is_possible(one, medians[one])]:
+    elif outside := [one for one, (low, high) in LENGTHS.items() if not low <= medians.get(one, low) <= high]:
         seen = " and ".join(f"a median length of {one}s of {medians[one]:.3g} m" for one in outside)
     elif len(lengths) and lengths.median() > LONGEST:
         seen = f"a median length of vehicles of {lengths.median():.3g} m"
@@ -190,9 +190,3 @@ def require_lengths(where: str, column: str, lengths: pd.Series, kind: pd.Series
             change="Correct the column. Its unit (feet instead of metres) or its sign may be wrong, or it "
             "may contain widths.",
         )
-
-
-def _is_possible(kind: str, median: float) -> bool:
-    """Return whether the vehicles of a class may have this median length [m]."""
-    low, high = LENGTHS.get(kind, (0.0, np.inf))
-    return low <= median <= high
