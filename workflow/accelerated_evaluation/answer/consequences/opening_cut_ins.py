@@ -131,7 +131,7 @@ def opening_terms(
         sizes.append(size)
         weights = np.zeros(row.size)
         shown = crashes.any(axis=0)
-        shown[np.argsort(score, kind="stable")[:CLOSEST]] = True  # as below, also where many scores are equal
+        shown[closest(score)] = True
         densities = [each.density(row[shown], inputs[shown]) for each in laws]
         weights[shown] = 1 / np.average(densities, axis=0, weights=sizes)
         return weights * crashes
@@ -144,7 +144,7 @@ def opening_terms(
         if concentrates:
             chosen = np.flatnonzero(crashes[1])
             if chosen.size < CLOSEST:
-                chosen = np.argsort(score, kind="stable")[:CLOSEST]
+                chosen = closest(score)
             law = _concentrated(first, parts, row[chosen], inputs[chosen], weights[chosen])
     largest = (
         2 * 2 / (1 - CONCENTRATED * concentrates)
@@ -154,6 +154,17 @@ def opening_terms(
         terms = add(Preferred(np.full(count, 1 / count), is_plain=True), plain)
         largest = sum(sizes) / plain
     return terms, largest
+
+
+def closest(score: Array) -> NDArray[np.intp]:
+    """Return the indices of the `CLOSEST` smallest scores, smallest first and then in their order.
+
+    Few scores are sorted, which takes a tenth of the time of sorting millions.
+    """
+    few = np.arange(score.size)
+    if score.size > CLOSEST:
+        few = np.flatnonzero(score <= np.partition(score, CLOSEST)[CLOSEST])
+    return few[np.argsort(score[few], kind="stable")[:CLOSEST]]
 
 
 def _concentrated(

@@ -1,7 +1,7 @@
 """Smooth laws of cut-ins along lines of the closing speed, for the explorer."""
 
 from collections.abc import Callable
-from functools import partial
+from functools import cache, partial
 from pathlib import Path
 from typing import Self
 
@@ -13,7 +13,7 @@ from accelerated_evaluation.answer.candidates.fitted_records import FittedRecord
 from accelerated_evaluation.answer.candidates.law_study import LawStudy
 from accelerated_evaluation.answer.ways.explored import TINY, Plane, PlaneCells, Sections
 from accelerated_evaluation.base.arrays import Array
-from accelerated_evaluation.laws.smooth.conditional import Places, SpeedLaw
+from accelerated_evaluation.laws.smooth.conditional import Places
 from accelerated_evaluation.laws.smooth.mean import MeanLaw
 from accelerated_evaluation.laws.smooth.smooth_hazard import SmoothHazard
 
@@ -34,18 +34,15 @@ class CutInSections(Sections):
     def __init__(self, study: LawStudy, draws: MeanLaw, more: np.random.Generator) -> None:
         """Take the draws of the answer, and add draws so that every smooth law has at least `FEWEST`."""
         smooth, own = study.smooth, draws.draws
-        # Distributions of range and closing speed of each draw; those of the answer come first.
-        self.laws: list[tuple[SmoothHazard, SpeedLaw]] = [
-            (own.ranges[shared], law) for shared, law in zip(own.shared, own.laws, strict=True)
-        ]
+        # Index of the distribution of the range, which draws share, and distribution of the closing speed of
+        # each draw; those of the answer come first.
+        self.ranges, self.laws = [*own.ranges], [*zip(own.shared.tolist(), own.laws, strict=True)]
         member = [smooth.names.index(name) for name in own.names]
         for place, count in enumerate(np.bincount(member, minlength=len(smooth.names))):
             for _ in range(FEWEST - count):
-                ranges, law = (
-                    smooth.family.ranges.drawn(more),
-                    smooth.family.drawn(smooth.members[place], more),
-                )
-                self.laws.append((ranges, law))
+                self.ranges.append(smooth.family.ranges.drawn(more))
+                law = smooth.family.drawn(smooth.members[place], more)
+                self.laws.append((len(self.ranges) - 1, law))
                 member.append(place)
         self.names, self.weights = smooth.names, study.mean_weights
         self.member, self.answered = np.array(member), own.size
@@ -74,8 +71,9 @@ class CutInSections(Sections):
         count = share.size
         parts = [slice(first, first + PART) for first in range(0, count, PART)]
         total = np.zeros((SPEEDS.size, count))
-        for ranges, law in tqdm(laws, desc="mean law", unit=" draws", disable=few):
-            given, probability = law.given(places), share * _of_range(cells, places, ranges)
+        of_range = cache(lambda k: share * _of_range(cells, places, self.ranges[k]))
+        for k, law in tqdm(laws, desc="mean law", unit=" draws", disable=few):
+            given, probability = law.given(places), of_range(k)
             for part in parts:
                 total[:, part] += probability[part] * np.exp(-given.cumulative_at(SPEEDS, part))
         return np.ascontiguousarray(total.T) / len(laws)
@@ -95,10 +93,11 @@ class CutInSections(Sections):
         places = Places.of(*cells.point, self.support)
         row = np.repeat(np.arange(len(levels)), levels.shape[1])
         logs = np.empty((len(self.laws), *levels.shape))
-        for own, (ranges, law) in zip(logs, self.laws, strict=True):
+        # The ratio is 1 if there are no cut-ins under any draw, as between ranges rounded to 10 m.
+        of_range = cache(lambda k: np.log(np.maximum(_of_range(cells, places, self.ranges[k]), TINY)))
+        for own, (k, law) in zip(logs, self.laws, strict=True):
             hazard = law.given(places).cumulative(levels.ravel(), row).reshape(own.shape)
-            # The ratio is 1 if there are no cut-ins under any draw, as between ranges rounded to 10 m.
-            own[:] = np.log(np.maximum(_of_range(cells, places, ranges), TINY))[:, None] - hazard
+            own[:] = of_range(k)[:, None] - hazard
         return logs - np.log(np.mean(np.exp(logs[: self.answered]), axis=0))
 
     def distance(self, cells: PlaneCells) -> Array:
@@ -107,8 +106,9 @@ class CutInSections(Sections):
         rank = (np.searchsorted(self.recorded, lead_speed) + 0.5) / (self.recorded.size + 1)
         places, tail = Places.of(lead_speed, range_, self.support), np.zeros(range_.size)
         logarithm = np.log(self.support.range_max / range_)
-        for ranges, _ in self.laws[: self.answered]:
-            tail += np.exp(-places.range_hazards(ranges).at(logarithm)) / self.answered
+        beyond = cache(lambda k: np.exp(-places.range_hazards(self.ranges[k]).at(logarithm)) / self.answered)
+        for k, _ in self.laws[: self.answered]:
+            tail += beyond(k)
         return ndtri(rank) ** 2 + ndtri(tail) ** 2
 
 
