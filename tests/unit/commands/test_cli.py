@@ -176,7 +176,7 @@ def test_bad_arguments(tmp_path, monkeypatch, capsys, arguments, message):
     assert not Path("out.csv").exists()
 
 
-def test_all_numbers_of_commands_refuse_underscores():
+def test_all_numbers_of_commands_refuse_underscores_and_nan():
     def options(parser):
         for action in parser._actions:
             below = action.choices.values() if isinstance(action, argparse._SubParsersAction) else ()
@@ -187,8 +187,9 @@ def test_all_numbers_of_commands_refuse_underscores():
         if action.type in texts or isinstance(action, argparse._SubParsersAction):
             continue
         numbers += 1
-        with pytest.raises(argparse.ArgumentError, match="seen '1_0'; expected"):
-            parser._get_value(action, "1_0")
+        for text in ("1_0", "nan"):
+            with pytest.raises(argparse.ArgumentError, match=f"seen '{text}'; expected"):
+                parser._get_value(action, text)
     assert numbers > 15
 
 

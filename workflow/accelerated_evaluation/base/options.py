@@ -9,6 +9,7 @@ from pathlib import Path
 from types import NoneType
 from typing import Any, TypeVar, get_args, get_origin, get_type_hints
 
+from accelerated_evaluation.base.arguments import WRONG, Argument, a_number
 from accelerated_evaluation.base.numerals import number_in
 
 Kind = TypeVar("Kind")
@@ -95,28 +96,22 @@ def options_in(given: object, kind: type[Kind]) -> Kind:
     return kind(**{name: getattr(given, name) for name in names})
 
 
-def number_option(
-    expected: str,
-    fits: Callable[[float], bool] = lambda _: True,
-    kind: type[int] | type[float] = float,
-) -> Callable[[str], float]:
-    """Return the type of an option that is a number, with the words for what is expected of it."""
+def read_from(argument: Argument, kind: type[int] | type[float] = float) -> Callable[[str], float]:
+    """Return the type of an option whose text states a number that an argument of a function may be."""
 
     def read(text: str) -> float:
         try:
-            value = number_in(text, kind)
-        except ValueError:
-            value = None
-        if value is None or not fits(value):
-            raise argparse.ArgumentTypeError(f"seen {text!r}; expected {expected}. Correct the value.")
-        return value
+            return argument.take(number_in(text, kind))
+        except WRONG as error:
+            words = f"seen {text!r}; expected {argument.in_words}. Correct the value."
+            raise argparse.ArgumentTypeError(words) from error
 
     return read
 
 
 # How the texts of options that have the type int or float are converted; see `cli.Parser`.
-PLAIN_NUMBERS = {int: number_option("a whole number", kind=int), float: number_option("a number")}
-positive_integer = number_option("a whole number of 1 or more", lambda value: value >= 1, int)
+PLAIN_NUMBERS = {int: read_from(a_number(whole=True), int), float: read_from(a_number())}
+positive_integer = read_from(a_number(1, whole=True), int)
 
 
 def csv_file(text: str) -> Path:

@@ -12,9 +12,10 @@ import numpy as np
 import yaml
 
 from accelerated_evaluation.base import strict_yaml
+from accelerated_evaluation.base.arguments import Argument, if_it
 from accelerated_evaluation.base.errors import InputError
 from accelerated_evaluation.base.files import write_csv
-from accelerated_evaluation.base.options import argument, number_option, option, positive_integer, switch
+from accelerated_evaluation.base.options import argument, option, positive_integer, read_from, switch
 from accelerated_evaluation.base.tables import column_of_numbers, read_csv, require_file
 from accelerated_evaluation.commands import COMMANDS
 from accelerated_evaluation.commands.shared import OfVehicle
@@ -50,7 +51,7 @@ SLOW = (
     "commands, FMUs and other slow vehicles",
     "Outcomes are stored in results/vehicles, so that no encounter is simulated twice.",
 )
-POSITIVE = number_option("a positive number", lambda value: 0 < value < math.inf)
+POSITIVE = read_from(Argument("a positive number", if_it(lambda value: 0 < value < math.inf)))
 
 
 def _description() -> str:

@@ -5,12 +5,12 @@ from dataclasses import dataclass
 
 from accelerated_evaluation.base.arguments import a_number
 from accelerated_evaluation.base.checking import checked
-from accelerated_evaluation.base.options import number_option, option, positive_integer
+from accelerated_evaluation.base.options import option, positive_integer, read_from
 
 ANSWER = "answer"  # the law that is the mixture of all laws that the records support
 SHARE = 0.05  # allowed relative increase of the width of the interval by the sampling
-A_SPEED = number_option("a number from 1 to 200", lambda value: 1 <= value <= 200)
-A_SHARE = number_option("a number from 0 to 1", lambda value: 0 <= value <= 1)
+A_SPEED = read_from(a_number(1, 200))
+A_SHARE = read_from(a_number(0, 1))
 
 
 @checked(replicates=a_number(1, whole=True), sampling_share=a_number(0), host_speed_max=a_number(1, 200))
