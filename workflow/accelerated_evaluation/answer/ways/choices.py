@@ -7,6 +7,7 @@ import pandas as pd
 
 from accelerated_evaluation.answer.candidates.law_study import LawStudy
 from accelerated_evaluation.answer.candidates.smooth_family import SmoothFamily, named
+from accelerated_evaluation.answer.ways.posterior import Posterior, summarise
 from accelerated_evaluation.answer.ways.variants import Streams, summary_under
 from accelerated_evaluation.base.arrays import Array
 from accelerated_evaluation.crash_map.lines import CrashLines
@@ -39,8 +40,11 @@ def choice_table(study: LawStudy, lines: CrashLines, streams: Streams) -> pd.Dat
         return study.only([name for name in study.names if name in known and known[name].shape in shapes])
 
     smooth, records, known = study.smooth, study.smooth.records, named()
+    draws = study.draws(streams("draws"))
+    masses = lines.masses(draws)
+    answer = Posterior(masses.sum(axis=1), draws.member)
     rows = [
-        row("as in the answer", study),
+        {"choice": "as in the answer"} | summarise(answer),
         row("without two kinds of drivers", study.only([n for n in study.names if "two kinds" not in n])),
         row("exponential tails alone", of_shape("exponential")),
         row("generalised tails alone", of_shape("generalised")),
@@ -52,8 +56,8 @@ def choice_table(study: LawStudy, lines: CrashLines, streams: Streams) -> pd.Dat
         family = replace(smooth, family=replace(smooth.family, prior=prior))
         rows.append(row(choice, replace(of_smooth, family=family)))
     if (few := smooth.family.far_records) is not None:
-        mean = lines.masses(study.draws(streams("draws"))).mean(axis=0)
-        near = replace(smooth.family, far_records=near_crashes(few, lines, mean), prior=PRIORS[ONE_FACTOR])
+        near = near_crashes(few, lines, masses.mean(axis=0))
+        near = replace(smooth.family, far_records=near, prior=PRIORS[ONE_FACTOR])
         rows.append(row(NEAR_FACTORS, replace(of_smooth, family=replace(smooth, family=near))))
     straight = replace(smooth, family=replace(smooth.family, far={}, far_records=None))
     rows.append(row("far tail: no factors", replace(of_smooth, family=straight)))

@@ -9,6 +9,7 @@ by quadrature, and the information about the spline coefficients follows from it
 
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
+from functools import cached_property
 from typing import Any
 
 import numpy as np
@@ -112,6 +113,10 @@ class _Problem:
     shape: Shape
     gram: Array  # of the covariates
 
+    @cached_property
+    def _sums(self) -> Array:
+        return self.covariates.sum(axis=0)
+
     def maximise(self, values: Array, precision: Array) -> tuple[Array, Array]:
         """Return the maximum of the penalised likelihood, found from the starting point ``values``.
 
@@ -121,18 +126,17 @@ class _Problem:
         objective = self._objective(values, precision)
         for _ in range(ITERATIONS):
             gradient, expected = self._derivatives(values, precision)
-            factor = np.triu(cho_factor(expected)[0])
-            step = self._step(values, precision, gradient, factor)
+            step = self._step(values, precision, gradient, expected)
             gain = float(step @ gradient)
             size, value = self._line_search(values, step, objective, precision)
             if gain < TOLERANCE or size == 0:
-                return values, factor
+                return values, np.triu(cho_factor(expected)[0])
             values, objective = values + size * step, value
         change = "Choose a lower threshold or fewer splines."
         reached = f"a gain of {gain:.2g} in log likelihood"
         raise ConvergenceError("the excesses", reached=reached, limit=f"{TOLERANCE:g}", change=change)
 
-    def _step(self, values: Array, precision: Array, gradient: Array, factor: Array) -> Array:
+    def _step(self, values: Array, precision: Array, gradient: Array, expected: Array) -> Array:
         """Return a Newton step, or a Fisher scoring step if the observed information is indefinite.
 
         Newton steps are preferred, because Fisher scoring steps are far too short if the likelihood is flat.
@@ -142,7 +146,7 @@ class _Problem:
         try:
             return cho_solve(cho_factor(self._information(self._observed(values), precision)), gradient)
         except LinAlgError:
-            return cho_solve((factor, False), gradient)
+            return cho_solve(cho_factor(expected), gradient)
 
     def _line_search(
         self, values: Array, step: Array, objective: float, precision: Array
@@ -189,7 +193,7 @@ class _Problem:
         p, q = self.covariates.shape[1], len(each) - 1
         information = np.zeros((p + q, p + q))
         information[:p, :p] = each[0, 0] * self.gram + precision
-        information[:p, p:] = np.outer(self.covariates.sum(axis=0), each[0, 1:])
+        information[:p, p:] = np.outer(self._sums, each[0, 1:])
         information[p:, :p] = information[:p, p:].T
         prior = np.diag(np.asarray(self.shape.prior_deviation) ** -2.0)
         information[p:, p:] = self.excess.size * each[1:, 1:] + prior

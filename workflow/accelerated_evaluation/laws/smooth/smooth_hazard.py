@@ -191,9 +191,9 @@ class _Problem:
         The second result is the Cholesky factor of the information there. ``precision`` is the precision
         matrix of the normal prior of the coefficients.
         """
-        objective = self._objective(coefficients, precision)
+        objective, hazard = self._objective(coefficients, precision)
         for _ in range(ITERATIONS):
-            expected = self.data.exposure * self._hazard(coefficients)
+            expected = self.data.exposure * hazard
             factor, _ = cho_factor(self.tensor.gram(expected) + precision)
             gradient = (
                 self.tensor.transposed(self.data.counts - expected).ravel() - precision @ coefficients.ravel()
@@ -202,7 +202,7 @@ class _Problem:
             gain, size = float(step @ gradient), 1.0
             while size > SMALLEST_STEP:
                 trial = coefficients + size * step.reshape(coefficients.shape)
-                value = self._objective(trial, precision)
+                value, hazard = self._objective(trial, precision)
                 if value >= objective - ROUNDING * abs(objective):
                     break
                 size /= 2
@@ -213,11 +213,9 @@ class _Problem:
         reached = f"a gain of {gain:.2g} in log likelihood"
         raise ConvergenceError("the smooth hazard", reached=reached, limit=f"{TOLERANCE:g}", change=change)
 
-    def _hazard(self, coefficients: Array) -> Array:
-        return np.exp(np.minimum(self.tensor.values(coefficients), LOG_HAZARD_MAX))
-
-    def _objective(self, coefficients: Array, precision: Array) -> float:
+    def _objective(self, coefficients: Array, precision: Array) -> tuple[float, Array]:
+        """Return the penalised log likelihood, and the hazard in each bin."""
         log_hazard = np.minimum(self.tensor.values(coefficients), LOG_HAZARD_MAX)
-        flat = coefficients.ravel()
-        likelihood = np.sum(self.data.counts * log_hazard - self.data.exposure * np.exp(log_hazard))
-        return float(likelihood - flat @ precision @ flat / 2)
+        flat, hazard = coefficients.ravel(), np.exp(log_hazard)
+        likelihood = np.sum(self.data.counts * log_hazard - self.data.exposure * hazard)
+        return float(likelihood - flat @ precision @ flat / 2), hazard
