@@ -42,9 +42,8 @@ def choice_table(study: LawStudy, lines: CrashLines, streams: Streams) -> pd.Dat
     smooth, records, known = study.smooth, study.smooth.records, named()
     draws = study.draws(streams("draws"))
     masses = lines.masses(draws)
-    answer = Posterior(masses.sum(axis=1), draws.member)
     rows = [
-        {"choice": "as in the answer"} | summarise(answer),
+        {"choice": "as in the answer"} | summarise(Posterior(masses.sum(axis=1), draws.member)),
         row("without two kinds of drivers", study.only([n for n in study.names if "two kinds" not in n])),
         row("exponential tails alone", of_shape("exponential")),
         row("generalised tails alone", of_shape("generalised")),
@@ -57,8 +56,8 @@ def choice_table(study: LawStudy, lines: CrashLines, streams: Streams) -> pd.Dat
         rows.append(row(choice, replace(of_smooth, family=family)))
     if (few := smooth.family.far_records) is not None:
         near = near_crashes(few, lines, masses.mean(axis=0))
-        near = replace(smooth.family, far_records=near, prior=PRIORS[ONE_FACTOR])
-        rows.append(row(NEAR_FACTORS, replace(of_smooth, family=replace(smooth, family=near))))
+        one = replace(smooth.family, far_records=near, prior=PRIORS[ONE_FACTOR])
+        rows.append(row(NEAR_FACTORS, replace(of_smooth, family=replace(smooth, family=one))))
     straight = replace(smooth, family=replace(smooth.family, far={}, far_records=None))
     rows.append(row("far tail: no factors", replace(of_smooth, family=straight)))
     for choice, splines in SPLINES.items():
