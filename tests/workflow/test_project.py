@@ -8,6 +8,7 @@ from pathlib import Path
 import nbformat
 import pytest
 import yaml
+from accelerated_evaluation.answer.ways.words import study_in_short
 from accelerated_evaluation.study.dependencies import LIBRARY, ROOMS, SAMPLER, files_of
 from packaging.requirements import Requirement
 from packaging.utils import canonicalize_name
@@ -61,6 +62,7 @@ def test_the_workflow_parses_with_a_storage(project, tmp_path):
     storage = ("--default-storage-provider", "fs", "--default-storage-prefix", str(tmp_path))
     done = project.run("--dry-run", "--quiet", *storage)
     assert done.returncode == 0, done.stderr
+    assert study_in_short(tmp_path, "cut-in") == ["The results are in the storage of Snakemake."]
 
 
 def test_every_rule_has_been_measured_for_the_cluster(project):

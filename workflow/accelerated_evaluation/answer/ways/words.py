@@ -55,8 +55,11 @@ def study_in_short(laws: Path, noun: str) -> list[str]:
     """Return the answer of a finished study as lines of text, from the tables in its folder ``laws``.
 
     These are the crash probability, its ratio to that of the careful human or of the first reference, and the
-    share of the predicted crashes that resemble records. ``noun`` is the name of one encounter.
+    share of the predicted crashes that resemble records. ``noun`` is the name of one encounter. Without the
+    tables, a line says where they are.
     """
+    if not (laws / "answer.csv").is_file():
+        return ["The results are in the storage of Snakemake."]
     crash = pd.read_csv(laws / "answer.csv").iloc[0].to_dict()
     rows = [probability_row(crash, crash["contains"].split(", "), noun)]
     if (laws / "compared.csv").is_file():
