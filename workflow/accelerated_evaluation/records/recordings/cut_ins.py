@@ -126,11 +126,7 @@ def finished(
     repeated = sum(each["rows_dropped"] for each in lines if each["step"] == TRACKING)
     result.attrs["warnings"] = list(warnings)
     if cut_ins.empty:
-        dropped = [each for each in lines if each["rows_dropped"]][-1:]
-        result.attrs["warnings"] += [
-            f"no row is a cut-in; the last {each['rows_dropped']:,} were left out for: {each['reason']}"
-            for each in dropped
-        ]
+        result.attrs["warnings"].append(f"no row is a cut-in; rows left out: {account.summary()}")
     if repeated > MANY_REPEATED * read:
         result.attrs["warnings"].append(
             f"{repeated:,} of {read:,} rows of the recordings have the number and the time of another row, "
