@@ -123,8 +123,7 @@ def noisy_plane(distance: float, spread: float, *, declared: bool | None = None)
             score = distance - z.sum(1) / math.sqrt(2) + spread * generator.standard_normal(len(z))
             return score <= 0, score
 
-        name = "noisy half-space"
-        return SystemProblem(respond, 2, fingerprint=name, deterministic=declared)
+        return SystemProblem(respond, 2, fingerprint="noisy half-space", deterministic=declared)
 
     return Chance(make, float(ndtr(-distance / math.sqrt(1 + spread**2))))
 

@@ -93,6 +93,18 @@ def plane_and_ball(name: str, dimension: int, distance: float, radius: float, ra
     return plane_near_ball(name, distance, radius, -centre, *[0.0] * (dimension - 1))
 
 
+def plane_and_band(name: str, distance: float, *band: float) -> Problem:
+    """Return a half-space and a `curved_band` opposite."""
+    exact = norm.sf(distance) + in_curved_band(*band)
+    return union(name, 2, exact, half_space(distance, 1, 0), curved_band(*band))
+
+
+def two_discs(name: str, *discs: tuple[float, ...]) -> Problem:
+    """Return two disjoint discs, each given by its radius and its centre."""
+    exact = sum(in_ball(radius, math.hypot(*centre), 2) for radius, *centre in discs)
+    return union(name, 2, exact, *(ball(*disc) for disc in discs))
+
+
 def orthogonal(name: str, dimension: int, *distances: float) -> Problem:
     """Return half-spaces that are orthogonal to one another."""
     axes = np.eye(dimension)
@@ -170,44 +182,24 @@ def hidden_problems() -> dict[str, Problem]:
     squares = ([-4.0, -4.0], [-2.0, -2.0]), ([2.5, 2.5], [3.5, 3.5])
     corners = ([3.0, 3.0], [9.0, 9.0]), ([-9.0, -9.0], [-3.2, -2.8])
     sides = ([3.6], [9.0]), ([-3.7], [-3.4])
-    band, sector = (3.9, 0.25, 0.15), (4.4, 0.5, 0.05)
-    discs = (0.8, 3.9, 0.0), (1.0, -2.5, 3.4)
+    opposite = half_space(3.8, 1, 0), half_space(4.0, -1, 0)
     ring = float(chi2.sf(4.2**2, 2) - chi2.sf(4.7**2, 2))
     everything = [
         plane_and_ball("plane_disc", 2, 4.8, 0.6, 1.0),
         plane_and_ball("plane_disc_flags", 2, 4.5, 0.9, 6.0),
         plane_and_ball("plane_large_disc", 2, 4.5, 0.9, 6.0),
         union("squares_flags", 2, sum(in_box(*square) for square in squares), *(box(*s) for s in squares)),
-        union(
-            "plane_band", 2, norm.sf(4.3) + in_curved_band(*band), half_space(4.3, 1, 0), curved_band(*band)
-        ),
+        plane_and_band("plane_band", 4.3, 3.9, 0.25, 0.15),
         orthogonal("planes_2_of_8", 8, 4.2, 4.2),
         orthogonal("planes_3_of_8", 8, 4.2, 4.2, 4.2),
         # The problems from here on were made afterwards, the last of them at random.
-        union(
-            "discs_flags",
-            2,
-            sum(in_ball(radius, math.hypot(*centre), 2) for radius, *centre in discs),
-            *(ball(*disc) for disc in discs),
-        ),
+        two_discs("discs_flags", (0.8, 3.9, 0.0), (1.0, -2.5, 3.4)),
         union("ring", 2, ring, lambda z: np.abs(np.hypot(*z.T) - 4.45) - 0.25),
         union("ring_flags", 2, ring, lambda z: np.abs(np.hypot(*z.T) - 4.45) - 0.25),
         union("corners_flags", 2, sum(in_box(*corner) for corner in corners), *(box(*c) for c in corners)),
         union("sides_flags", 1, sum(in_box(*side) for side in sides), *(box(*side) for side in sides)),
-        union(
-            "unequal_planes_flags",
-            2,
-            norm.sf(3.8) + norm.sf(4.0),
-            half_space(3.8, 1, 0),
-            half_space(4.0, -1, 0),
-        ),
-        union(
-            "plane_bow_flags",
-            2,
-            norm.sf(4.2) + in_curved_band(*sector),
-            half_space(4.2, 1, 0),
-            curved_band(*sector),
-        ),
+        union("unequal_planes_flags", 2, norm.sf(3.8) + norm.sf(4.0), *opposite),
+        plane_and_band("plane_bow_flags", 4.2, 4.4, 0.5, 0.05),
         plane_and_ball("plane_ball_3", 3, 4.2, 1.0, 1.0),
         plane_and_ball("plane_ball_3_flags", 3, 4.2, 1.5, 3.0),
         plane_and_ball("plane_ball_4", 4, 4.0, 1.5, 2.0),
@@ -223,13 +215,12 @@ def hidden_problems() -> dict[str, Problem]:
 
 def problems_with_near_parts() -> dict[str, Problem]:
     """Return events with a part next to, behind or in front of the known one, by name."""
-    discs, square = ((0.5, 4.2, 0.0), (0.25, 2.6, 2.2)), ([1.5, -3.6], [2.0, -3.1])
-    both = sum(in_ball(radius, math.hypot(*centre), 2) for radius, *centre in discs)
+    square = [1.5, -3.6], [2.0, -3.1]
     everything = [
         plane_near_ball("disc_beside", 4.2, 0.3, 2.6, 2.3),
         plane_near_ball("disc_between", 4.2, 0.25, 3.2, 0.0),
         plane_near_ball("disc_behind", 4.2, 0.3, -3.1, -1.0),
-        union("two_discs", 2, both, *(ball(*disc) for disc in discs)),
+        two_discs("two_discs", (0.5, 4.2, 0.0), (0.25, 2.6, 2.2)),
         union("square_beside", 2, norm.sf(4.3) + in_box(*square), half_space(4.3, 1, 0), box(*square)),
         plane_near_ball("ball_beside_3", 4.2, 0.5, 2.6, 2.3, 0.0),
         plane_near_ball("ball_behind_3", 4.2, 0.6, -2.0, 2.4, 1.5),

@@ -15,6 +15,7 @@ from problems import Problem, derived
 
 TOOLS = ("nais", "nais_25", "cross_entropy", "subset", "form", "enkf")  # public tools
 DIRECTIONS = ("directional", "line")  # along rays and lines, for smooth limit states
+LEARNING = ("pystra_subset", "ak_mcs")  # active learning, in an environment of its own
 HOUSE = tuple(METHODS)
 SEARCHING = ("piecewise", "single", "shifted")  # by Cross-Entropy; the paper's heuristic is like piecewise
 LIMITS = {"surrogate": 1000, "crude": 2_000_000}  # simulator calls; other methods: that of `Target`

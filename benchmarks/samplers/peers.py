@@ -9,11 +9,14 @@ smooth one. Intervals are normal, from the standard error that the tool reports.
 """
 
 import math
+import warnings
 from collections.abc import Callable
+from typing import Any
 
 import numpy as np
 import openturns as ot
 from accelerated_evaluation.base.arrays import Array
+from fewruns.arrays import Function, Generator
 from methods import Counter, Estimate, Target, adapter, normal_95
 from problems import Problem
 from scipy.optimize import brentq
@@ -27,15 +30,13 @@ FEWEST_LINES, WIDTH, FARTHEST = 10, 0.5, 10.0
 
 
 def rare_event(
-    problem: Problem, counter: Counter, generator: np.random.Generator, *, smooth: bool
+    problem: Problem, counter: Counter, generator: Generator, *, smooth: bool
 ) -> ot.ThresholdEvent:
     """Return the event "level <= 0" of a problem for OpenTURNS."""
     return threshold_event(counter.level(problem, smooth=smooth), problem.event.dimension, generator)
 
 
-def threshold_event(
-    level: Callable[[Array], Array], dimension: int, generator: np.random.Generator
-) -> ot.ThresholdEvent:
+def threshold_event(level: Function, dimension: int, generator: Generator) -> ot.ThresholdEvent:
     """Return the event "level <= 0" for OpenTURNS, and seed its generator."""
     ot.RandomGenerator.SetSeed(int(generator.integers(2**31)))
     function = ot.PythonFunction(dimension, 1, func_sample=lambda z: level(np.asarray(z))[:, None])
@@ -65,30 +66,28 @@ def in_levels(algorithm: ot.EventSimulation, size: int, target: Target) -> Estim
 
 
 @adapter
-def nais(problem: Problem, counter: Counter, generator: np.random.Generator, target: Target) -> Estimate:
+def nais(problem: Problem, counter: Counter, generator: Generator, target: Target) -> Estimate:
     """Non-parametric adaptive importance sampling: 300 points a level, the lowest tenth kept."""
     event = rare_event(problem, counter, generator, smooth=False)
     return in_levels(ot.NAIS(event, 0.1), 300, target)
 
 
 @adapter
-def nais_25(problem: Problem, counter: Counter, generator: np.random.Generator, target: Target) -> Estimate:
+def nais_25(problem: Problem, counter: Counter, generator: Generator, target: Target) -> Estimate:
     """Non-parametric adaptive importance sampling: 200 points a level, the lowest quarter kept."""
     event = rare_event(problem, counter, generator, smooth=False)
     return in_levels(ot.NAIS(event, 0.25), 200, target)
 
 
 @adapter
-def cross_entropy(
-    problem: Problem, counter: Counter, generator: np.random.Generator, target: Target
-) -> Estimate:
+def cross_entropy(problem: Problem, counter: Counter, generator: Generator, target: Target) -> Estimate:
     """Cross-Entropy of one Gaussian in normal scores: 2,000 points a level."""
     event = rare_event(problem, counter, generator, smooth=True)
     return in_levels(ot.StandardSpaceCrossEntropyImportanceSampling(event, 0.1), 2000, target)
 
 
 @adapter
-def subset(problem: Problem, counter: Counter, generator: np.random.Generator, target: Target) -> Estimate:
+def subset(problem: Problem, counter: Counter, generator: Generator, target: Target) -> Estimate:
     """Subset sampling: 10,000 points a level, the lowest tenth kept."""
     event = rare_event(problem, counter, generator, smooth=False)
     algorithm = ot.SubsetSampling(event)
@@ -110,7 +109,7 @@ def design_point(event: ot.ThresholdEvent) -> ot.FORMResult:
 
 
 @adapter
-def form(problem: Problem, counter: Counter, generator: np.random.Generator, target: Target) -> Estimate:
+def form(problem: Problem, counter: Counter, generator: Generator, target: Target) -> Estimate:
     """First-order reliability method, then importance sampling around its design point until the target."""
     event = rare_event(problem, counter, generator, smooth=True)
     algorithm = ot.PostAnalyticalImportanceSampling(design_point(event))
@@ -121,9 +120,7 @@ def form(problem: Problem, counter: Counter, generator: np.random.Generator, tar
 
 
 @adapter
-def directional(
-    problem: Problem, counter: Counter, generator: np.random.Generator, target: Target
-) -> Estimate:
+def directional(problem: Problem, counter: Counter, generator: Generator, target: Target) -> Estimate:
     """Directional sampling: roots along random directions, a direction at a time, until the target."""
     event = rare_event(problem, counter, generator, smooth=True)
     algorithm = ot.DirectionalSampling(event, ot.RiskyAndFast(), ot.RandomDirection())
@@ -134,7 +131,7 @@ def directional(
 
 
 @adapter
-def line(problem: Problem, counter: Counter, generator: np.random.Generator, target: Target) -> Estimate:
+def line(problem: Problem, counter: Counter, generator: Generator, target: Target) -> Estimate:
     """Line sampling: roots along lines parallel to the direction of the design point, until the target."""
     level, dimension = counter.level(problem, smooth=True), problem.event.dimension
     event = threshold_event(level, dimension, generator)
@@ -170,7 +167,7 @@ def beyond_root(level: Callable[[float], float], near: float) -> float:
 
 
 @adapter
-def enkf(problem: Problem, counter: Counter, generator: np.random.Generator, target: Target) -> Estimate:
+def enkf(problem: Problem, counter: Counter, generator: Generator, target: Target) -> Estimate:
     """Ensemble Kalman filter of 300 particles, then importance sampling from one Gaussian fitted to them."""
     from rareeventestimation.enkf.EnKF_rare_events import EnKF_rare_events  # takes ten seconds
 
@@ -180,19 +177,41 @@ def enkf(problem: Problem, counter: Counter, generator: np.random.Generator, tar
         return np.maximum(level(np.atleast_2d(z)), 0.0)
 
     np.random.seed(int(generator.integers(2**31)))  # noqa: NPY002, the tool draws from the global state
-    filtering = EnKF_rare_events(
-        above,
-        np.zeros((1, 1)),
-        niter_enkf=100,
-        ensemble_size=size,
-        parameter_dim=dimension,
-        tar_cov=1.5,
-        space_dim=0,
-        local_covariances=False,
-        g_original=lambda z: level(z[None])[0],
-        k_init=1,
-        mixture_model="GM",
-    )
+    settings = {"niter_enkf": 100, "ensemble_size": size, "parameter_dim": dimension, "tar_cov": 1.5}
+    settings |= {"space_dim": 0, "local_covariances": False, "k_init": 1, "mixture_model": "GM"}
+    filtering = EnKF_rare_events(above, np.zeros((1, 1)), g_original=lambda z: level(z[None])[0], **settings)
     filtering.perform_iteration()
     weights = filtering.calculate_failure_probability_GM()[0]
     return with_interval(weights.mean(), weights.std(ddof=1) / math.sqrt(size), target)
+
+
+def learnt(
+    problem: Problem, counter: Counter, generator: Generator, target: Target, **settings: Any
+) -> Estimate:
+    """Active learning by pystra with some settings; it needs Python 3.12, so it is imported here."""
+    import pystra
+
+    level, model = counter.level(problem), pystra.StochasticModel()
+    names = [f"z{k}" for k in range(problem.event.dimension)]
+    for name in names:
+        model.add_variable(pystra.Normal(name, 0.0, 1.0))
+    limit = pystra.LimitState(lambda **z: level(np.column_stack([np.atleast_1d(z[name]) for name in names])))
+    warnings.simplefilter("ignore")  # that it has not converged is in the result
+    found = pystra.ActiveLearning(model, limit, rng=generator, **settings).run()
+    error = found.estimate.sampling_cov * found.estimate.failure_probability
+    *numbers, _ = with_interval(found.estimate.failure_probability, error, target)
+    return *numbers, found.converged
+
+
+@adapter
+def pystra_subset(problem: Problem, counter: Counter, generator: Generator, target: Target) -> Estimate:
+    """Active learning where subset sampling of the surrogate needs it; defaults, for rare events."""
+    from pystra.active_learning import SubsetSimulationEstimator
+
+    return learnt(problem, counter, generator, target, estimator=SubsetSimulationEstimator())
+
+
+@adapter
+def ak_mcs(problem: Problem, counter: Counter, generator: Generator, target: Target) -> Estimate:
+    """AK-MCS (Echard and others 2011): a population of 300,000, and ten times as many for the estimate."""
+    return learnt(problem, counter, generator, target, n_candidates=300_000, n_estimation=3_000_000)

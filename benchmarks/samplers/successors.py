@@ -18,6 +18,7 @@ from accelerated_evaluation.base.randomness import child_generator
 from accelerated_evaluation.publishing.tables.display import reproducible
 from accelerated_evaluation.vehicles.builtin.acc_aeb import AccAeb
 from fewruns import Predecessor, Sampler, ScoreProblem
+from fewruns.arrays import Generator
 from fewruns.running import run_batches, sampler_for
 from methods import Target
 from problems import BENCHMARK, WEAK_AEB, crash, segment_problem
@@ -45,9 +46,7 @@ def event_of(parameters: Mapping[str, float]) -> ScoreProblem:
     return crash("variant", segment_problem("5-15", AccAeb(**parameters), BENCHMARK)).event
 
 
-def driven(
-    event: ScoreProblem, generator: np.random.Generator, known: Predecessor | None
-) -> tuple[Sampler, float]:
+def driven(event: ScoreProblem, generator: Generator, known: Predecessor | None) -> tuple[Sampler, float]:
     """Run the sampler to its end; return it, and what it says after `DRIVES` simulations.
 
     Where it has no estimate yet, it says what the surrogate foretells.

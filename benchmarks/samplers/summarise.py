@@ -10,7 +10,7 @@ import pandas as pd
 from accelerated_evaluation.base.files import write_csv
 from accelerated_evaluation.methods.importance_sampling import crude_simulations
 from accelerated_evaluation.publishing.tables.display import reproducible
-from methods import Target, methods_of
+from methods import LEARNING, Target, methods_of
 from problems import problems
 
 COLUMNS = [
@@ -92,6 +92,8 @@ def table(runs: pd.DataFrame, references: dict[str, dict[str, float]]) -> pd.Dat
         known = {"reference": probability, "reference_se": error}
         for method, of_method in of_problem.groupby("method", sort=False):
             rows.append({"problem": name, "method": method} | summary(of_method, probability) | known)
+            if method in LEARNING:  # predictions alone do not improve with the calls
+                rows[-1]["effective_calls"] = math.nan
         if "crude" not in set(of_problem["method"]):
             rows.append({"problem": name, "method": "crude"} | crude_by_theory(probability) | known)
     return pd.DataFrame(rows)[COLUMNS]
@@ -104,7 +106,7 @@ def with_kept(table: pd.DataFrame, kept: pd.DataFrame) -> pd.DataFrame:
     order = [
         (name, method)
         for name, problem in problems().items()
-        for method in dict.fromkeys([*methods_of(problem), "crude"])
+        for method in dict.fromkeys([*methods_of(problem), *LEARNING, "crude"])
     ]
     return both.set_index(keys).loc[lambda rows: [key for key in order if key in rows.index]].reset_index()
 
