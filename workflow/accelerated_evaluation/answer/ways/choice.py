@@ -65,25 +65,22 @@ def draws_named(choice: str, records: FittedRecords, settings: LawSettings) -> D
         with threadpool_limits(1, "blas"):
             study = LawStudy.of(records, *own)
         return study.draws(generator)
-    is_smooth = records.support is not None
-    if is_smooth and choice in named():
+    joint = [name for name, kind in LAWS.items() if issubclass(kind, JointLaw)]
+    known = joint if records.support is None else (PAPER, *FITS, *named())
+    if choice not in known:
+        raise InputError(
+            "--law",
+            seen=repr(choice),
+            expected=f"{ANSWER}, {', '.join(known)}, or a law file, which ends in {FILE}",
+            change="Correct the name.",
+        )
+    if records.support is None:
+        return OneLaw(Candidate(choice, LAWS[choice], {}).fit(records.data, settings.streams("fit", choice)))
+    if choice in named():
         with threadpool_limits(1, "blas"):
             return _one_member(choice, records, settings.draws, settings.closing_speed_max).draws(generator)
-    if is_smooth and choice in (PAPER, *FITS):
-        name = settings.paper if choice == PAPER else choice
-        fitted = call(FITS[name], records.table, settings.fitting, where=f"law {name}", returns=A_LAW)
-        return OneLaw(fitted)
-    kinds = {} if is_smooth else {n: k for n, k in LAWS.items() if issubclass(k, JointLaw)}
-    if choice in kinds:
-        own = settings.streams("fit", choice)
-        return OneLaw(Candidate(choice, kinds[choice], {}).fit(records.data, own))
-    known = (PAPER, *FITS, *named()) if is_smooth else kinds
-    raise InputError(
-        "--law",
-        seen=repr(choice),
-        expected=f"{ANSWER}, {', '.join(known)}, or a law file, which ends in {FILE}",
-        change="Correct the name.",
-    )
+    name = settings.paper if choice == PAPER else choice
+    return OneLaw(call(FITS[name], records.table, settings.fitting, where=f"law {name}", returns=A_LAW))
 
 
 def _one_member(name: str, records: FittedRecords, draws: int, closing_speed_max: float) -> LawStudy:
