@@ -20,6 +20,7 @@ OTHERS = [
     for name in VEHICLES
     if name != "under_test" and (name in FOLDERS or not SUPPORT)
 ]
+MAPPED_OTHERS = [name for name in OTHERS if name in FOLDERS]
 OWN_TABLES = ["answer_draws", "vehicle", *(["risks"] if WITH_INJURIES else [])]
 JUDGED_BY = ["answer_draws", "extrapolation", *(["risks"] if WITH_INJURIES else [])]
 JUDGED_BY += ["choices"] if SUPPORT and not SLOW else []
@@ -77,9 +78,7 @@ rule compare_vehicles:
         encounters=rules.ingest_encounters.output.encounters,
         exposure=rules.ingest_encounters.output.exposure,
         draws=rules.study_answer.output.draws,
-        maps=[
-            f"{FOLDERS[name]}/crash_map/full.npz" for name in OTHERS if name in FOLDERS
-        ],
+        maps=[f"{FOLDERS[name]}/crash_map/full.npz" for name in MAPPED_OTHERS],
         vehicles=ancient(local(INPUTS.files_of(*OTHERS))),
     output:
         **tables_of_laws(
@@ -150,6 +149,7 @@ if OWN_MAP and not SLOW:
             records_exposure=rules.ingest_encounters.output.exposure,
             draws=rules.study_answer.output.draws,
             model=rules.fit_models.output[MODEL],
+            maps=[f"{FOLDERS[name]}/crash_map/full.npz" for name in MAPPED_OTHERS],
             vehicle_files=ancient(local(ALL_FILES)),
         output:
             table=result("second_ways.csv"),
@@ -163,6 +163,7 @@ if OWN_MAP and not SLOW:
             tables=list(TWICE),
             events=config["answer"]["events"],
             mapped=config["crash_map"]["events"],
+            of_maps=MAPPED_OTHERS,
             vehicles={
                 name.replace("under_test", "under test"): section
                 for name, section in VEHICLES.items()

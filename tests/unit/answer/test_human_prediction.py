@@ -104,3 +104,5 @@ def test_a_car_and_the_driver_keep_the_law_that_they_share():
     apart = Posterior(generator.permutation(car.probabilities), car.member)
     assert abs(compared_with(apart, law, place)["safer"] - norm.cdf(1.0)) > 0.1
     assert np.isnan(compared_with(None, law, place)["safer"])
+    # A second population after the first one, of which only draws were resampled.
+    assert compared_with(car, np.append(0 * law, law), place + law.size) == compared_with(car, law, place)

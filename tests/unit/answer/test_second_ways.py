@@ -1,6 +1,8 @@
 """The second way to each published number: against closed forms, wrong twins, and the shipped study."""
 
+from functools import partial
 from pathlib import Path
+from types import SimpleNamespace
 
 import numpy as np
 import pandas as pd
@@ -13,19 +15,28 @@ from accelerated_evaluation.answer.second_ways import (
     Plain,
     StudyNumbers,
     WideCutIns,
+    map_errors,
     published,
     second_numbers,
     second_ways,
 )
+from accelerated_evaluation.answer.ways.answer import evaluate
+from accelerated_evaluation.answer.ways.by_map import Map
+from accelerated_evaluation.crash_map.mapping import map_crashes
+from accelerated_evaluation.laws.smooth.family import DistinctRecords
+from accelerated_evaluation.methods.problem import Problem
 from accelerated_evaluation.publishing.study import TABLES
-from accelerated_evaluation.scenarios.cut_in import CUT_IN
+from accelerated_evaluation.scenarios.cut_in import CUT_IN, Outcomes
 from accelerated_evaluation.vehicles.loading import load_vehicle
 from accelerated_evaluation.vehicles.protocol import events_of
+from builders import coarse_grid
 from mean_law import SUPPORT, encounters_, law_  # noqa: F401
+from scipy.stats import chi2
 
 RANGE, CAP = 75.0, 45.0
 SPEEDS = np.linspace(5, 35, 1001)
 MEANS = np.array([1.0, 1.5])  # of the exponential closing speed, one for each law
+MAPS = 10  # number of crash maps whose values are compared with the errors that they state
 FAR = 4.0  # errors from which on two numbers contradict each other
 LARGEST_KNOWN = 1.35  # factor between two numbers that differ for a known reason
 PUBLISHED = Path(__file__).resolve().parents[3] / "figures" / "spmd" / "tables"
@@ -49,10 +60,14 @@ def density(x):
 
 
 def features(x):
-    """Two vehicles: the events of the first one, and those of the second if a fair coin falls on heads."""
+    """Two vehicles: the events of the first one, and those of the second if a fair coin falls on heads.
+
+    The second one has two rows, whose coins are not fair.
+    """
     events = ((x[:, 2] > 15) & (x[:, 1] < 10)).astype(float)[:, None]
     yield "car", events, None
-    yield "random", events, lambda chosen: np.full((MEANS.size, chosen.size), 0.5)
+    for share in (0.2, 0.8):
+        yield "random", events, partial(lambda p, chosen: np.full((MEANS.size, chosen.size), p), share)
 
 
 @pytest.mark.parametrize("wrong", [1.0, 1.5])
@@ -117,7 +132,7 @@ def tables_of(found):
 def test_only_a_wrong_number_is_far_from_its_second_one(encounters, law, monkeypatch):
     """The first numbers come from twice as many points, and three of them are made wrong."""
     monkeypatch.setattr(module, "SIZE", 2**12)
-    found = {key: value for key, (value, _) in second_numbers(numbers_of(encounters, law, 1)).items()}
+    found = {key: value for key, (value, _) in second_numbers(numbers_of(encounters, law, 1))[0].items()}
     monkeypatch.setattr(module, "SIZE", 2**11)
     wrong = {"answer": ("TTC at most 1.5 s", "high80"), "injuries": ("under test, MAIS3+, cut-in", "mean")}
     wrong["all_cut_ins"] = ("under test, all, closing cut-in", "low80")
@@ -130,6 +145,47 @@ def test_only_a_wrong_number_is_far_from_its_second_one(encounters, law, monkeyp
     assert twice["second"].notna().mean() > 0.8
     far = twice[twice["difference"].abs() > FAR]
     assert {(each.table, (each.row, each.column)) for each in far.itertuples()} == set(wrong.items())
+
+
+class Late:
+    """A driver who stops too late if the time to collision is below a limit of its own."""
+
+    deterministic = False
+
+    def simulate(self, lead_speed, range_, closing_speed):
+        return self.simulate_given(lead_speed, range_, closing_speed, np.ones((len(range_), 1)))
+
+    def draw_inner(self, size, generator):
+        return np.exp(generator.normal(0, 0.5, (size, 1)))
+
+    def inner_weights(self, inner, draws, generator):
+        return np.ones((draws, len(inner)))
+
+    def simulate_given(self, lead_speed, range_, closing_speed, inner):
+        crash = closing_speed * inner[:, 0] > range_
+        return Outcomes(crash, np.where(crash, 0, range_), np.where(crash, 0.5, 5.0), 1.0 * crash)
+
+
+def test_the_error_of_a_map_is_that_between_maps(encounters, law):
+    """The error of the mean of two halves, for the sum of them, would be half as large and is found out."""
+    grid = coarse_grid(speeds=(5, 25, 8), ranges=(60, 30), closing=(120, 40), refinement=3)
+    vehicle, records, values, stated = Late(), DistinctRecords.of(encounters, SUPPORT), [], []
+    problem = Problem(CUT_IN, vehicle, law=law)
+
+    def made(means):
+        return {"mean": means["late"].mean(), "high80": np.quantile(means["late"][:, 0], 0.9)}
+
+    for seed in range(MAPS):
+        way = Map(map_crashes(vehicle, grid, [], seed), records)
+        own = evaluate(problem, law, way, generator=seed)
+        numbers = SimpleNamespace(answers={"late": own}, risks={}, made=made)
+        stated.append([*map_errors(numbers, {}).values()])
+        values.append([*made({"late": own.posterior.probabilities[:, None]}).values()])
+    low, high = chi2(MAPS - 1).ppf([0.001, 0.999])
+    squares = (MAPS - 1) * np.var(values, axis=0, ddof=1) / np.mean(np.square(stated), axis=0)
+    assert (low < squares).all()
+    assert (squares < high).all()
+    assert (4 * squares > high).any()
 
 
 @pytest.mark.parametrize(("largest", "mechanism"), [(10.0, module.PLAIN), (0.0, module.NONE)])

@@ -36,7 +36,7 @@ def striped_truth(law, draws=2_000_000):
     return crash.mean(), crash.std() / np.sqrt(draws)
 
 
-@pytest.mark.parametrize("name", ["acc_aeb", "acc_only", "cc_human", "rss", "fsm"])
+@pytest.mark.parametrize("name", ["acc_aeb", "acc_only", "cc_human", "rss", "fsm", "human"])
 def test_a_right_map_passes(name):
     vehicle = load_vehicle(name)
     crash_map = map_crashes(vehicle, GRID, [], np.random.default_rng(2))

@@ -8,7 +8,7 @@ consistent for quantiles, too; a jackknife that leaves out one batch is not.
 """
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from functools import cached_property, partial
 from typing import Self
 
@@ -34,11 +34,18 @@ from accelerated_evaluation.answer.consequences.human_prediction import (
     G,
 )
 from accelerated_evaluation.answer.consequences.injuries.curves import FRONTAL, LEVELS, REAR
-from accelerated_evaluation.answer.consequences.injuries.tables import SPEEDS, gentle, tabulated_risks
+from accelerated_evaluation.answer.consequences.injuries.tables import (
+    SPEEDS,
+    gentle,
+    mean_risks,
+    tabulated_risks,
+)
 from accelerated_evaluation.answer.consequences.injuries.tables import Key as RiskKey
 from accelerated_evaluation.answer.consequences.rates import UNITS
 from accelerated_evaluation.answer.consequences.total import SIZE as VALUES
+from accelerated_evaluation.answer.ways.answer import Answer
 from accelerated_evaluation.base.arrays import Array
+from accelerated_evaluation.crash_map.lines import PARTS
 from accelerated_evaluation.laws.draws import Draws
 from accelerated_evaluation.laws.paper.models import IndependentLaw
 from accelerated_evaluation.scenarios.cut_in import CUT_IN
@@ -47,6 +54,7 @@ from accelerated_evaluation.scenarios.protocol import Scenario
 from accelerated_evaluation.vehicles.builtin.human import Human
 from accelerated_evaluation.vehicles.protocol import RandomVehicle, Vehicle, simulate_inner
 
+DRIVERS = 16  # number of drivers in each encounter: most crashes are those of very few of them
 BATCHES, SIZE = 32, 2**13  # number of independent batches (a power of 2), and of the encounters in each
 FINER = 8  # times as many encounters under the paper's law, which is only one
 DOUBTFUL = 3.0  # number of errors from which on there is a reason beside the difference
@@ -65,7 +73,6 @@ ROUNDING = 1e-6  # relative difference of numbers that count as equal
 PLAIN, COUNT, FORM = "plain importance sampling", "replay of the records", "closed form"
 NONE = "no second way"
 NEAR = "an error of the second number: a low quantile of draws, each with few encounters, is too low"
-DRIVERS = "an error of the map that is not stated: about 500 lines carry most crashes of random drivers, 5 %"
 CHANCE = "chance: of so many differences, a few exceed three errors"
 IMPACTS = "an error of the map that is not stated: other kept lines change quantiles of injuries by 1 %"
 # Columns that name a row, by table of the study.
@@ -150,6 +157,8 @@ class Plain:
     """Means of features of encounters under K laws, by independent batches."""
 
     sums: Mapping[str, Array]  # mean of the features of each vehicle in each batch, (batches, K, m)
+    # Whether the second half of the batches are the partners of the first half; see `CrashLines.summed`.
+    paired: bool = False
 
     @classmethod
     def of(
@@ -163,7 +172,7 @@ class Plain:
         """Draw the encounters of all batches, and weight their features by the density of each law.
 
         There are ``finer`` times as many as usual. ``density`` returns the log density of n encounters, (n,
-        d), under each law, (K, n).
+        d), under each law, (K, n). A vehicle with several rows of features has the mean of them.
         """
         sums: dict[str, list[Array]] = {}
         for _ in range(BATCHES):
@@ -172,10 +181,13 @@ class Plain:
             found = list(features(x))
             needed = np.flatnonzero(np.any([each.any(axis=1) for _, each, _ in found], axis=0))
             weights = np.exp(density(x[needed]) - log_density[needed]) / len(x)
+            rows: dict[str, list[Array]] = {}
             for name, each, more in found:
                 own = each[needed].any(axis=1)
                 part = weights[:, own] if more is None else weights[:, own] * more(needed[own])
-                sums.setdefault(name, []).append(part @ each[needed[own]])
+                rows.setdefault(name, []).append(part @ each[needed[own]])
+            for name, parts in rows.items():
+                sums.setdefault(name, []).append(np.mean(parts, axis=0))
         return cls({name: np.stack(parts) for name, parts in sums.items()})
 
     def means(self, chosen: NDArray[np.bool_] | slice = slice(None)) -> Means:
@@ -188,7 +200,8 @@ class Plain:
         A number from half of the batches differs from that of all batches by as much as this does from the
         truth, in its variance and in a bias that falls with the number of encounters.
         """
-        whole, halves = made(self.means()), hadamard(BATCHES)[1:] > 0
+        count = len(next(iter(self.sums.values())))
+        whole, halves = made(self.means()), hadamard(count)[count // 2 if self.paired else 1 :] > 0
         parts = np.array([list(made(self.means(each)).values()) for each in halves])
         errors = np.sqrt(((parts - list(whole.values())) ** 2).mean(axis=0))
         return {key: (value, float(error)) for (key, value), error in zip(whole.items(), errors, strict=True)}
@@ -223,17 +236,22 @@ class StudyNumbers:
     paper: IndependentLaw
     mapped: Sequence[Event]  # those under the paper's law, the crash first
     motions: Sequence[pd.DataFrame] = ()  # tables of lead motion
+    answers: Mapping[str, Answer] = field(default_factory=dict)  # of random vehicles, from their maps
 
     @cached_property
     def risks(self) -> dict[RiskKey, Array]:
         """The risks of injury at `SPEEDS`, if the scenario has injuries."""
         return tabulated_risks() if self.scenario.has_injuries else {}
 
-    def features(self, x: Array) -> Features:
-        """Yield each vehicle's features of encounters, (n, m): events of the first one, crash, risks."""
-        inputs = self.scenario.to_inputs(x)
-        for name, vehicle in {**self.vehicles, BRAKING: BrakingHuman(Human())}.items():
-            more, inner = None, None
+    def features(self, x: Array, drivers: int = DRIVERS) -> Features:
+        """Yield each vehicle's features of encounters, (n, m): events of the first one, crash, risks.
+
+        Random vehicles have several rows of features, each with other drivers.
+        """
+        inputs, vehicles = self.scenario.to_inputs(x), {**self.vehicles, BRAKING: BrakingHuman(Human())}
+        rows = [drivers if isinstance(each, RandomVehicle) else 1 for each in vehicles.values()]
+        for name in np.repeat([*vehicles], rows).tolist():
+            vehicle, more, inner = vehicles[name], None, None
             if isinstance(vehicle, RandomVehicle):
                 inner = vehicle.draw_inner(len(x), self.generator)
                 more = partial(self._inner_weights, vehicle, inner, name)
@@ -269,7 +287,7 @@ class StudyNumbers:
     @cached_property
     def recorded(self) -> dict[str, Array]:
         """Whether each record ends in each event if a vehicle replays it, by vehicle, (records, events)."""
-        return {name: each[:, : len(self.events)] for name, each, _ in self.features(self.records.x)}
+        return {name: each[:, : len(self.events)] for name, each, _ in self.features(self.records.x, 1)}
 
     def error_of_recorded(self, name: str) -> float:
         """Return the standard error of the difference of two counts of crashes of replayed records."""
@@ -468,12 +486,28 @@ def paper_numbers(numbers: StudyNumbers) -> dict[Key, tuple[float, float]]:
     return {key: value for key, value in found.items() if key[1].split(", ")[0] not in few}
 
 
-def second_numbers(numbers: StudyNumbers) -> dict[Key, tuple[float, float]]:
-    """Return all second numbers of a study by table, row and column, each with its standard error."""
+def second_numbers(numbers: StudyNumbers) -> tuple[dict[Key, tuple[float, float]], dict[Key, float]]:
+    """Return all second numbers of a study by table, row and column, each with its standard error.
+
+    With them come the errors of the first numbers by the maps of random vehicles (`map_errors`).
+    """
     draws = numbers.draws.with_cap_at(CAP)
     wide = WideCutIns(numbers.records.x[:, 0], draws.support.range_max, CAP)
     plain = Plain.of(wide, draws.log_densities, numbers.features, numbers.generator)
-    return plain.numbers(numbers.made) | paper_numbers(numbers)
+    return plain.numbers(numbers.made) | paper_numbers(numbers), map_errors(numbers, plain.means())
+
+
+def map_errors(numbers: StudyNumbers, means: Means) -> dict[Key, float]:
+    """Return the errors of the numbers that follow from the maps of random vehicles, by their random lines.
+
+    All other vehicles have the given means.
+    """
+    sums = {name: np.broadcast_to(each, (2 * PARTS, *each.shape)) for name, each in means.items()}
+    for name, own in numbers.answers.items():
+        risks = mean_risks(own.crashes.impact_speed, numbers.risks)
+        values = np.vstack([np.ones(len(own.crashes.x)), *risks]).T
+        sums[name] = 2 * PARTS * own.crashes.lines.summed(own.crashes.weights, values)
+    return {key: error for key, (_, error) in Plain(sums, paired=True).numbers(numbers.made).items()}
 
 
 def closed_forms(records: FittedRecords, counted: pd.DataFrame | None) -> dict[Key, float]:
@@ -530,8 +564,8 @@ def second_ways(numbers: StudyNumbers, tables: Mapping[str, pd.DataFrame]) -> pd
     large, ``reason`` has the reason if one is known.
     """
     closed = closed_forms(numbers.records, tables.get("counted_crashes"))
-    second = second_numbers(numbers) | {key: (value, 0.0) for key, value in closed.items()}
-    drivers = tuple(name for name, each in numbers.vehicles.items() if isinstance(each, RandomVehicle))
+    second, of_maps = second_numbers(numbers)
+    second |= {key: (value, 0.0) for key, value in closed.items()}
     rows = []
     for key, (number, error) in published(tables).items():
         again, second_error = second.get(key, (np.nan, np.nan))
@@ -543,23 +577,19 @@ def second_ways(numbers: StudyNumbers, tables: Mapping[str, pd.DataFrame]) -> pd
             second_error = numbers.error_of_recorded(key[1])
         if key[0] == "all_cut_ins":  # both numbers come from as many values
             second_error = np.hypot(second_error, error)
+        if of_map := of_maps.get(key):
+            error = np.hypot(np.nan_to_num(error), of_map)
         if key[2] in SHARES:
             second_error += 1 / numbers.draws.size
         together = np.sqrt(np.nansum(np.square([error, second_error, ROUNDING * again, TINY])))
         difference = 0.0 if number == again else (number - again) / together
-        reason = reason_of(key, abs(difference), drivers)
+        reason = reason_of(key, abs(difference))
         rows.append((*key, number, error, again, second_error, mechanism, difference, reason))
     return pd.DataFrame(rows, columns=COLUMNS)
 
 
-def reason_of(key: Key, difference: float, drivers: tuple[str, ...]) -> str:
-    """Return the known reason of a difference of so many errors; empty if it is small, or none is known.
-
-    ``drivers`` are the names of the vehicles that are random drivers. Rows begin with the name of their
-    vehicle, and columns with the name of a reference.
-    """
+def reason_of(key: Key, difference: float) -> str:
+    """Return the known reason of a difference of so many errors; empty if it is small, or none is known."""
     if not difference > DOUBTFUL:  # also where there is no second number
         return ""
-    if key[1].startswith(drivers) or key[2].startswith(drivers):
-        return DRIVERS
     return REASONS.get(key[0], CHANCE if difference < LARGE else "")

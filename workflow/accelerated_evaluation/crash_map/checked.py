@@ -16,11 +16,11 @@ import numpy as np
 
 from accelerated_evaluation.base.arrays import Array
 from accelerated_evaluation.base.errors import InputError
-from accelerated_evaluation.crash_map.maps import LINES_PER_CELL, CrashMap
+from accelerated_evaluation.crash_map.maps import CrashMap
 from accelerated_evaluation.crash_map.sampled import sample_crashes
 from accelerated_evaluation.vehicles.protocol import CRASH, Vehicle
 
-LINES = 1000  # number of drawn lines, but at most twice the number of lines of the map
+LINES = 2000  # number of drawn lines, but at most twice the number of lines of the map
 EVEN = 0.5  # share of the lines that are drawn by the probability of their cell, independently of crashes
 FINER = 4  # number of steps of a map with random closing speeds for each point of a scan
 CRITICAL = 4.0  # critical number of standard errors; a correct map exceeds it in one of 16,000 cases
@@ -55,7 +55,7 @@ def check_map(vehicle: Vehicle, crash_map: CrashMap, generator: np.random.Genera
     rate = crash_map.inverse_range / grid.reference_inverse_ttc  # of the exponential law of the closing speed
     start, end = (np.exp(-rate[intervals.line] * edge) for edge in (intervals.start, intervals.end))
     mapped = np.bincount(intervals.line, start - end, rate.size)
-    weight = _cell_probabilities(crash_map)
+    weight = crash_map.reference
     chance = EVEN * weight / weight.sum()
     if mapped.any():
         chance += (1 - EVEN) * weight * mapped / (weight @ mapped)
@@ -88,13 +88,6 @@ def require_right_map(vehicle: Vehicle, crash_map: CrashMap, generator: np.rando
             change="Refine the grid (crash_map.grid, answer.grid), above all closing_speed_points.",
         )
     return sampled
-
-
-def _cell_probabilities(crash_map: CrashMap) -> Array:
-    """Return the probability of the cell of each line under the reference law, divided by its lines."""
-    grid, cells = crash_map.grid, crash_map.cells
-    far, near = np.exp(-cells.inverse_range.T / grid.reference_inverse_range)
-    return np.repeat((far - near) * np.diff(cells.lead_speed, axis=1)[:, 0], LINES_PER_CELL) / LINES_PER_CELL
 
 
 def _simulated(

@@ -80,6 +80,7 @@ def weighted_lines(
     probability = stratum.closing_speed_probability(
         crash_map.lead_speed[line], crash_map.inverse_range[line], start[met], end[met]
     )
+    probability *= crash_map.weights[line]
     lines = np.bincount(line, probability, crash_map.inverse_range.size).reshape(-1, LINES_PER_CELL)
     return weights[:, None] * lines
 

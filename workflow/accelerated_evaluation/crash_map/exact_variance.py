@@ -68,6 +68,7 @@ def cell_moments(crash_map: CrashMap, stratum: Stratum, proposal: Factors, closi
     place = crash_map.lead_speed[line], crash_map.inverse_range[line]
     start, end = (stratum.second(*place, speed) for speed in ends)
     squares = _squared_mass(f.second, proposal.second, start, end)
+    squares *= crash_map.weights[line]
     lines = np.bincount(line, squares, crash_map.lead_speed.size).reshape(-1, LINES_PER_CELL)
     by_range = _squared_cell_mass(stratum, proposal.first, cells)
     speeds = stratum.lead_speed_share(cells.lead_speed)

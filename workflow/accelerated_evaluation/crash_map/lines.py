@@ -23,6 +23,7 @@ from accelerated_evaluation.vehicles.protocol import CRASH
 
 STEPS = 200  # number of closing speeds in an interval at which a density is evaluated to draw one of them
 AT_ONCE = 20_000  # number of intervals whose probabilities are computed at once
+PARTS = 32  # number of parts of a random vehicle's map, a power of 2; each has two independent halves
 EVEN = 0.05  # share of the kept lines that are selected independently of their probability
 
 
@@ -35,14 +36,15 @@ class CrashLines(Lines):
 
     places: Places
     # Probability that the lead speed is in the cell of a line, times the width of the cell's ranges [m] per
-    # line, that is divided by the density with which the range of the line was drawn. If the lines were
-    # thinned, it is also divided by the probability that the line was kept.
+    # line, that is divided by the density with which the range of the line was drawn, times the weight of the
+    # inner variables. If the lines were thinned, it is also divided by the probability of being kept.
     weight: Array
     row: NDArray[np.int_]  # index of the line of each interval.
     start: Array  # m/s
     end: Array  # m/s; it may be infinite
     # Inner variables of the lines, (lines, variables), for a vehicle whose outcomes are random.
     inner: Array | None = None
+    part: NDArray[np.int_] | None = None  # of the map, in which a line is, 0 to 2 PARTS - 1; see `summed`
     # Weights for draws of the uncertain parameters of the vehicle, (draws, lines).
     weights: Array | None = None
 
@@ -60,11 +62,12 @@ class CrashLines(Lines):
         width = -np.diff(crash_map.cells.root[cells])[:, 0] * 2 * np.sqrt(crash_map.cells.range_max * range_)
         return cls(
             Places.of(crash_map.lead_speed[lines], range_, support),
-            shares[cells] * width / LINES_PER_CELL,
+            crash_map.weights[lines] * shares[cells] * width / LINES_PER_CELL,
             np.searchsorted(lines, line),
             intervals.start[kept],
             intervals.end[kept],
             None if crash_map.inner is None else crash_map.inner[lines],
+            None if crash_map.inner is None else lines % LINES_PER_CELL * PARTS + cells % PARTS,
         )
 
     def masses(self, draws: Any) -> Array:  # noqa: ANN401
@@ -117,42 +120,49 @@ class CrashLines(Lines):
         Their error is small if the probability of the law is distributed similarly to ``mass``, the
         probabilities of the lines under a law, or their mean under several laws.
         """
-        kept, chance = _kept(mass, size, generator)
+        kept, chance = _kept(mass, size, generator, self.part)
         inside = np.isin(self.row, kept)
-        return replace(
-            self,
-            places=self.places.only(kept),
-            weight=self.weight[kept] / chance,
-            row=np.searchsorted(kept, self.row[inside]),
-            start=self.start[inside],
-            end=self.end[inside],
-            inner=None if self.inner is None else self.inner[kept],
-        )
+        row = np.searchsorted(kept, self.row[inside])
+        return self._only(kept, chance, row=row, start=self.start[inside], end=self.end[inside])
 
     def thinned_intervals(self, mass: Array, size: int, generator: np.random.Generator) -> "CrashLines":
         """Return a systematic sample of about ``size`` intervals, each on a line of its own; see `thinned`.
 
         It is for maps with random closing speeds, whose lines have many narrow intervals each.
         """
-        kept, chance = _kept(mass, size, generator)
-        row = self.row[kept]
-        return replace(
-            self,
-            places=self.places.only(row),
-            weight=self.weight[row] / chance,
-            row=np.arange(row.size),
-            start=self.start[kept],
-            end=self.end[kept],
-            inner=None if self.inner is None else self.inner[row],
-        )
+        kept, chance = _kept(mass, size, generator, None if self.part is None else self.part[self.row])
+        row = np.arange(kept.size)
+        return self._only(self.row[kept], chance, row=row, start=self.start[kept], end=self.end[kept])
+
+    def _only(self, kept: NDArray[np.intp], chance: Array, **intervals: NDArray) -> "CrashLines":
+        """Return the lines that were kept with these probabilities, with the given intervals."""
+        inner, part = (None if each is None else each[kept] for each in (self.inner, self.part))
+        places, weight = self.places.only(kept), self.weight[kept] / chance
+        return replace(self, places=places, weight=weight, inner=inner, part=part, **intervals)
+
+    def summed(self, masses: Array, values: Array) -> Array:
+        """Return the sums of masses, (K, intervals), times values, (intervals, m), over parts of the map.
+
+        The shape is (2 PARTS, K, m). The second lines of the cells of a part follow `PARTS` places after the
+        first ones, and both halves have the same expected value. So the error of the sum of all parts can be
+        estimated from the differences of the halves.
+        """
+        part = self.part[self.row]
+        return np.stack([masses[:, part == k] @ values[part == k] for k in range(2 * PARTS)])
 
 
-def _kept(mass: Array, size: int, generator: np.random.Generator) -> tuple[NDArray[np.intp], Array]:
-    """Return the indices of a systematic sample, nearly in proportion to mass, and their probabilities."""
+def _kept(
+    mass: Array, size: int, generator: np.random.Generator, part: NDArray[np.int_] | None
+) -> tuple[NDArray[np.intp], Array]:
+    """Return the indices of a systematic sample, nearly in proportion to mass, and their probabilities.
+
+    The parts of the map, if any, follow each other, so that each keeps its share of the mass.
+    """
+    order = np.arange(mass.size) if part is None else np.argsort(part, kind="stable")
     chance = np.minimum(size * ((1 - EVEN) * mass / mass.sum() + EVEN / mass.size), 1.0)
-    steps = np.cumsum(chance) + generator.random()
+    steps = np.cumsum(chance[order]) + generator.random()
     # The indices at which the sum reaches a whole number. Rounding may let it reach two at the same index.
-    kept = np.unique(np.searchsorted(steps, np.arange(1, np.floor(steps[-1]) + 1)))
+    kept = np.unique(order[np.searchsorted(steps, np.arange(1, np.floor(steps[-1]) + 1))])
     return kept, chance[kept]
 
 

@@ -6,13 +6,14 @@ from dataclasses import fields, replace
 import numpy as np
 from numpy.typing import NDArray
 from scipy.ndimage import maximum_filter
+from scipy.special import softmax
 
 from accelerated_evaluation.base.arguments import one_of
 from accelerated_evaluation.base.arrays import Array
 from accelerated_evaluation.base.checking import checked
 from accelerated_evaluation.base.errors import InputError
 from accelerated_evaluation.base.randomness import A_GENERATOR
-from accelerated_evaluation.crash_map.intervals import Intervals, in_batches, intervals_on
+from accelerated_evaluation.crash_map.intervals import ENCOUNTERS_AT_ONCE, Intervals, in_batches, intervals_on
 from accelerated_evaluation.crash_map.maps import LINES_PER_CELL, Cells, CrashMap, Grid
 from accelerated_evaluation.scenarios.cut_in import CUT_IN
 from accelerated_evaluation.scenarios.events import Event
@@ -25,13 +26,16 @@ from accelerated_evaluation.vehicles.protocol import (
     Vehicle,
     event_named,
     repeats_itself,
+    simulate_inner,
 )
 
 STANDSTILL = 1e-6  # first point of a scan, as a share of the square root of the largest closing speed
 MARGIN = 2  # number of steps of the coarse scan that are added on both sides of the changes of the outcome
 LEAST_EFFORT = 1 / 8  # smallest effort for a row of v_L, relative to the row with the most events
 OTHER_EVENTS = 0.5  # parts of the sides of cells for other events, relative to those for crashes
-TAIL = 4  # index of the Pareto reference distribution of R^-1
+# Number of draws of the inner variables of a random vehicle from which those of a line are chosen, bisections
+# to find the closing speed at which each begins to crash, and share that is chosen without regard to it.
+CANDIDATES, BISECTIONS, EVEN = 24, 4, 0.2
 
 
 @checked(grid=one_of(Grid, words="a grid"), events=EVENTS, generator=A_GENERATOR)
@@ -111,11 +115,8 @@ def _parts(coarse: CrashMap, event: Event) -> NDArray[np.int_]:
         np.exp(-speed * inverse_range[found.line] / grid.reference_inverse_ttc)
         for speed in (found.start, found.end)
     )
-    # A Pareto density of R^-1 times the derivative of R^-1 with respect to the root of the range, but for
-    # constants. Recorded ranges are short more often than an exponential distribution allows.
-    density = (1 + inverse_range / (TAIL * grid.reference_inverse_range)) ** -(TAIL + 1) * inverse_range**1.5
-    lines = np.bincount(found.line, start - end, inverse_range.size) * density
-    spread = np.ptp(lines.reshape(-1, LINES_PER_CELL), axis=1) * -np.diff(coarse.cells.root)[:, 0]
+    lines = np.bincount(found.line, start - end, inverse_range.size) * coarse.reference
+    spread = np.ptp(lines.reshape(-1, LINES_PER_CELL), axis=1)
     spread = maximum_filter(spread.reshape(grid.lead_speed_cells, grid.range_cells), size=3)
     row = spread.max(axis=1, keepdims=True)
     if not row.any():
@@ -137,21 +138,54 @@ def _map_cells(
     lead_speed, inverse_range = cells.draw_lines(generator)
     lines = lead_speed.size
     offset = generator.random(lines)
-    inner = vehicle.draw_inner(lines, generator) if isinstance(vehicle, RandomVehicle) else None
-    empty = CrashMap(grid, cells, lead_speed, inverse_range, {}, inner, identity_of(vehicle))
+    empty = CrashMap(grid, cells, lead_speed, inverse_range, {}, vehicle=identity_of(vehicle))
+    points = grid.closing_speed_points
+    if isinstance(vehicle, RandomVehicle):
+        empty, points = (
+            _with_inner(vehicle, empty, generator),
+            max(points - CANDIDATES * BISECTIONS, points // 2),
+        )
 
     def simulate(line: NDArray, share: Array) -> Outcomes:
         return empty.simulate(vehicle, line, grid.closing_speed_max * share**2)
 
     def find(line: NDArray) -> dict[Event, Intervals]:
-        share, outcomes = _points(simulate, line, offset[line], grid.closing_speed_points)
+        share, outcomes = _points(simulate, line, offset[line], points)
         found = intervals_on(line, share, outcomes, events, (0.0, np.inf), simulate)
         return {
             event: Intervals(each.line, *(grid.closing_speed_max * end**2 for end in (each.start, each.end)))
             for event, each in found.items()
         }
 
-    return replace(empty, events=in_batches(lines, grid.closing_speed_points, find, "crash map"))
+    return replace(empty, events=in_batches(lines, points, find, "crash map"))
+
+
+def _with_inner(vehicle: RandomVehicle, empty: CrashMap, generator: np.random.Generator) -> CrashMap:
+    """Return the lines of a map, each with one of `CANDIDATES` draws of the inner variables and its weight.
+
+    Few drivers cause most crashes, so the draws that crash at small closing speeds are chosen more often, in
+    proportion to the reference probability of such a closing speed on the line. The weight is the inverse of
+    the probability of the choice, and integrals over the inner variables remain unbiased.
+    """
+    grid, lines, found = empty.grid, np.arange(empty.lead_speed.size), []
+    for line in np.array_split(lines, lines.size * CANDIDATES // ENCOUNTERS_AT_ONCE + 1):
+        row = np.repeat(line, CANDIDATES)
+        inner = vehicle.draw_inner(row.size, generator)
+        low, high = np.zeros(row.size), np.ones(row.size)  # shares of the root of the largest closing speed
+        for _ in range(BISECTIONS):
+            middle = (low + high) / 2
+            cut_ins = *empty.place(row), grid.closing_speed_max * middle**2
+            crash = simulate_inner(vehicle, cut_ins, inner).crash
+            low, high = np.where(crash, low, middle), np.where(crash, middle, high)
+        beyond = -grid.closing_speed_max * ((low + high) / 2) ** 2 * empty.inverse_range[row]
+        shape = line.size, CANDIDATES
+        danger = softmax(beyond.reshape(shape) / grid.reference_inverse_ttc, axis=1)
+        chance = EVEN / CANDIDATES + (1 - EVEN) * danger
+        below = chance.cumsum(axis=1) < generator.random((line.size, 1))
+        chosen = np.arange(line.size), below.sum(axis=1).clip(max=CANDIDATES - 1)
+        found.append((inner.reshape(*shape, -1)[chosen], 1 / (CANDIDATES * chance[chosen])))
+    inner, weight = (np.concatenate(parts) for parts in zip(*found, strict=True))
+    return replace(empty, inner=inner, inner_weight=weight)
 
 
 def _points(

@@ -6,9 +6,9 @@ refined by bisection. The result for a line is a list of intervals of closing sp
 speed times R^-1.
 
 If the outcomes of the vehicle depend on random inner variables that can be drawn (`RandomVehicle`), each line
-also has its own values of the inner variables, drawn at random like its place. The integral over the map then
-includes an integral over the inner variables, and the difference between the two lines of a cell contains the
-errors of both.
+also has its own values of the inner variables, drawn at random like its place, and weighted (`_with_inner` in
+`crash_map.mapping`). The integral over the map then includes an integral over the inner variables, and the
+difference between the two lines of a cell contains the errors of both.
 """
 
 import json
@@ -31,6 +31,7 @@ from accelerated_evaluation.scenarios.cut_in import CUT_IN
 from accelerated_evaluation.scenarios.events import Event
 from accelerated_evaluation.vehicles.protocol import CRASH, Outcomes, Vehicle, simulate_inner
 
+TAIL = 4  # index of the Pareto reference distribution of R^-1
 LINES_PER_CELL = 2  # the standard error of the mean of a cell is estimated from the difference of its lines
 POSITIVE, COUNT = a_number(1e-9, 1e9), a_number(1, 100_000, whole=True)
 
@@ -73,9 +74,8 @@ class Grid:
         short ranges occur at small closing speeds. Intervals that are narrower than the distance between two
         points may be missed.
     reference_inverse_range, reference_inverse_ttc
-        Scale of the reference distribution of R^-1 [1/m], and mean of that of TTC^-1 [1/s], which is
-        exponential; that of v_L is uniform. The distribution of R^-1 is a Pareto distribution for the
-        resolution, and exponential with this mean where a map is checked (`crash_map.checked`).
+        Scale of the reference distribution of R^-1 [1/m], which is a Pareto distribution, and mean of that of
+        TTC^-1 [1/s], which is exponential; that of v_L is uniform.
 
     Examples
     --------
@@ -189,6 +189,7 @@ class CrashMap(Lines):
     events: Mapping[Event, Intervals]  # the intervals of each event
     # Inner variables of the lines, (2 cells, variables), for a vehicle whose outcomes are random.
     inner: Array | None = None
+    inner_weight: Array | None = None  # importance weights of these inner variables, (2 cells,)
     # Class and parameters of the vehicle (`vehicles.loading.identity_of`); None if they are unknown.
     vehicle: str | None = None
 
@@ -207,6 +208,26 @@ class CrashMap(Lines):
             )
         return self.events[event]
 
+    @property
+    def weights(self) -> Array:
+        """The weights of the inner variables of the lines, 1 without such variables, (2 cells,)."""
+        return np.ones(self.lead_speed.size) if self.inner_weight is None else self.inner_weight
+
+    @property
+    def reference(self) -> Array:
+        """The weight of each line under the reference law of lead speed and range, (2 cells,).
+
+        It is the density at the range of the line times the area of the cell, up to a constant factor.
+        Recorded ranges are short more often than an exponential distribution of R^-1 allows.
+        """
+        area = np.diff(self.cells.lead_speed)[:, 0] * -np.diff(self.cells.root)[:, 0]
+        scale, slope = (
+            TAIL * self.grid.reference_inverse_range,
+            self.inverse_range**1.5,
+        )  # of R^-1 in the root
+        density = (1 + self.inverse_range / scale) ** -(TAIL + 1) * slope
+        return self.weights * density * np.repeat(area, LINES_PER_CELL)
+
     def smallest_inverse_ttc(self) -> float:
         """Return the smallest TTC^-1 [1/s] at which there is a crash; infinite if there is none."""
         intervals = self.intervals(CRASH)
@@ -219,7 +240,7 @@ def write_crash_map(path: str | os.PathLike, crash_map: CrashMap) -> None:
     arrays |= {"lead_speed": crash_map.lead_speed, "inverse_range": crash_map.inverse_range}
     arrays |= {"lead_speed_cells": crash_map.cells.lead_speed, "root_cells": crash_map.cells.root}
     if crash_map.inner is not None:
-        arrays["inner"] = crash_map.inner
+        arrays |= {"inner": crash_map.inner, "inner_weight": crash_map.weights}
     if crash_map.vehicle is not None:
         arrays["vehicle"] = np.array(crash_map.vehicle)
     for event, intervals in crash_map.events.items():
@@ -235,13 +256,12 @@ def read_crash_map(path: str | os.PathLike) -> CrashMap:
         arrays = read_arrays(path)
         grid = Grid(**json.loads(str(arrays.pop("grid"))))
         lead_speed, inverse_range = arrays.pop("lead_speed"), arrays.pop("inverse_range")
-        inner, vehicle = arrays.pop("inner", None), arrays.pop("vehicle", None)
+        inner, weight, vehicle = (arrays.pop(name, None) for name in ("inner", "inner_weight", "vehicle"))
         cells = Cells(arrays.pop("lead_speed_cells"), arrays.pop("root_cells"), grid.range_max)
         columns: dict[Event, dict[str, NDArray]] = {}
         for key, values in arrays.items():
             quantity, threshold, name = key.split()
             columns.setdefault(CUT_IN.event(quantity, float(threshold)), {})[name] = values
         events = {event: Intervals(**parts) for event, parts in columns.items()}
-    return CrashMap(
-        grid, cells, lead_speed, inverse_range, events, inner, None if vehicle is None else str(vehicle)
-    )
+    vehicle = None if vehicle is None else str(vehicle)
+    return CrashMap(grid, cells, lead_speed, inverse_range, events, inner, weight, vehicle)

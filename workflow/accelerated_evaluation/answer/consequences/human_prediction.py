@@ -32,7 +32,7 @@ from accelerated_evaluation.answer.ways.by_map import thinned_lines
 from accelerated_evaluation.answer.ways.comparison import RATIO, SAFER, compare
 from accelerated_evaluation.answer.ways.posterior import Posterior
 from accelerated_evaluation.base.arrays import Array
-from accelerated_evaluation.crash_map.lines import CrashLines
+from accelerated_evaluation.crash_map.lines import PARTS, CrashLines
 from accelerated_evaluation.crash_map.mapping import map_crashes
 from accelerated_evaluation.crash_map.maps import Grid
 from accelerated_evaluation.laws.draws import Draws
@@ -48,7 +48,7 @@ G = 9.81  # [m/s^2]
 SEVERE = {f"near-crash, {level:g} g": level for level in (0.4, 0.5, 0.6)}
 MAIN = "near-crash, 0.5 g"
 KILOMETRES = 1e6 * HUNDRED_CAR_MILES * KILOMETRES_PER_MILE
-COLUMNS = ["driver", "event", "probability", "expected", "low90", "high90", "counted"]
+COLUMNS = ["driver", "event", "probability", "standard_error", "expected", "low90", "high90", "counted"]
 COLUMNS += ["probability_of_so_few", "verdict", "effective_draws", *RATIO, SAFER]
 LIMITS = (0.05, 0.95)
 # Closing cut-ins per mile if every lane change is a cut-in in front of another vehicle: 0.36 lane changes per
@@ -56,6 +56,7 @@ LIMITS = (0.05, 0.95)
 # US-101 and I-80).
 LANE_CHANGES_A_MILE = 8667 / 23949
 CLOSING = 43 / 81
+POPULATIONS = 10  # number of populations of drivers that each draw of the law meets
 COARSER = 0.5  # resolution of the maps of the variants, relative to that of the main map
 VARIANTS: dict[str, dict[str, Any]] = {
     "as it is, one law": {},
@@ -130,12 +131,14 @@ def updated_weights(expected: Mapping[str, Array], counted: Mapping[str, int]) -
 def compared_with(car: Posterior | None, human: Array, place: NDArray[np.intp]) -> dict[str, float]:
     """Compare a car with a human driver (`comparison.compare`) under draws of the law that were resampled.
 
-    ``human`` is the crash probability of the driver under each draw, shape (K,), and ``place`` the indices of
-    the resampled draws. A draw keeps its pair of probabilities, because both follow from the same law.
+    ``human`` is the crash probability of the driver under each draw, shape (m K,), for m populations one
+    after the other, and ``place`` the indices of the resampled ones. A draw keeps its pair of probabilities,
+    because both follow from the same law.
     """
     if car is None:
         return compare(None, None)
-    pair = (Posterior(own[place], car.member[place]) for own in (car.probabilities, human))
+    law = place % car.member.size
+    pair = (Posterior(own, car.member[law]) for own in (car.probabilities[law], human[place]))
     return compare(*pair)
 
 
@@ -165,9 +168,10 @@ class HumanPrediction:
             "near-crash": count_of(counts, STRUCK, "near-crash"),
         }
         own = self._own_probabilities()
+        probabilities = {event: np.maximum(parts.sum(axis=0), 0.0) for event, parts in own.items()}
         rows = [
-            *self._own_rows(own, counted),
-            *self._corrected_rows(own, counted),
+            *self._own_rows(probabilities, own, counted),
+            *self._corrected_rows(probabilities, counted),
             *self._variant_rows(counted),
         ]
         return pd.DataFrame(rows).reindex(columns=COLUMNS)
@@ -187,20 +191,28 @@ class HumanPrediction:
         }
 
     def _own_probabilities(self) -> dict[str, Array]:
-        """Return the probability of each event for the unchanged driver under the draws of the law, (K,)."""
-        human = Human()
-        drawn = {
-            event: thinned_lines(lines, human, self.draws, self.generator).masses(self.draws).sum(axis=1)
-            for event, lines in self._lines(human, SEVERE).items()
-        }
+        """Return the probability of each event for the unchanged driver by parts of the map.
+
+        The shape is (2 PARTS, POPULATIONS K): each of the K draws of the law meets several populations.
+        """
+        human, drawn = Human(), {}
+        populations = self.generator.spawn(POPULATIONS)  # the same for all events
+        for event, lines in self._lines(human, SEVERE).items():
+            kept = thinned_lines(lines, human, self.draws, self.generator)
+            masses, every = replace(kept, weights=None).masses(self.draws), np.ones((kept.row.size, 1))
+            parts = []
+            for each in populations:
+                weights = human.inner_weights(kept.inner, self.draws.size, deepcopy(each))
+                parts.append(kept.summed(masses * weights[:, kept.row], every)[..., 0])
+            drawn[event] = np.hstack(parts)
         crash = drawn.pop("crash")
-        return {"crash": crash} | {event: np.maximum(own - crash, 0.0) for event, own in drawn.items()}
+        return {"crash": crash} | {event: parts - crash for event, parts in drawn.items()}
 
     def _corrected_rows(self, own: Mapping[str, Array], counted: Mapping[str, int]) -> Iterator[dict]:
         """Yield the rows of the driver under draws that the counts have updated; none without a distance.
 
-        Each draw of the law has a population of drivers of its own, and is weighted by the likelihood of both
-        counts. The row of crashes compares the car under test with this driver (`compared_with`).
+        Each draw of the law has populations of its own, which are weighted by the likelihood of both counts.
+        The row of crashes compares the car under test with this driver (`compared_with`).
         """
         if self.cut_ins_per_km is None:
             return
@@ -215,10 +227,14 @@ class HumanPrediction:
             row = self._row(CORRECTED, event, own[event][place], counted) | more.get(event, {})
             yield row | {"effective_draws": float(effective_number(weights))}
 
-    def _own_rows(self, events: Mapping[str, Array], counted: Mapping[str, int]) -> Iterator[dict]:
+    def _own_rows(
+        self, events: Mapping[str, Array], parts: Mapping[str, Array], counted: Mapping[str, int]
+    ) -> Iterator[dict]:
         """Yield the rows of the unchanged driver, for several definitions of a near-crash."""
         for event, probabilities in events.items():
-            yield self._row("human", event, probabilities, counted)
+            first, second = parts[event].mean(axis=1).reshape(2, PARTS)
+            error = float(np.sqrt(((first - second) ** 2).sum()))
+            yield self._row("human", event, probabilities, counted) | {"standard_error": error}
         if self.cut_ins_per_km is not None:
             more = LANE_CHANGES_A_MILE * CLOSING / (self.cut_ins_per_km * KILOMETRES_PER_MILE)
             for event in ("crash", MAIN):
