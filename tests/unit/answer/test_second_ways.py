@@ -36,7 +36,7 @@ from scipy.stats import chi2
 RANGE, CAP = 75.0, 45.0
 SPEEDS = np.linspace(5, 35, 1001)
 MEANS = np.array([1.0, 1.5])  # of the exponential closing speed, one for each law
-MAPS = 10  # number of crash maps whose values are compared with the errors that they state
+MAPS = 20  # number of crash maps whose values are compared with the errors that they state
 FAR = 4.0  # errors from which on two numbers contradict each other
 LARGEST_KNOWN = 1.35  # factor between two numbers that differ for a known reason
 PUBLISHED = Path(__file__).resolve().parents[3] / "figures" / "spmd" / "tables"

@@ -23,7 +23,7 @@ from accelerated_evaluation.vehicles.protocol import CRASH
 
 STEPS = 200  # number of closing speeds in an interval at which a density is evaluated to draw one of them
 AT_ONCE = 20_000  # number of intervals whose probabilities are computed at once
-PARTS = 32  # number of parts of a random vehicle's map, a power of 2; each has two independent halves
+PARTS = 16  # number of parts of a random vehicle's map, a power of 2; each has two independent halves
 EVEN = 0.05  # share of the kept lines that are selected independently of their probability
 
 
@@ -136,9 +136,10 @@ class CrashLines(Lines):
 
     def _only(self, kept: NDArray[np.intp], chance: Array, **intervals: NDArray) -> "CrashLines":
         """Return the lines that were kept with these probabilities, with the given intervals."""
-        inner, part = (None if each is None else each[kept] for each in (self.inner, self.part))
-        places, weight = self.places.only(kept), self.weight[kept] / chance
-        return replace(self, places=places, weight=weight, inner=inner, part=part, **intervals)
+        own: dict[str, Any] = {"places": self.places.only(kept), "weight": self.weight[kept] / chance}
+        if self.inner is not None and self.part is not None:
+            own |= {"inner": self.inner[kept], "part": self.part[kept]}
+        return replace(self, **own | intervals)
 
     def summed(self, masses: Array, values: Array) -> Array:
         """Return the sums of masses, (K, intervals), times values, (intervals, m), over parts of the map.
@@ -147,7 +148,7 @@ class CrashLines(Lines):
         first ones, and both halves have the same expected value. So the error of the sum of all parts can be
         estimated from the differences of the halves.
         """
-        part = self.part[self.row]
+        part = np.asarray(self.part)[self.row]
         return np.stack([masses[:, part == k] @ values[part == k] for k in range(2 * PARTS)])
 
 

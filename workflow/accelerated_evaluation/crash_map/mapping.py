@@ -33,6 +33,7 @@ STANDSTILL = 1e-6  # first point of a scan, as a share of the square root of the
 MARGIN = 2  # number of steps of the coarse scan that are added on both sides of the changes of the outcome
 LEAST_EFFORT = 1 / 8  # smallest effort for a row of v_L, relative to the row with the most events
 OTHER_EVENTS = 0.5  # parts of the sides of cells for other events, relative to those for crashes
+WITH_INNER = 0.75  # the same for random vehicles, whose lines differ however small the cell is
 # Number of draws of the inner variables of a random vehicle from which those of a line are chosen, bisections
 # to find the closing speed at which each begins to crash, and share that is chosen without regard to it.
 CANDIDATES, BISECTIONS, EVEN = 24, 4, 0.2
@@ -123,7 +124,7 @@ def _parts(coarse: CrashMap, event: Event) -> NDArray[np.int_]:
         return np.ones(spread.shape, dtype=int)
     share = np.divide(spread, row, out=np.zeros_like(spread), where=row > 0)
     share *= np.maximum(row / row.max(), LEAST_EFFORT)
-    effort = 1 if event == CRASH else OTHER_EVENTS
+    effort = (1 if event == CRASH else OTHER_EVENTS) * (1 if coarse.inner is None else WITH_INNER)
     return np.maximum(np.ceil(effort * grid.refinement * np.cbrt(share)), 1).astype(int)
 
 

@@ -202,7 +202,7 @@ class HumanPrediction:
             masses, every = replace(kept, weights=None).masses(self.draws), np.ones((kept.row.size, 1))
             parts = []
             for each in populations:
-                weights = human.inner_weights(kept.inner, self.draws.size, deepcopy(each))
+                weights = human.inner_weights(np.asarray(kept.inner), self.draws.size, deepcopy(each))
                 parts.append(kept.summed(masses * weights[:, kept.row], every)[..., 0])
             drawn[event] = np.hstack(parts)
         crash = drawn.pop("crash")
