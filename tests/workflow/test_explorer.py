@@ -75,8 +75,8 @@ def test_probabilities_are_those_of_a_crash_map(watch, made, laws, name, values,
     lines = CrashLines.of(mapped, lead_speeds, event, support)
     expected = np.array(
         [
-            lines.masses(SmoothDraws.of_laws(ranges, [law], support)).sum()
-            for ranges, law in drawn.laws[: drawn.answered]
+            lines.masses(SmoothDraws.of_laws(drawn.ranges[place], [law], support)).sum()
+            for place, law in drawn.laws[: drawn.answered]
         ]
     )
     page = opened(watch, made)
