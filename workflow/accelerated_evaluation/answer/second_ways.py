@@ -43,17 +43,20 @@ from accelerated_evaluation.answer.consequences.injuries.tables import (
 from accelerated_evaluation.answer.consequences.injuries.tables import Key as RiskKey
 from accelerated_evaluation.answer.consequences.rates import UNITS
 from accelerated_evaluation.answer.consequences.total import SIZE as VALUES
-from accelerated_evaluation.answer.ways.answer import Answer
+from accelerated_evaluation.answer.study_tables import UNDER_TEST, fast_way
+from accelerated_evaluation.answer.ways.answer import Answer, evaluate
 from accelerated_evaluation.answer.ways.by_map import MapCrashes
 from accelerated_evaluation.base.arrays import Array
+from accelerated_evaluation.base.randomness import child_generator
 from accelerated_evaluation.crash_map.lines import PARTS
 from accelerated_evaluation.laws.draws import Draws
 from accelerated_evaluation.laws.paper.models import IndependentLaw
+from accelerated_evaluation.methods.problem import Problem
 from accelerated_evaluation.scenarios.cut_in import CUT_IN
 from accelerated_evaluation.scenarios.events import Event
 from accelerated_evaluation.scenarios.protocol import Scenario
 from accelerated_evaluation.vehicles.builtin.human import Human
-from accelerated_evaluation.vehicles.protocol import RandomVehicle, Vehicle, simulate_inner
+from accelerated_evaluation.vehicles.protocol import CRASH, RandomVehicle, Vehicle, simulate_inner
 
 DRIVERS = 4  # number of drivers in each encounter: most crashes are those of very few of them
 BATCHES, SIZE = 32, 2**13  # number of independent batches (a power of 2), and of the encounters in each
@@ -440,6 +443,28 @@ class StudyNumbers:
             )
             for level in LEVELS
         }
+
+
+def generator_of(seed: int, name: str) -> np.random.Generator:
+    """Return the generator with which a study weights the inner variables of a random vehicle."""
+    paths = {UNDER_TEST: ("laws", "answer"), BRAKING: ("humans",)}
+    return child_generator(seed, *paths.get(name, ("laws", "references", name)))
+
+
+def answers_of_maps(
+    vehicles: Mapping[str, Vehicle], maps: Mapping[str, str], records: FittedRecords, draws: Draws, seed: int
+) -> dict[str, Answer]:
+    """Return the answers of the random vehicles from the files of their crash maps, by vehicle."""
+    return {
+        name: evaluate(
+            Problem(CUT_IN, vehicles[name], CRASH, law=draws.proposal),
+            draws,
+            fast_way(records, 0, path),
+            generator=generator_of(seed, name),
+        )
+        for name, path in maps.items()
+        if isinstance(vehicles[name], RandomVehicle)
+    }
 
 
 def paper_numbers(numbers: StudyNumbers) -> dict[Key, tuple[float, float]]:
