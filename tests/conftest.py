@@ -23,31 +23,9 @@ os.environ.pop("PYTHONUNBUFFERED", None)
 
 HERE = Path(__file__).resolve().parent
 ROOT = HERE.parent
-PARTS = (
-    "Snakefile",
-    "workflow",
-    "notebooks",
-    "docs",
-    "fewruns",
-    "config",
-    "data",
-    "profiles",
-    "environment.txt",
-)
-BENCHMARKS = (
-    "worlds",
-    "motorway",
-    "motorway_chain",
-    "europe",
-    "samplers",
-    "successors",
-    "answers",
-    "chance",
-    "hidden",
-    "vehicles",
-)
-PARTS += tuple(f"benchmarks/results/{name}.csv" for name in BENCHMARKS)
-PARTS += ("article",)
+PARTS = ["Snakefile", "workflow", "notebooks", "docs", "fewruns", "config", "data", "profiles", "article"]
+BENCHMARKS = "worlds motorway motorway_chain europe samplers successors answers chance hidden vehicles"
+PARTS += ["environment.txt", *(f"benchmarks/results/{name}.csv" for name in BENCHMARKS.split())]
 WITH_TOYS = ("config/smoke.yaml", "config/toys.yaml")
 
 

@@ -28,10 +28,7 @@ from accelerated_evaluation.laws.smooth.conditional import Places
 from accelerated_evaluation.laws.smooth.draws import SmoothDraws
 from accelerated_evaluation.laws.smooth.family import Fitter, Member, members_at
 from accelerated_evaluation.laws.smooth.mean import MeanLaw
-from accelerated_evaluation.publishing.figures.likeliest_crashes import (
-    CRASHES,
-    fig28_ways_to_crash,
-)
+from accelerated_evaluation.publishing.figures.likeliest_crashes import CRASHES, fig28_ways_to_crash
 from accelerated_evaluation.publishing.figures.moving import LANE, SCALE, fig36_cut_in
 from accelerated_evaluation.publishing.figures.preventable import fig30_preventable
 from accelerated_evaluation.publishing.figures.style import save_figure

@@ -7,11 +7,7 @@ from accelerated_evaluation.answer.consequences.injuries.curves import FRONTAL, 
 from accelerated_evaluation.answer.consequences.injuries.tables import injury_tables, tabulated_risks
 from accelerated_evaluation.answer.ways.posterior import Posterior
 from accelerated_evaluation.publishing.figures.injuries import fig32_injuries
-from accelerated_evaluation.publishing.tables.exact import (
-    balance_digest,
-    curves_digest,
-    injuries_in_words,
-)
+from accelerated_evaluation.publishing.tables.exact import balance_digest, curves_digest, injuries_in_words
 
 KEYS = list(tabulated_risks())
 KNOWN, UNKNOWN = {"kilometres": 1000.0, "hours": None}, {"kilometres": None, "hours": None}

@@ -7,10 +7,7 @@ import pandas as pd
 import pytest
 from accelerated_evaluation.publishing.figures import exact as truth_figures
 from accelerated_evaluation.publishing.figures.style import style_of
-from accelerated_evaluation.publishing.tables.exact import (
-    needed_simulations,
-    share_of_one_run,
-)
+from accelerated_evaluation.publishing.tables.exact import needed_simulations, share_of_one_run
 from scipy.special import ndtri
 
 PAPER = (7.0e-7, 7.8e-7)

@@ -7,11 +7,7 @@ import numpy as np
 import pandas as pd
 import pytest
 from accelerated_evaluation.records.checks import CHECKS, FINE, STOP, WARNING, Records, shapes
-from accelerated_evaluation.records.checks.known import (
-    SIMILAR,
-    Comparison,
-    known_cut_ins,
-)
+from accelerated_evaluation.records.checks.known import SIMILAR, Comparison, known_cut_ins
 
 NAMES = ["lead_speed", "range", "closing_speed"]
 FEET = 1 / 0.3048

@@ -10,13 +10,7 @@ from accelerated_evaluation import SOURCES, InputError, cli
 from accelerated_evaluation.answer import estimation as alone
 from accelerated_evaluation.laws.smooth.family import DistinctRecords, Fitter, members_at
 from accelerated_evaluation.laws.smooth.support import Support
-from accelerated_evaluation.records.limits import (
-    AUTO,
-    AUTOMATIC,
-    edges_of,
-    limits_in_words,
-    limits_of,
-)
+from accelerated_evaluation.records.limits import AUTO, AUTOMATIC, edges_of, limits_in_words, limits_of
 from accelerated_evaluation.study.configuration import ConfigurationError, completed, load, resolved, validate
 from accelerated_evaluation.study.limits import value_of, with_limits, with_values
 from motorway import motorway_, motorway_table  # noqa: F401

@@ -7,12 +7,7 @@ from accelerated_evaluation import InputError
 from accelerated_evaluation.base import strict_yaml
 from accelerated_evaluation.scenarios import SCENARIOS
 from accelerated_evaluation.scenarios.parameters import parameter_names
-from accelerated_evaluation.study.configuration import (
-    ConfigurationError,
-    load,
-    read_again,
-    read_yaml,
-)
+from accelerated_evaluation.study.configuration import ConfigurationError, load, read_again, read_yaml
 from accelerated_evaluation.vehicles.loading import load_vehicle
 from snakemake.cli import parse_config
 from snakemake.common.configfile import load_configfile

@@ -5,13 +5,7 @@ import pandas as pd
 import pytest
 from accelerated_evaluation.base.errors import InputError
 from accelerated_evaluation.laws.motion import MOTIONS, STATES, STEP, draw_lead_speeds
-from accelerated_evaluation.laws.motion.recorded import (
-    AWAY,
-    NAMES,
-    Recorded,
-    _balanced,
-    recorded_courses,
-)
+from accelerated_evaluation.laws.motion.recorded import AWAY, NAMES, Recorded, _balanced, recorded_courses
 from accelerated_evaluation.vehicles.lead_motion import lead_speeds_of
 from scipy.optimize import minimize
 
