@@ -219,10 +219,9 @@ STUDIES = {
         "crash_map": {"grid": {"closing_speed_max": 1}},
     },
 }
-SOME = {"never crashes"}  # each takes more than two minutes of processor time
 
 
-pytestmark = pytest.mark.studies
+pytestmark = [pytest.mark.studies, pytest.mark.rest]  # each takes more than two minutes of processor time
 
 
 @pytest.fixture(scope="module")
@@ -235,10 +234,7 @@ def shared(tmp_path_factory, project_in):
     return project
 
 
-CASES = [pytest.param(name, marks=[] if name in SOME else [pytest.mark.rest]) for name in STUDIES]
-
-
-@pytest.mark.parametrize("name", CASES)
+@pytest.mark.parametrize("name", STUDIES)
 def test_the_study_ends_whole(shared, name):
     study = re.sub(r"\W", "-", name)
     config = merged(TINY, STUDIES[name]) | {"study": study}

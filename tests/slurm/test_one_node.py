@@ -31,6 +31,7 @@ def slurm():
         yield cluster
 
 
+@pytest.mark.rest  # four minutes of processor time
 def test_slurm_makes_the_same_tables_though_a_job_is_killed(slurm, project_with_toys, request):
     """The study without Slurm, which it is compared with, is asked for last: another process may run it."""
     project = project_with_toys
