@@ -149,10 +149,7 @@ REFUSED = [
     (lambda *_: replace(TURN, events=()), "seen no events; expected at least one Event"),
     (lambda *_: ae.FittedRecords.of("left_turn", pd.DataFrame({"a": [1]})), "a table without sdv_speed_mps"),
     (lambda *_: of("acc_aeb").simulate(np.zeros((4, 2))), "(4, 2); expected an array of shape (n, 3) with"),
-    (
-        lambda _, law: evaluated(law, problem=of("acc_aeb", NEAR)),
-        "event min_range, function happens: seen At",
-    ),
+    (lambda _, law: evaluated(law, problem=of("acc_aeb", NEAR)), "seen an event scored by 'min_range'; ex"),
 ]
 
 
