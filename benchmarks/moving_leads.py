@@ -11,6 +11,7 @@ counted. The study has to be finished, in ``results/STUDY``. The columns are tho
 
 import argparse
 from collections.abc import Iterator, Mapping
+from functools import partial
 from pathlib import Path
 
 import numpy as np
@@ -21,6 +22,7 @@ from accelerated_evaluation.answer.consequences.lead_motion import FEWEST as FEW
 from accelerated_evaluation.answer.consequences.lead_motion import mirrored
 from accelerated_evaluation.answer.second_ways import CAP, COLUMNS, Features, Key, Means, Plain, WideCutIns
 from accelerated_evaluation.answer.settings import support_of
+from accelerated_evaluation.answer.study_tables import UNDER_TEST
 from accelerated_evaluation.base.arrays import Array
 from accelerated_evaluation.base.files import read_json, write_csv
 from accelerated_evaluation.base.randomness import child_generator
@@ -32,13 +34,11 @@ from accelerated_evaluation.laws.smooth.family import DistinctRecords
 from accelerated_evaluation.records.ingest import opening_cut_ins
 from accelerated_evaluation.records.sources import read_source
 from accelerated_evaluation.scenarios.cut_in import CUT_IN
-from accelerated_evaluation.vehicles.loading import load_vehicle
-from accelerated_evaluation.vehicles.moving import simulate_motion
-from accelerated_evaluation.vehicles.protocol import RandomVehicle, Vehicle, simulate_inner
+from accelerated_evaluation.study.preflight import compared_sections
+from accelerated_evaluation.vehicles.moving import simulate_motion, takes_motion
+from accelerated_evaluation.vehicles.named import all_loaded
+from accelerated_evaluation.vehicles.protocol import Vehicle, inner_of, simulate_inner
 
-VEHICLES = {"under test": "acc_aeb"} | {
-    name: name for name in ("acc_only", "cc_human", "fsm", "human", "reg157", "rss")
-}
 PROFILES = Path("data/europe/lead_motion.parquet")
 FINER = 2  # times as many closing cut-ins as the second numbers of a study have
 ROUNDS, SIZE = 100, 10_000  # rounds of opening cut-ins, and cut-ins in each
@@ -65,7 +65,7 @@ def closing(
 
     def features(x: Array) -> Features:
         for name, vehicle in vehicles.items():
-            inner = vehicle.draw_inner(len(x), generator) if isinstance(vehicle, RandomVehicle) else None
+            inner = inner_of(vehicle, len(x), generator)
             still = simulate_inner(vehicle, tuple(x.T), inner).crash.astype(float)
             moved = [crashes(vehicle, x.T, motion, inner, generator) for motion in motions.values()]
             yield name, np.column_stack([still, *moved]), None
@@ -81,11 +81,8 @@ def closing(
             numbers["lead_motion", f"{name}, closing", "factor_half"] = found["half"] / still
         return numbers
 
-    def density(x: Array) -> Array:
-        return law.log_densities(x, CAP)
-
     wide = WideCutIns(records.x[:, 0], law.support.range_max, CAP)
-    return Plain.of(wide, density, features, generator, FINER).numbers(made)
+    return Plain.of(wide, partial(law.log_densities, cap=CAP), features, generator, FINER).numbers(made)
 
 
 def opening(
@@ -101,7 +98,7 @@ def opening(
             count = 0.0
             for _ in range(ROUNDS):
                 drawn = cut_ins[:, generator.integers(recorded.size, size=SIZE)]
-                inner = vehicle.draw_inner(SIZE, generator) if isinstance(vehicle, RandomVehicle) else None
+                inner = inner_of(vehicle, SIZE, generator)
                 count += crashes(vehicle, drawn, motions[table], inner, generator).sum()
             if count >= FEWEST:
                 yield (
@@ -129,15 +126,16 @@ def twice(study: Path, seed: int) -> pd.DataFrame:
         smooth.family.ranges, [smooth.speeds(law_study.heaviest)], smooth.records.support
     )
     motions = {"lead_motion": Ngsim(), "half": Ngsim(0.5), "lead_motion_europe": Recorded.read(PROFILES)}
-    vehicles = {name: load_vehicle(each) for name, each in VEHICLES.items()}
+    sections = {UNDER_TEST: config["vehicle"], **compared_sections(config["compared_vehicles"])}
     generator = child_generator(seed, "second ways", "lead motion")
-    second = closing(vehicles, motions, records, law, generator)
-    mechanism = dict.fromkeys(second, SAMPLING)
     recorded = DistinctRecords.of(kept, records.data.support)
     if recorded.size < FEWEST_RECORDED:
         recorded = mirrored(smooth.records)
-    counted = dict(opening(vehicles, motions, recorded, generator))
-    mechanism |= dict.fromkeys(counted, COUNTS)
+    with all_loaded(sections, config["simulations"], workers=1) as loaded:
+        vehicles = {name: each for name, each in loaded.items() if takes_motion(each)}
+        second = closing(vehicles, motions, records, law, generator)
+        counted = dict(opening(vehicles, motions, recorded, generator))
+    mechanism = dict.fromkeys(second, SAMPLING) | dict.fromkeys(counted, COUNTS)
     rows = []
     for table in ("lead_motion", "lead_motion_europe"):
         published = pd.read_csv(study / f"{table}.csv")

@@ -45,9 +45,9 @@ def wheels(tmp_path_factory):
 def test_the_wheel_of_the_sampler_holds_its_package_and_nothing_else(wheels):
     files = {name for name in zipfile.ZipFile(wheels[1]).namelist() if ".dist-info/" not in name}
     sources = (ROOT / "fewruns/src/fewruns").glob("*.py")
-    pages = {name for name in files if name.startswith("fewruns/pages/")}
-    assert pages >= {"fewruns/pages/README.md", "fewruns/pages/method.md"}
-    assert files - pages == {"fewruns/py.typed", *(f"fewruns/{path.name}" for path in sources)}
+    pages = {f"fewruns/pages/{name}" for name in ("README.md", "method.md", "sampler_reference.md")}
+    pages |= {"fewruns/pages/method_course.svg", "fewruns/py.typed"}
+    assert files == pages | {f"fewruns/{path.name}" for path in sources}
     assert wheels[1].stat().st_size < 2e5
 
 

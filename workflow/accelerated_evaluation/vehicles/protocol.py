@@ -108,6 +108,11 @@ def simulate_inner(vehicle: Vehicle, cut_ins: tuple[Array, Array, Array], inner:
     return vehicle.simulate_given(*cut_ins, inner)
 
 
+def inner_of(vehicle: Vehicle, size: int, generator: np.random.Generator) -> Array | None:
+    """Draw the inner variables of a `RandomVehicle` for so many encounters; None if the vehicle has none."""
+    return vehicle.draw_inner(size, generator) if isinstance(vehicle, RandomVehicle) else None
+
+
 def repeats_itself(vehicle: Vehicle) -> bool | None:
     """Return whether an encounter always has the same outcomes with this vehicle; None if this is unknown."""
     return getattr(vehicle, "deterministic", None)

@@ -42,7 +42,14 @@ from accelerated_evaluation.laws.smooth.smooth_hazard import SmoothHazard
 from accelerated_evaluation.methods.problem import Problem
 from accelerated_evaluation.scenarios.cut_in import CUT_IN, SPEED_LIMIT
 from accelerated_evaluation.vehicles.moving import MovingVehicle, simulate_motion, takes_motion
-from accelerated_evaluation.vehicles.protocol import CRASH, Outcomes, RandomVehicle, Vehicle, simulate_inner
+from accelerated_evaluation.vehicles.protocol import (
+    CRASH,
+    Outcomes,
+    RandomVehicle,
+    Vehicle,
+    inner_of,
+    simulate_inner,
+)
 
 # [m/s], amounts by which a lead motion may lower the smallest closing speed with a crash; places are drawn
 # preferentially for each of them.
@@ -195,18 +202,18 @@ class MovingProblem:
     def opening(self, recorded: DistinctRecords, motion: LeadMotion, generator: np.random.Generator) -> Means:
         """Estimate the crash probability of an opening cut-in with a constant and a changing lead speed."""
         recorded_cut_ins = np.array([recorded.lead_speed, recorded.range_, recorded.closing_speed])
-        is_random = isinstance(self.vehicle, RandomVehicle)
 
         def simulate(row: NDArray[np.intp], inputs: Array) -> tuple[Array, Array]:
             crashes, score = np.empty((2, row.size)), np.empty(row.size)
             for part in np.array_split(np.arange(row.size), -(-row.size // AT_ONCE)):
-                inner = self.vehicle.draw_inner(part.size, generator) if is_random else None
+                inner = inner_of(self.vehicle, part.size, generator)
                 found = list(self._outcomes(recorded_cut_ins[:, row[part]], inputs[part], inner, [motion]))
                 crashes[:, part], score[part] = [each.crash for each in found], CRASH.score(found[1])
             return crashes, score
 
+        concentrates = not isinstance(self.vehicle, RandomVehicle)
         terms, largest = opening_terms(
-            simulate, recorded, motion, self.effort, generator, concentrates=not is_random
+            simulate, recorded, motion, self.effort, generator, concentrates=concentrates
         )
         return Means.of(terms, largest)
 
