@@ -13,11 +13,13 @@ import argparse
 from collections.abc import Iterator, Mapping
 from functools import partial
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pandas as pd
-from accelerated_evaluation.answer.candidates.fitted_records import FittedRecords, stored_records
+from accelerated_evaluation.answer.candidates.fitted_records import stored_records
 from accelerated_evaluation.answer.candidates.law_study import LawStudy
+from accelerated_evaluation.answer.candidates.smooth_family import SmoothFamily
 from accelerated_evaluation.answer.consequences.lead_motion import FEWEST as FEWEST_RECORDED
 from accelerated_evaluation.answer.consequences.lead_motion import mirrored
 from accelerated_evaluation.answer.second_ways import CAP, COLUMNS, Features, Key, Means, Plain, WideCutIns
@@ -57,11 +59,14 @@ def crashes(
 def closing(
     vehicles: Mapping[str, Vehicle],
     motions: Mapping[str, LeadMotion],
-    records: FittedRecords,
+    lead_speed: Array,
     law: SmoothDraws,
     generator: np.random.Generator,
 ) -> dict[Key, tuple[float, float]]:
-    """Return the probabilities and factors of closing cut-ins, each with its standard error."""
+    """Return the probabilities and factors of closing cut-ins, each with its standard error.
+
+    They have the recorded lead speeds [m/s].
+    """
 
     def features(x: Array) -> Features:
         for name, vehicle in vehicles.items():
@@ -81,7 +86,7 @@ def closing(
             numbers["lead_motion", f"{name}, closing", "factor_half"] = found["half"] / still
         return numbers
 
-    wide = WideCutIns(records.x[:, 0], law.support.range_max, CAP)
+    wide = WideCutIns(lead_speed, law.support.range_max, CAP)
     return Plain.of(wide, partial(law.log_densities, cap=CAP), features, generator, FINER).numbers(made)
 
 
@@ -107,33 +112,33 @@ def opening(
                 )
 
 
+def read_study(study: Path) -> tuple[dict[str, Any], SmoothFamily, SmoothDraws]:
+    """Return the configuration of a finished study, its smooth laws, and the law of the largest weight."""
+    config = read_json(study / "config.json")
+    support = support_of(CUT_IN, config).content()
+    exposure = read_json(study / "exposure.json")
+    records = stored_records(CUT_IN, study / "encounters.parquet", support, exposure)
+    laws = partial(child_generator, config["seed"], "laws")
+    whole = LawStudy.of_smooth(records, config["answer"]["draws"], laws, study / "laws" / "family.npz")
+    smooth = whole.smooth
+    ranges, speeds = smooth.family.ranges, smooth.speeds(whole.heaviest)
+    return config, smooth, SmoothDraws.of_laws(ranges, [speeds], smooth.records.support)
+
+
 def twice(study: Path, seed: int) -> pd.DataFrame:
     """Return the numbers of the tables of lead motion that have a second one, each with both."""
-    config = read_json(study / "config.json")
-    limits = support_of(CUT_IN, config)
-    exposure = read_json(study / "exposure.json")
-    records = stored_records(CUT_IN, study / "encounters.parquet", limits.content(), exposure)
+    config, smooth, law = read_study(study)
     stream = child_generator(config["seed"], "sample")
     kept = opening_cut_ins(read_source(config["data"], stream), config["data"], config["filters"])
-    law_study = LawStudy.of_smooth(
-        records,
-        config["answer"]["draws"],
-        lambda *names: child_generator(config["seed"], "laws", *names),
-        study / "laws" / "family.npz",
-    )
-    smooth = law_study.smooth
-    law = SmoothDraws.of_laws(
-        smooth.family.ranges, [smooth.speeds(law_study.heaviest)], smooth.records.support
-    )
     motions = {"lead_motion": Ngsim(), "half": Ngsim(0.5), "lead_motion_europe": Recorded.read(PROFILES)}
     sections = {UNDER_TEST: config["vehicle"], **compared_sections(config["compared_vehicles"])}
     generator = child_generator(seed, "second ways", "lead motion")
-    recorded = DistinctRecords.of(kept, records.data.support)
+    recorded = DistinctRecords.of(kept, smooth.records.support)
     if recorded.size < FEWEST_RECORDED:
         recorded = mirrored(smooth.records)
     with all_loaded(sections, config["simulations"], workers=1) as loaded:
         vehicles = {name: each for name, each in loaded.items() if takes_motion(each)}
-        second = closing(vehicles, motions, records, law, generator)
+        second = closing(vehicles, motions, smooth.records.lead_speed, law, generator)
         counted = dict(opening(vehicles, motions, recorded, generator))
     mechanism = dict.fromkeys(second, SAMPLING) | dict.fromkeys(counted, COUNTS)
     rows = []

@@ -106,6 +106,9 @@ def counted(files: Files) -> Iterator[Claim]:
         limits = Between(published.loc[event, "low90"], published.loc[event, "high90"])
         text = f"expected number for the driver `human`, 90 % limits: {event}"
         yield Claim(text, limits, Mean(found.loc[event, "expected"]))
+    yield _second(
+        files.runs("human_variants"), "variants of the human driver that plain sampling contradicts"
+    )
 
 
 def _contradicted(table: pd.DataFrame) -> Exactly:

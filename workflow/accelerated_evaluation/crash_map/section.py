@@ -75,7 +75,7 @@ def events_section(**thresholds: list[float]) -> Schema:
 def crash_map_section() -> Schema:
     """Return the section of the crash maps of the paper's methods."""
     return section(
-        grid=grid_section(23.49, 60, 100, 24, 240),
+        grid=grid_section(23.49, 60, 100, 16, 240),
         events=events_section(
             impact_speed=[0, 1, 2, 3, 4, 5, 6, 7, 8, 9, 10, 12, 15, 20],
             min_range=[0.5, 1, 2],

@@ -128,6 +128,12 @@ def updated_weights(expected: Mapping[str, Array], counted: Mapping[str, int]) -
     return softmax(log_likelihoods) if np.isfinite(log_likelihoods).any() else None
 
 
+def error_of_parts(probabilities: Array) -> float:
+    """Return the standard error of the sum of probabilities by parts of a map, (2 PARTS,)."""
+    first, second = probabilities.reshape(2, PARTS)
+    return float(np.sqrt(((first - second) ** 2).sum()))
+
+
 def compared_with(car: Posterior | None, human: Array, place: NDArray[np.intp]) -> dict[str, float]:
     """Compare a car with a human driver (`comparison.compare`) under draws of the law that were resampled.
 
@@ -232,9 +238,8 @@ class HumanPrediction:
     ) -> Iterator[dict]:
         """Yield the rows of the unchanged driver, for several definitions of a near-crash."""
         for event, probabilities in events.items():
-            first, second = parts[event].mean(axis=1).reshape(2, PARTS)
-            error = float(np.sqrt(((first - second) ** 2).sum()))
-            yield self._row("human", event, probabilities, counted) | {"standard_error": error}
+            error = {"standard_error": error_of_parts(parts[event].mean(axis=1))}
+            yield self._row("human", event, probabilities, counted) | error
         if self.cut_ins_per_km is not None:
             more = LANE_CHANGES_A_MILE * CLOSING / (self.cut_ins_per_km * KILOMETRES_PER_MILE)
             for event in ("crash", MAIN):
@@ -263,8 +268,10 @@ class HumanPrediction:
         cut_ins = np.nan if self.cut_ins_per_km is None else self.cut_ins_per_km * KILOMETRES
         for name, parameters in VARIANTS.items():
             lines = self._lines(Human(**parameters), [MAIN], finer=COARSER)
-            found = {event: float(lines[event].masses(law).sum()) for event in ("crash", MAIN)}
-            found[MAIN] = max(found[MAIN] - found["crash"], 0.0)
-            for event, value in found.items():
-                row = {"driver": name, "event": event, "probability": value, "expected": cut_ins * value}
-                yield row | {"counted": counted[event.split(",")[0]]}
+            crash, braked = (
+                each.summed(each.masses(law), np.ones((each.row.size, 1))) for each in lines.values()
+            )
+            for event, parts in {"crash": crash, MAIN: braked - crash}.items():
+                value, error = max(float(parts.sum()), 0.0), error_of_parts(parts[:, 0, 0])
+                row = {"driver": name, "event": event, "probability": value, "standard_error": error}
+                yield row | {"expected": cut_ins * value, "counted": counted[event.split(",")[0]]}
