@@ -8,14 +8,14 @@ because cut-ins in a town and on a motorway differ more from each other than rec
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from functools import cache, cached_property
-from itertools import combinations, permutations
+from itertools import combinations, permutations, product
 
 import numpy as np
 import pandas as pd
 from numpy.typing import NDArray
 from scipy.stats import rankdata
 
-from accelerated_evaluation.base.arrays import Array
+from accelerated_evaluation.base.arrays import LENGTH, SPEED, Array
 from accelerated_evaluation.base.files import project_file
 from accelerated_evaluation.records.checks import CHECKS, FINE, MANY, STOP, WARNING, Finding, Records
 from accelerated_evaluation.records.segments import MINIMUM_ROWS, complete
@@ -113,16 +113,18 @@ class Fault:
 
     @property
     def is_like_traffic(self) -> bool:
-        """Whether the fault scales one variable, as dense and free traffic do, too."""
-        return self.needed == UNIT and len(self.columns) == 1
+        """Whether the fault scales one variable, or makes all of a kind small, as other traffic does, too."""
+        return self.needed == UNIT and (len(self.columns) == 1 or not self.unit)
 
 
 def _faults(x: Array, units: Mapping[str, str]) -> Iterator[Fault]:
     """Iterate over the likely faults of points, shape (n, d), which follow from the units.
 
-    A column, or all columns of a unit, may have another unit. Two columns may be exchanged. A speed may be
-    the sum or the difference of two speeds, such as that of the host in place of that of the lead vehicle. A
-    speed or a length may be replaced by a time or its inverse, such as 1/TTC.
+    A column, or all columns of a unit, may have another unit. All lengths may be in
+    feet and all speeds in mph or ft/s; a speed alone is not compared in ft/s, which hardly differs from km/h.
+    Two columns may be exchanged. A speed may be the sum or the difference of two speeds, such as that of the
+    host in place of that of the lead vehicle. A speed or a length may be replaced by a time or its inverse,
+    such as 1/TTC.
     """
     names = list(units)
     column = dict(zip(names, x.T, strict=True))
@@ -133,17 +135,24 @@ def _faults(x: Array, units: Mapping[str, str]) -> Iterator[Fault]:
             changed[:, names.index(name)] = values
         return Fault(text, frozenset(columns), remedy, needed, changed, unit)
 
-    for unit, factors in FACTORS.items():
-        own = [name for name in names if units[name] == unit]
+    alike = {unit: [name for name in names if units[name] == unit] for unit in FACTORS}
+    for unit, own in alike.items():
         for group in [*([name] for name in own), *([own] if len(own) > 1 else [])]:
             what = " and ".join(group)
-            for other, factor in factors.items():
+            for other, factor in FACTORS[unit].items():
                 scaled = {name: column[name] / factor for name in group}
                 needed = FEET if other == "ft" else UNIT
                 yield fault(f"{what} in {other}", _in_unit(group, other), needed, other, **scaled)
                 scaled = {name: column[name] * factor for name in group}
                 text = f"{what} in {unit}, but converted as if in {other}"
                 yield fault(text, _in_unit(group, unit), UNIT, **scaled)
+    for chosen in product(["mph", "ft/s"], repeat=len(alike["m/s"])):
+        stated = dict.fromkeys(alike["m"], "ft") | dict(zip(alike["m/s"], chosen, strict=True))
+        if len({*stated.values()}) > 1:
+            scaled = {name: column[name] * (SPEED | LENGTH)[unit] for name, unit in stated.items()}
+            text = ", ".join(f"{name} in {unit}" for name, unit in stated.items())
+            remedy = " and ".join(_in_unit([name], unit) for name, unit in stated.items())
+            yield fault(text, remedy, RARE, **scaled)
     for one, other in combinations(names, 2):
         exchanged = {one: column[other], other: column[one]}
         yield fault(f"{one} and {other} exchanged", "exchange the names of the columns", RARE, **exchanged)
@@ -158,15 +167,15 @@ def _faults(x: Array, units: Mapping[str, str]) -> Iterator[Fault]:
         yield fault(text, f"add {other} to {one}", SUM, **{one: column[one] + column[other]})
     with np.errstate(divide="ignore", invalid="ignore", over="ignore"):
         for length, speed in ((names[i], names[j]) for i, j in _times(units)):
-            product = column[length] * column[speed]
+            multiplied = column[length] * column[speed]
             time, inverse = f"a time, {length} / {speed},", f"an inverse time, {speed} / {length},"
             multiply = f"multiply {speed} by {length}"
             if speed == "closing_speed":
                 time, inverse = "the TTC", "1/TTC"
                 multiply = f"set {COLUMNS[speed]}.quantity to ttc, and its unit to 1/s"
             times = f"multiply {length} by {speed}"
-            yield fault(f"{time} in place of {length}", times, RARE, **{length: product})
-            yield fault(f"{inverse} in place of {speed}", multiply, RARE, **{speed: product})
+            yield fault(f"{time} in place of {length}", times, RARE, **{length: multiplied})
+            yield fault(f"{inverse} in place of {speed}", multiply, RARE, **{speed: multiplied})
             divide = multiply.replace("1/s", "s").replace("multiply", "divide")
             quotient = column[length] / column[speed]
             yield fault(f"{time} in place of {speed}", divide, RARE, **{speed: quotient})
@@ -238,13 +247,29 @@ class Comparison:
 
     @property
     def explanations(self) -> list[tuple[float, Fault]]:
-        """The faults that explain the distance, the best first, with the distance without each."""
+        """The faults that explain the distance, with the distance without each; the best first.
+
+        The best one has the smallest product of this distance and the ratio that the fault needs.
+        """
         ratios = (fault.needed if self.distance > FAR else RARE for _, fault in self.without)
-        return [
+        found = [
             (left, fault)
             for (left, fault), ratio in zip(self.without, ratios, strict=True)
             if self.distance > max(ratio * left, SLIGHT)
         ]
+        return sorted(found, key=lambda pair: pair[1].needed * pair[0])
+
+    @property
+    def rivals(self) -> list[Fault]:
+        """The best explanation, and other faults that the records do not distinguish from it.
+
+        A fault is distinguished if it explains the distance `UNIT` times worse, the ratio by which another
+        unit must be better than other traffic. Otherwise, the best remedy would often be a wrong one.
+        """
+        best_left, best = self.explanations[0]
+        farthest = UNIT * best.needed * best_left
+        near = (fault for left, fault in self.without if fault.needed * left <= farthest)
+        return [best, *(fault for fault in near if fault.remedy != best.remedy)]
 
     def _possible(self, x: Array) -> NDArray[np.bool_]:
         """Return which points are encounters; only magnitudes count where the limits exclude one sign."""
@@ -324,18 +349,22 @@ def known_records(records: Records) -> Finding:
         left, best = explanations[0]
         is_certain = left < SIMILAR and compared.distance > CERTAIN * left
         verdict = STOP if is_certain else WARNING
-        texts = [fault.text for _, fault in explanations[1:SHOWN]]
-        others = f"; less well: {'; '.join(texts)}" if texts else ""
-        is_known = is_certain or not best.is_like_traffic
-        word = "probably" if is_known else "other traffic, which these records do not distinguish from"
-        found = f"{word} {best.text}: the distance is {left:.2f} without it{others}"
+        rivals = [fault.text for fault in compared.rivals]
+        is_known = len(rivals) == 1 and (is_certain or not best.is_like_traffic)
+        if is_known:
+            found = f"probably {best.text}: the distance is {left:.2f} without it"
+        else:
+            possible = ", or ".join([*([] if is_certain else ["other traffic"]), *rivals[:SHOWN]])
+            found = (
+                f"the records do not distinguish: {possible}; without {best.text}, the distance is {left:.2f}"
+            )
         seen = f"{found}. {compared.effect(best)}; {seen}"
         own = " (in a source of your own, convert them there)" if "data.table" in best.remedy else ""
         advice = f"If this is what the columns contain, {best.remedy}{own}. "
         if not is_known:
             advice = (
-                "Change nothing unless the description of the records states this unit: dense and free "
-                "traffic differ as much, so that both are possible. "
+                "Change nothing unless the description of the records states one of these: each of them, and "
+                "often dense or free traffic, explains the records as well. "
             )
     return Finding(
         verdict,
