@@ -166,7 +166,10 @@ def test_an_argument_is_checked_and_converted_by_its_type_hint(name, given, used
         ("names", "ab", "a list, each of it text"),
         ("names", ["a", 1], "a list, each of it text"),
         ("names", {"a": 1}, "a list, each of it text"),
-        ("path", 3, "a path or None"),
+        *(
+            ("path", path, "a path that this system accepts or None")
+            for path in (3, b"a", "a\0b", "a\ud800", "a" * 300)
+        ),
         ("rule", abs(-1), "a function"),
         ("rule", Part, "a function"),
         ("part", "all", "an object of the class Part or None"),

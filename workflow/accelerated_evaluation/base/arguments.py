@@ -5,6 +5,7 @@ import math
 import operator
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
+from pathlib import PurePath
 from typing import Any
 
 import numpy as np
@@ -53,7 +54,7 @@ class Argument:
 def described(value: object) -> str:
     """Return a value that was not expected, in a few words."""
     listed = value if isinstance(value, list | tuple) else [value]
-    if all(each is None or isinstance(each, str | int | float | bool) for each in listed):
+    if all(each is None or isinstance(each, str | int | float | bool | PurePath) for each in listed):
         return text if len(text := repr(value)) <= LONGEST else f"{text[: LONGEST - 3]}..."
     if isinstance(value, np.ndarray):
         has_nan = value.dtype.kind == "f" and np.isnan(value).any()

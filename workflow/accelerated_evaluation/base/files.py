@@ -42,7 +42,7 @@ def atomic_path(path: str | os.PathLike) -> Iterator[Path]:
         folder.mkdir(parents=True, exist_ok=True)
         _remove_abandoned(path, folder)
         handle, name = tempfile.mkstemp(prefix=f".{path.name}.{os.getpid()}.", suffix=path.suffix, dir=folder)
-    except OSError as error:
+    except (OSError, ValueError, RuntimeError) as error:  # the others if the name is none, or a link a loop
         raise _unwritable(path, error) from error
     os.close(handle)
     temporary = Path(name)
@@ -61,12 +61,12 @@ def atomic_path(path: str | os.PathLike) -> Iterator[Path]:
         temporary.unlink(missing_ok=True)
 
 
-def _unwritable(path: Path, error: OSError) -> StudyError:
+def _unwritable(path: Path, error: Exception) -> StudyError:
     """Return the error that says why a file cannot be written."""
     if is_disk_full(error):
         return StudyError(f"no space left on the disk to write {path}; free some space and run again")
-    is_file = path.parent.exists() and not path.parent.is_dir()
-    reason = "a file stands where its folder should be" if is_file else error.strerror
+    is_file = os.path.exists(path.parent) and not path.parent.is_dir()
+    reason = "a file stands where its folder should be" if is_file else getattr(error, "strerror", error)
     return StudyError(f"{path} cannot be written ({reason}); make its folder writable, or name another file")
 
 
@@ -209,4 +209,4 @@ def begins_in(path: str | os.PathLike) -> str:
 def project_file(path: str | os.PathLike, project: Path = PROJECT) -> Path:
     """Return a path that exists as it is, and otherwise the file of the project with this path, if any."""
     own = project / path
-    return own if own.exists() and not Path(path).exists() else Path(path)
+    return own if os.path.exists(own) and not os.path.exists(path) else Path(path)

@@ -23,6 +23,7 @@ def by_hint(hint: Any) -> Argument | None:  # noqa: ANN401
     if isinstance(hint, type) and hint in SIMPLE:
         return SIMPLE[hint]
     if origin in (Union, UnionType):
+        parts = [part for part in parts if os.PathLike not in parts or part is not str]  # a path may be text
         found = [argument for part in parts if (argument := by_hint(part)) is not None]
         return _any_of(found) if len(found) == len(parts) else None
     if origin is np.ndarray:
@@ -77,6 +78,19 @@ def _several(element: Argument | None, kind: type) -> Argument:
     return Argument("a list" if element is None else f"a list, each of it {element.in_words}", take)
 
 
+def _path(value: str | os.PathLike) -> Path:
+    """Return a path, which need not exist; ValueError is raised if the system does not accept its name."""
+    path = Path(value)
+    try:
+        path.stat()
+    except (FileNotFoundError, NotADirectoryError, PermissionError):
+        pass
+    except OSError as error:  # too long, or a link to itself
+        raise ValueError from error
+    return path
+
+
+A_PATH = Argument("a path that this system accepts", _path)
 NOTHING = one_of(type(None), words="None")
 SIMPLE: Mapping[type, Argument] = {
     bool: Argument("True or False", lambda value: bool(one_of(bool, np.bool_, words="").take(value))),
@@ -85,8 +99,8 @@ SIMPLE: Mapping[type, Argument] = {
     str: one_of(str, words="text"),
     type: one_of(type, words="a class"),
     type(None): NOTHING,
-    Path: Argument("a path", Path),
-    os.PathLike: one_of(os.PathLike, words="a path"),
+    Path: A_PATH,
+    os.PathLike: A_PATH,
     np.random.Generator: one_of(
         np.random.Generator, words="a numpy.random.Generator", change="Make one with child_generator(1)."
     ),

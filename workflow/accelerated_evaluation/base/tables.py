@@ -8,7 +8,6 @@ import zlib
 from collections import Counter
 from collections.abc import Callable, Mapping, Sequence
 from difflib import get_close_matches
-from pathlib import Path
 from types import MappingProxyType
 
 import numpy as np
@@ -32,10 +31,10 @@ DATE = re.compile(r"\d{1,4}([-/.])\d{1,2}\1\d{1,4}.*")
 
 def require_file(path: str | os.PathLike, change: str) -> None:
     """Raise InputError, with ``change`` as the advice, unless ``path`` is a file."""
-    path = Path(path)
-    if not path.is_file():
-        seen = "a folder" if path.is_dir() else "a device or a pipe" if path.exists() else "no such file"
-        change += "" if path.exists() else begins_in(path)
+    is_there = os.path.exists(path)  # False for names that the system does not accept, unlike Path.exists
+    if not os.path.isfile(path):
+        seen = "a folder" if os.path.isdir(path) else "a device or a pipe" if is_there else "no such file"
+        change += "" if is_there else begins_in(path)
         raise InputError(str(path), seen=seen, expected="a file to read", change=change)
 
 

@@ -108,7 +108,7 @@ def load_modules(config: Mapping[str, Any], paths: Iterable[str | os.PathLike]) 
     folders = [*(Path(path).parent for path in reversed(list(map(str, paths)))), Path()]
     files = []
     for name in named:
-        found = [folder / name for folder in folders if (folder / name).is_file()]
+        found = [folder / name for folder in folders if os.path.isfile(folder / name)]
         if not found:
             raise InputError(
                 "modules",

@@ -2,6 +2,7 @@
 
 import csv
 import glob
+import os
 import re
 import tempfile
 from collections.abc import Iterable, Iterator
@@ -58,20 +59,14 @@ def recording_files(folder: str, pattern: str, key: str) -> list[Path]:
 
     InputError, which names the ``key`` of the configuration, is raised if there is no folder or no such file.
     """
-    if not Path(folder).is_dir():
-        raise InputError(
-            str(folder),
-            seen="no such folder",
-            expected="a folder of recordings",
-            change=f"Correct {key}.{begins_in(folder)}",
-        )
-    files = sorted(path for path in Path(folder).glob(pattern) if path.is_file())
+    is_there = os.path.isdir(folder)
+    files = sorted(path for path in Path(folder).glob(pattern) if path.is_file()) if is_there else []
     if not files:
         raise InputError(
             str(folder),
-            seen=f"no file called {pattern}",
-            expected="the recordings",
-            change=f"Correct {key}, or the names of the files.",
+            seen=f"no file called {pattern}" if is_there else "no such folder",
+            expected="a folder of recordings",
+            change=f"Correct {key}{', or the names of the files.' if is_there else '.' + begins_in(folder)}",
         )
     return files
 
