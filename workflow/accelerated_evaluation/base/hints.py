@@ -23,7 +23,7 @@ def by_hint(hint: Any) -> Argument | None:  # noqa: ANN401
     if isinstance(hint, type) and hint in SIMPLE:
         return SIMPLE[hint]
     if origin in (Union, UnionType):
-        parts = [part for part in parts if os.PathLike not in parts or part is not str]  # a path may be text
+        parts = tuple(part for part in parts if os.PathLike not in parts or part is not str)  # a path is text
         found = [argument for part in parts if (argument := by_hint(part)) is not None]
         return _any_of(found) if len(found) == len(parts) else None
     if origin is np.ndarray:

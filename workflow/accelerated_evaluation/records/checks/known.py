@@ -149,7 +149,7 @@ def _faults(x: Array, units: Mapping[str, str]) -> Iterator[Fault]:
     for chosen in product(["mph", "ft/s"], repeat=len(alike["m/s"])):
         stated = dict.fromkeys(alike["m"], "ft") | dict(zip(alike["m/s"], chosen, strict=True))
         if len({*stated.values()}) > 1:
-            scaled = {name: column[name] * (SPEED | LENGTH)[unit] for name, unit in stated.items()}
+            scaled = {name: column[name] * {**SPEED, **LENGTH}[unit] for name, unit in stated.items()}
             text = ", ".join(f"{name} in {unit}" for name, unit in stated.items())
             remedy = " and ".join(_in_unit([name], unit) for name, unit in stated.items())
             yield fault(text, remedy, RARE, **scaled)
