@@ -126,7 +126,7 @@ SPOILED = {
     ),
     "feet and ft/s": (
         lambda x: x * FEET,
-        "range.unit to ft and set data.table.columns.lead_speed.unit to ft/s and set data.table.columns.clos",
+        "range.unit to ft and set data.table.columns.lead_speed.unit to ft/s",
     ),
     "exchanged": (lambda x: x[["range", "lead_speed", "closing_speed"]].set_axis(NAMES, axis=1), "exchange"),
 }
@@ -211,9 +211,7 @@ def test_round_numbers_name_the_unit_of_the_column():
     feet = found(rows.assign(range=rows["range"] * FEET), "round_numbers")
     assert "m in a column of ft" in feet.seen
     assert "the column range is probably in ft" in feet.seen
-    measured = rows.assign(
-        range=(2 * rows["range"] * FEET).round() / 2 / FEET
-    )  # a sensor with steps of .5 ft
+    measured = rows.assign(range=(2 * rows["range"] * FEET).round() / 2 / FEET)  # steps of half a foot
     assert "was measured in ft and then converted" in found(measured, "round_numbers").seen
 
 

@@ -60,6 +60,7 @@ def at_random(lead_speed, range_, closing_speed):
 
 
 TURN, NEAR = ae.SCENARIOS["left_turn"], ae.event_named("min_range=1", "cut_in")
+LONG = "a" * 300  # a longer name than file systems accept
 
 
 class Unknown:
@@ -81,15 +82,10 @@ REFUSED = [
         lambda *_: ae.Problem("left_trun", flags),
         "expected one of cut_in, left_turn, pedestrian. Did you mean",
     ),
-    (
-        lambda *_: ae.Problem(3, flags),
-        "Problem, argument scenario: seen 3; expected a scenario, or its name: ",
-    ),
     (lambda *_: ae.Problem("left_turn", "acc"), "vehicle: seen 'acc'; expected acc_aeb"),
     (lambda *_: ae.Problem("left_turn", Wanting()), "seen a Wanting; expected an object with a method simul"),
     (lambda *_: ae.Problem("left_turn", Wanting), "Write Wanting()."),
     (lambda *_: ae.Problem("left_turn", flags, "impact_sped=5"), "expected crash, or impact_speed"),
-    (lambda *_: ae.Problem("left_turn", flags, 5), "event: seen 5; expected an event, or text such as"),
     (
         lambda *_: ae.Problem("left_turn", flags, "crash", "law.json"),
         "seen 'law.json'; expected a law of the",
@@ -118,27 +114,21 @@ REFUSED = [
         lambda _, law: evaluated(law, problem=of(Crashing())),
         "Crashing, crash: seen shape (199,); expected sh",
     ),
-    (lambda *_: ae.Simulations(0), "argument size: seen 0; expected a whole number from 1 to 1e+08"),
-    (lambda *_: ae.FewRuns(100), "argument stopping: seen 100; expected a stopping rule"),
     (lambda *_: ae.FewRuns(stoping=ae.Stopping()), "'stoping'; expected FewRuns(stopping, batch_size"),
     (lambda *_: ae.LawStudy.of("left_turn", 5, 1), "records: seen 'left_turn'; expected records"),
     (lambda turns, _: ae.LawStudy.of(turns, 5, "1"), "streams: seen '1'; expected a seed, or a function"),
-    (lambda turns, _: ae.Map(turns, turns), "crash_map: seen a FittedRecords; expected a crash map"),
-    (lambda *_: ae.map_crashes("acc_aeb", 8, [], 1), "argument grid: seen 8; expected a grid"),
     (lambda *_: ae.map_crashes(too_few, GRID, [], 1), "too_few, crash: seen shape (39,); expected shape"),
     (lambda *_: ae.map_crashes(without_a_number, GRID, [], 1), "without_a_number, min_range[0] of the enc"),
     (lambda *_: ae.map_crashes(at_random, GRID, [], 1), "seen a vehicle whose outcomes are random"),
-    (lambda *_: ae.read_records(3), "config: seen 3; expected a configuration, a file with one, or"),
-    (lambda *_: ae.read_records("mine.yaml"), "mine.yaml: seen"),
     (lambda *_: ae.read_records("a\0b"), "paths: seen 'a\\x00b'; expected a path that this system accepts"),
-    (lambda *_: ae.load(given={"modules": ["a" * 300]}), f"modules: seen no file {'a' * 300} in"),
+    (lambda *_: ae.load(given={"modules": [LONG]}), f"modules: seen no file {LONG} in"),
     (
-        lambda *_: ae.load(given={"data": {"source": "table", "table": {"path": "a" * 300}}}),
-        "a: seen no such",
+        lambda *_: ae.load(given={"data": {"table": {"path": LONG}, "source": "table"}}),
+        "a: seen no such file",
     ),
     (
-        lambda *_: ae.load(given={"data": {"source": "highd", "highd": {"path": "a" * 300}}}),
-        "a: seen no such",
+        lambda *_: ae.load(given={"data": {"highd": {"path": LONG}, "source": "highd"}}),
+        "a: seen no such fold",
     ),
     (lambda turns, _: ae.choose_draws("copula", turns), "seen 'copula'; expected answer, "),
     (lambda turns, _: ae.fit_paper_law("four", turns), "name: seen 'four'; expected one of two_pieces"),

@@ -14,7 +14,7 @@ from accelerated_evaluation.base.errors import InputError
 
 LONGEST = 60  # characters of a wrong value in a message
 # Errors of `take` for a value that is not allowed.
-WRONG = (ArithmeticError, LookupError, TypeError, ValueError)
+WRONG = (ArithmeticError, LookupError, OSError, TypeError, ValueError)
 
 
 @dataclass(frozen=True)

@@ -2,6 +2,7 @@
 
 import os
 from collections.abc import Callable, Iterable, Mapping, Sequence
+from contextlib import suppress
 from pathlib import Path
 from types import UnionType
 from typing import Any, Union, get_args, get_origin
@@ -79,14 +80,10 @@ def _several(element: Argument | None, kind: type) -> Argument:
 
 
 def _path(value: str | os.PathLike) -> Path:
-    """Return a path, which need not exist; ValueError is raised if the system does not accept its name."""
+    """Return a path, which need not exist; an error is raised if the system does not accept its name."""
     path = Path(value)
-    try:
+    with suppress(FileNotFoundError, NotADirectoryError, PermissionError):
         path.stat()
-    except (FileNotFoundError, NotADirectoryError, PermissionError):
-        pass
-    except OSError as error:  # too long, or a link to itself
-        raise ValueError from error
     return path
 
 

@@ -142,17 +142,18 @@ def _faults(x: Array, units: Mapping[str, str]) -> Iterator[Fault]:
             for other, factor in FACTORS[unit].items():
                 scaled = {name: column[name] / factor for name in group}
                 needed = FEET if other == "ft" else UNIT
-                yield fault(f"{what} in {other}", _in_unit(group, other), needed, other, **scaled)
+                yield fault(
+                    f"{what} in {other}", _in_units(dict.fromkeys(group, other)), needed, other, **scaled
+                )
                 scaled = {name: column[name] * factor for name in group}
                 text = f"{what} in {unit}, but converted as if in {other}"
-                yield fault(text, _in_unit(group, unit), UNIT, **scaled)
+                yield fault(text, _in_units(dict.fromkeys(group, unit)), UNIT, **scaled)
     for chosen in product(["mph", "ft/s"], repeat=len(alike["m/s"])):
         stated = dict.fromkeys(alike["m"], "ft") | dict(zip(alike["m/s"], chosen, strict=True))
         if len({*stated.values()}) > 1:
             scaled = {name: column[name] * {**SPEED, **LENGTH}[unit] for name, unit in stated.items()}
             text = ", ".join(f"{name} in {unit}" for name, unit in stated.items())
-            remedy = " and ".join(_in_unit([name], unit) for name, unit in stated.items())
-            yield fault(text, remedy, RARE, **scaled)
+            yield fault(text, _in_units(stated), RARE, **scaled)
     for one, other in combinations(names, 2):
         exchanged = {one: column[other], other: column[one]}
         yield fault(f"{one} and {other} exchanged", "exchange the names of the columns", RARE, **exchanged)
@@ -181,11 +182,12 @@ def _faults(x: Array, units: Mapping[str, str]) -> Iterator[Fault]:
             yield fault(f"{time} in place of {speed}", divide, RARE, **{speed: quotient})
 
 
-def _in_unit(names: list[str], unit: str) -> str:
-    """Return what to do if the columns are in another unit than they are taken to be in."""
-    if set(names) <= set(COLUMNS):
-        return " and ".join(f"set {COLUMNS[name]}.unit to {unit}" for name in names)
-    return f"convert {' and '.join(names)} from {unit}"
+def _in_units(stated: Mapping[str, str]) -> str:
+    """Return what to do if the columns have the stated units, and not those that they are taken to have."""
+    remedy = "set {column}.unit to {unit}" if set(stated) <= set(COLUMNS) else "convert {column} from {unit}"
+    return " and ".join(
+        remedy.format(column=COLUMNS.get(name, name), unit=unit) for name, unit in stated.items()
+    )
 
 
 @dataclass(frozen=True)
@@ -237,27 +239,26 @@ class Comparison:
 
     @cached_property
     def without(self) -> list[tuple[float, Fault]]:
-        """The distance without each likely fault, the smallest first; impossible ones are left out."""
+        """The distance without each likely fault; impossible ones are left out.
+
+        The first fault has the smallest product of this distance and the ratio that it needs.
+        """
         found = []
         for fault in _faults(self.x, self.units):
             possible = self._possible(fault.corrected)
             if possible.mean() >= 1 - MANY:
                 found.append((self.nearest(fault.corrected[possible])[0], fault))
-        return sorted(found, key=lambda pair: pair[0])
+        return sorted(found, key=lambda pair: pair[1].needed * pair[0])
 
     @property
     def explanations(self) -> list[tuple[float, Fault]]:
-        """The faults that explain the distance, with the distance without each; the best first.
-
-        The best one has the smallest product of this distance and the ratio that the fault needs.
-        """
+        """The faults that explain the distance, the best first, with the distance without each."""
         ratios = (fault.needed if self.distance > FAR else RARE for _, fault in self.without)
-        found = [
+        return [
             (left, fault)
             for (left, fault), ratio in zip(self.without, ratios, strict=True)
             if self.distance > max(ratio * left, SLIGHT)
         ]
-        return sorted(found, key=lambda pair: pair[1].needed * pair[0])
 
     @property
     def rivals(self) -> list[Fault]:
@@ -350,22 +351,20 @@ def known_records(records: Records) -> Finding:
         is_certain = left < SIMILAR and compared.distance > CERTAIN * left
         verdict = STOP if is_certain else WARNING
         rivals = [fault.text for fault in compared.rivals]
-        is_known = len(rivals) == 1 and (is_certain or not best.is_like_traffic)
-        if is_known:
+        if len(rivals) == 1 and (is_certain or not best.is_like_traffic):
             found = f"probably {best.text}: the distance is {left:.2f} without it"
+            own = " (in a source of your own, convert them there)" if "data.table" in best.remedy else ""
+            advice = f"If this is what the columns contain, {best.remedy}{own}. "
         else:
             possible = ", or ".join([*([] if is_certain else ["other traffic"]), *rivals[:SHOWN]])
             found = (
                 f"the records do not distinguish: {possible}; without {best.text}, the distance is {left:.2f}"
             )
-        seen = f"{found}. {compared.effect(best)}; {seen}"
-        own = " (in a source of your own, convert them there)" if "data.table" in best.remedy else ""
-        advice = f"If this is what the columns contain, {best.remedy}{own}. "
-        if not is_known:
             advice = (
                 "Change nothing unless the description of the records states one of these: each of them, and "
                 "often dense or free traffic, explains the records as well. "
             )
+        seen = f"{found}. {compared.effect(best)}; {seen}"
     return Finding(
         verdict,
         looked_at,
