@@ -149,7 +149,8 @@ if OWN_MAP and not SLOW:
             records_exposure=rules.ingest_encounters.output.exposure,
             draws=rules.study_answer.output.draws,
             model=rules.fit_models.output[MODEL],
-            maps=[f"{FOLDERS[name]}/crash_map/full.npz" for name in MAPPED_OTHERS],
+            maps=OWN_MAP
+            + [f"{FOLDERS[name]}/crash_map/full.npz" for name in MAPPED_OTHERS],
             vehicle_files=ancient(local(ALL_FILES)),
         output:
             table=result("second_ways.csv"),
@@ -163,7 +164,7 @@ if OWN_MAP and not SLOW:
             tables=list(TWICE),
             events=config["answer"]["events"],
             mapped=config["crash_map"]["events"],
-            of_maps=MAPPED_OTHERS,
+            of_maps=["under test", *MAPPED_OTHERS],
             vehicles={
                 name.replace("under_test", "under test"): section
                 for name, section in VEHICLES.items()

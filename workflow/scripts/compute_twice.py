@@ -4,7 +4,7 @@ from functools import partial
 
 import pandas as pd
 from accelerated_evaluation.answer.candidates.fitted_records import stored_records
-from accelerated_evaluation.answer.second_ways import StudyNumbers, answers_of_maps, generator_of, second_ways
+from accelerated_evaluation.answer.second_ways import StudyNumbers, generator_of, parts_of_maps, second_ways
 from accelerated_evaluation.base.files import read_json, write_csv
 from accelerated_evaluation.base.randomness import child_generator
 from accelerated_evaluation.laws.draws import as_draws
@@ -27,7 +27,7 @@ if __name__ == "__main__":
         maps = dict(zip(params.of_maps, files.maps, strict=True))
         generators = partial(generator_of, params.seed), child_generator(params.seed, "second ways")
         with all_loaded(params.vehicles, params.simulations, workers=snakemake.threads) as vehicles:
-            answers = answers_of_maps(vehicles, maps, records, draws, params.seed)
+            of_maps = parts_of_maps(vehicles, maps, records, draws, params.seed)
             motions = tables["lead_motion"], tables["lead_motion_europe"]
-            given = vehicles, CUT_IN, records, draws, events, *generators, paper, mapped, motions, answers
+            given = vehicles, CUT_IN, records, draws, events, *generators, paper, mapped, motions, of_maps
             write_csv(snakemake.output.table, second_ways(StudyNumbers(*given), tables))

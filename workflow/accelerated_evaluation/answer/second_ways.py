@@ -44,7 +44,7 @@ from accelerated_evaluation.answer.consequences.injuries.tables import Key as Ri
 from accelerated_evaluation.answer.consequences.rates import UNITS
 from accelerated_evaluation.answer.consequences.total import SIZE as VALUES
 from accelerated_evaluation.answer.study_tables import UNDER_TEST, fast_way
-from accelerated_evaluation.answer.ways.answer import Answer, evaluate
+from accelerated_evaluation.answer.ways.answer import evaluate
 from accelerated_evaluation.answer.ways.by_map import MapCrashes
 from accelerated_evaluation.base.arrays import Array
 from accelerated_evaluation.base.randomness import child_generator
@@ -77,7 +77,6 @@ ROUNDING = 1e-6  # relative difference of numbers that count as equal
 PLAIN, COUNT, FORM = "plain importance sampling", "replay of the records", "closed form"
 NONE = "no second way"
 CHANCE = "chance: of so many differences, a few exceed three errors"
-IMPACTS = "an error of the map that is not stated: other kept lines change quantiles of injuries by 1 %"
 # Columns that name a row, by table of the study.
 ROWS: dict[str, tuple[str, ...]] = {
     "answer": ("event",),
@@ -97,13 +96,6 @@ ROWS: dict[str, tuple[str, ...]] = {
     "severity": ("segment", "quantity", "threshold"),
     "impact_speed": ("segment",),
 }
-# Known reasons of differences, by table.
-REASONS = {
-    "injuries": IMPACTS,
-    "injuries_by_curve": IMPACTS,
-    "risk_balance": IMPACTS,
-}
-
 COLUMNS = ["table", "row", "column", "number", "error", "second", "second_error", "mechanism"]
 COLUMNS += ["difference", "reason"]
 
@@ -237,7 +229,7 @@ class StudyNumbers:
     paper: IndependentLaw
     mapped: Sequence[Event]  # those under the paper's law, the crash first
     motions: Sequence[pd.DataFrame] = ()  # tables of lead motion
-    answers: Mapping[str, Answer] = field(default_factory=dict)  # of random vehicles, from their maps
+    of_maps: Mapping[str, Array] = field(default_factory=dict)  # `parts_of_map` of each vehicle
 
     @cached_property
     def risks(self) -> dict[RiskKey, Array]:
@@ -451,20 +443,29 @@ def generator_of(seed: int, name: str) -> np.random.Generator:
     return child_generator(seed, *paths.get(name, ("laws", "references", name)))
 
 
-def answers_of_maps(
+def parts_of_maps(
     vehicles: Mapping[str, Vehicle], maps: Mapping[str, str], records: FittedRecords, draws: Draws, seed: int
-) -> dict[str, Answer]:
-    """Return the answers of the random vehicles from the files of their crash maps, by vehicle."""
-    return {
-        name: evaluate(
-            Problem(CUT_IN, vehicles[name], CRASH, law=draws.proposal),
-            draws,
-            fast_way(records, 0, path),
-            generator=generator_of(seed, name),
-        )
-        for name, path in maps.items()
-        if isinstance(vehicles[name], RandomVehicle)
-    }
+) -> dict[str, Array]:
+    """Return the numbers of each vehicle by part of its crash map (`parts_of_map`), from the files of maps.
+
+    The answers are computed one after the other, because each needs much memory.
+    """
+    risks, found = tabulated_risks(), {}
+    for name, path in maps.items():
+        problem, way = Problem(CUT_IN, vehicles[name], CRASH, law=draws.proposal), fast_way(records, 0, path)
+        crashes = evaluate(problem, draws, way, generator=generator_of(seed, name)).crashes
+        if isinstance(crashes, MapCrashes):
+            found[name] = parts_of_map(crashes, risks)
+    return found
+
+
+def parts_of_map(crashes: MapCrashes, risks: Mapping[RiskKey, Array]) -> Array:
+    """Return crash probability and mean risks by part of the lines of a map, (2 PARTS, K, 1 + risks).
+
+    Each part estimates the numbers of the whole map.
+    """
+    values = np.vstack([np.ones(len(crashes.x)), *mean_risks(crashes.impact_speed, risks)]).T
+    return 2 * PARTS * crashes.lines.summed(crashes.weights, values)
 
 
 def paper_numbers(numbers: StudyNumbers) -> dict[Key, tuple[float, float]]:
@@ -512,7 +513,7 @@ def paper_numbers(numbers: StudyNumbers) -> dict[Key, tuple[float, float]]:
 def second_numbers(numbers: StudyNumbers) -> tuple[dict[Key, tuple[float, float]], dict[Key, float]]:
     """Return all second numbers of a study by table, row and column, each with its standard error.
 
-    With them come the errors of the first numbers by the maps of random vehicles (`map_errors`).
+    With them come the errors of the first numbers by the lines of the crash maps (`map_errors`).
     """
     draws = numbers.draws.with_cap_at(CAP)
     wide = WideCutIns(numbers.records.x[:, 0], draws.support.range_max, CAP)
@@ -521,15 +522,14 @@ def second_numbers(numbers: StudyNumbers) -> tuple[dict[Key, tuple[float, float]
 
 
 def map_errors(numbers: StudyNumbers, means: Means) -> dict[Key, float]:
-    """Return the errors of the numbers that follow from the maps of random vehicles, by their random lines.
+    """Return the errors of the numbers that follow from crash maps, by the random lines of the maps.
 
-    All other vehicles have the given means.
+    Vehicles without a map, and events of the vehicle under test other than the crash, have the given means.
     """
     sums = {name: np.broadcast_to(each, (2 * PARTS, *each.shape)) for name, each in means.items()}
-    for name, own in numbers.answers.items():
-        if isinstance(found := own.crashes, MapCrashes):
-            values = np.vstack([np.ones(len(found.x)), *mean_risks(found.impact_speed, numbers.risks)]).T
-            sums[name] = 2 * PARTS * found.lines.summed(found.weights, values)
+    for name, (crash, *risks) in ((name, np.moveaxis(own, 2, 0)) for name, own in numbers.of_maps.items()):
+        events = np.moveaxis(sums[name], 2, 0)[1 : sums[name].shape[2] - len(risks)]
+        sums[name] = np.stack([crash, *events, *risks], axis=2)
     return {key: error for key, (_, error) in Plain(sums, paired=True).numbers(numbers.made).items()}
 
 
@@ -584,7 +584,7 @@ def second_ways(numbers: StudyNumbers, tables: Mapping[str, pd.DataFrame]) -> pd
     """Return the table ``second_ways``: a row for every number of tables, with the second number if any.
 
     ``difference`` is that of both numbers, divided by the root of the sum of their squared errors. If it is
-    large, ``reason`` has the reason if one is known.
+    large, ``reason`` is chance, unless chance does not explain it.
     """
     closed = closed_forms(numbers.records, tables.get("counted_crashes"))
     second, of_maps = second_numbers(numbers)
@@ -606,13 +606,6 @@ def second_ways(numbers: StudyNumbers, tables: Mapping[str, pd.DataFrame]) -> pd
             second_error += 1 / numbers.draws.size
         together = np.sqrt(np.nansum(np.square([error, second_error, ROUNDING * again, TINY])))
         difference = 0.0 if number == again else (number - again) / together
-        reason = reason_of(key, abs(difference))
+        reason = CHANCE if DOUBTFUL < abs(difference) < LARGE else ""
         rows.append((*key, number, error, again, second_error, mechanism, difference, reason))
     return pd.DataFrame(rows, columns=COLUMNS)
-
-
-def reason_of(key: Key, difference: float) -> str:
-    """Return the known reason of a difference of so many errors; empty if it is small, or none is known."""
-    if not difference > DOUBTFUL:  # also where there is no second number
-        return ""
-    return REASONS.get(key[0], CHANCE if difference < LARGE else "")

@@ -14,7 +14,7 @@ from accelerated_evaluation.vehicles.protocol import Vehicle
 
 # Ends of the parts of a wide interval of a crash map, above its start [m/s]. They are so narrow that the laws
 # of all draws have nearly the same impact speeds in a part.
-STEPS = np.array([1.0, 2.5, 4.5, 7.0, 10.0, 13.0, 16.5, 20.0, 24.0, 29.0, 35.0, 45.0])
+STEPS = 45 * (np.arange(1, 23) / 22) ** 1.5
 POINTS = 4  # number of closing speeds that are simulated in a part
 INSIDE = (np.arange(POINTS) + 0.5) / POINTS  # positions of these closing speeds in the part, from 0 to 1
 FAR = 50.0  # largest cumulative hazard in a part, in place of an infinite one

@@ -23,7 +23,7 @@ from accelerated_evaluation.vehicles.protocol import CRASH
 
 STEPS = 200  # number of closing speeds in an interval at which a density is evaluated to draw one of them
 AT_ONCE = 20_000  # number of intervals whose probabilities are computed at once
-PARTS = 16  # number of parts of a random vehicle's map, a power of 2; each has two independent halves
+PARTS = 16  # number of parts of a map, a power of 2; each has two halves
 EVEN = 0.05  # share of the kept lines that are selected independently of their probability
 
 
@@ -44,7 +44,7 @@ class CrashLines(Lines):
     end: Array  # m/s; it may be infinite
     # Inner variables of the lines, (lines, variables), for a vehicle whose outcomes are random.
     inner: Array | None = None
-    part: NDArray[np.int_] | None = None  # of the map, in which a line is, 0 to 2 PARTS - 1; see `summed`
+    part: NDArray[np.int_] | None = None  # of the map, in which a line is, for a random vehicle; see `summed`
     # Weights for draws of the uncertain parameters of the vehicle, (draws, lines).
     weights: Array | None = None
 
@@ -144,11 +144,13 @@ class CrashLines(Lines):
     def summed(self, masses: Array, values: Array) -> Array:
         """Return the sums of masses, (K, intervals), times values, (intervals, m), over parts of the map.
 
-        The shape is (2 PARTS, K, m). The second lines of the cells of a part follow `PARTS` places after the
-        first ones, and both halves have the same expected value. So the error of the sum of all parts can be
-        estimated from the differences of the halves.
+        The shape is (2 PARTS, K, m). The halves of a part are `PARTS` places apart and have the same expected
+        value. So the error of the sum of all parts can be estimated from the differences of the halves. They
+        have the second and the first lines of cells for a random vehicle, and otherwise neighbours among the
+        lines, whose differences overstate the error.
         """
-        part = np.asarray(self.part)[self.row]
+        neighbours = self.row % 2 * PARTS + self.row // 2 % PARTS
+        part = neighbours if self.part is None else self.part[self.row]
         return np.stack([masses[:, part == k] @ values[part == k] for k in range(2 * PARTS)])
 
 
