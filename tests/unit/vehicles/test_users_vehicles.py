@@ -223,20 +223,20 @@ def test_users_vehicle_that_fails(user_file, class_name, message):
         ("acc_aeb", {"aeb_jrk": 1}, "parameter 'aeb_jrk'.* Did you mean aeb_jerk?"),
         ("acc_only", {"aeb": True}, "parameter 'aeb'"),
         ("nowhere.py:Car", {}, "no file nowhere.py"),
+        ("a\0b.py:Car", {}, "no file a"),
+        ("a" * 300 + ".py:Car", {}, "no file aaa"),
         ("{file}", {}, "mine.py: seen no class; expected path/to/file.py:ClassName"),
         ("{file}:Costing", {}, "no class 'Costing'; .* Coasting, Odd, .* Did you mean Coasting?"),
         ("{file}:Inert", {}, "no method simulate"),
         ("{file}:Coasting", {"minutes": 1}, "TypeError: .*minutes"),
         ("{folder}/wrong.py:Car", {}, "SyntaxError"),
         ("{folder}/leaves.py:Car", {}, "SystemExit: 0; expected a file that Python can import"),
-        ("{folder}/ends.py:Car", {}, "SystemExit: 0; expected a file that Python can import"),
         ("{folder}/plain.txt:Car", {}, "ends in .py"),
     ],
 )
 def test_vehicles_that_cannot_be_loaded(user_file, name, parameters, message):
     user_file.with_name("wrong.py").write_text("def")
     user_file.with_name("leaves.py").write_text("import sys; sys.exit(0)")
-    user_file.with_name("ends.py").write_text("raise SystemExit(0)")
     user_file.with_name("plain.txt").write_text("")
     with pytest.raises(InputError, match=message):
         load_vehicle(name.format(file=user_file, folder=user_file.parent), **parameters)

@@ -148,7 +148,7 @@ def module_of(path: Path) -> ModuleType | None:
 
     Such a file may contain a vehicle that is named by its class, and cannot be imported twice.
     """
-    extension = known().get(str(path.resolve()))
+    extension = known().get(str(path.resolve())) if os.path.exists(path) else None
     return None if extension is None else extension.module
 
 

@@ -2,6 +2,7 @@
 
 import importlib.util
 import inspect
+import os
 import sys
 import zlib
 from collections.abc import Callable, Iterable, Iterator
@@ -112,7 +113,7 @@ def import_file(path: Path, where: str) -> ModuleType:
     InputError, with the place ``where``, is raised if the file cannot be imported. A `StudyError` of the file
     is raised unchanged.
     """
-    if not path.is_file():
+    if not os.path.isfile(path):
         raise InputError(
             where,
             seen=f"no file {path}",

@@ -88,4 +88,5 @@ def _given(path: Path, scenario: str | None, *, is_config: bool) -> dict[str, An
 
     if scenario is not None and SCENARIOS[scenario].named_records is None:
         return {"scenario": {"name": scenario, "records": str(path)}}
-    return given | {"data": {"source": "table", "table": {"path": str(path), "description": path.name}}}
+    table = {"path": str(path), "description": path.name or str(path)}
+    return given | {"data": {"source": "table", "table": table}}

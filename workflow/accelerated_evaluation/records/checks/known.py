@@ -184,10 +184,8 @@ def _faults(x: Array, units: Mapping[str, str]) -> Iterator[Fault]:
 
 def _in_units(stated: Mapping[str, str]) -> str:
     """Return what to do if the columns have the stated units, and not those that they are taken to have."""
-    remedy = "set {column}.unit to {unit}" if set(stated) <= set(COLUMNS) else "convert {column} from {unit}"
-    return " and ".join(
-        remedy.format(column=COLUMNS.get(name, name), unit=unit) for name, unit in stated.items()
-    )
+    remedy = "set {}.unit to {}" if set(stated) <= set(COLUMNS) else "convert {} from {}"
+    return " and ".join(remedy.format(COLUMNS.get(name, name), unit) for name, unit in stated.items())
 
 
 @dataclass(frozen=True)
