@@ -136,7 +136,7 @@ def twice(study: Path, seed: int) -> pd.DataFrame:
     recorded = DistinctRecords.of(kept, smooth.records.support)
     if recorded.size < FEWEST_RECORDED:
         recorded = mirrored(smooth.records)
-    with all_loaded(sections, config["simulations"], workers=1) as loaded:
+    with all_loaded(sections, config["simulations"], CUT_IN, workers=1) as loaded:
         vehicles = {name: each for name, each in loaded.items() if takes_motion(each)}
         second = closing(vehicles, motions, smooth.records.lead_speed, law, generator)
         counted = dict(opening(vehicles, motions, recorded, generator))

@@ -68,7 +68,7 @@ def twice(study: Path, seed: int) -> pd.DataFrame:
 
         def happened(x: Array) -> dict[str, Array]:
             """Return the events of encounters, (n, events), followed by ones, for each part."""
-            outcomes = vehicle.simulate(*scenario.to_inputs(x).T)
+            outcomes = vehicle.simulate(*x.T)
             columns = np.column_stack([*(event.happens(outcomes) for event in events), np.ones(len(x))])
             return {name: columns * inside(x)[:, None] for name, inside in parts.items()}
 

@@ -56,7 +56,7 @@ def test_the_wheel_of_the_study_holds_all_packages_and_the_files_that_they_read(
     files = set(zipfile.ZipFile(wheel).namelist())
     code = {path.relative_to(ROOT / "workflow") for path in (ROOT / "workflow").glob("*/**/*.py")}
     assert {str(path) for path in code if path.parts[0] != "scripts"} <= files
-    read = [scenario.records for scenario in SCENARIOS.values() if scenario.records is not None]
+    read = [each.records.file for each in SCENARIOS.values() if each.records.file is not None]
     read += ["config/config.yaml", "data/spmd/cut_ins.parquet"]
     assert {f"accelerated_evaluation/project/{path}" for path in read} <= files
     assert wheel.stat().st_size < 8e6

@@ -31,7 +31,7 @@ def test_a_study_of_a_scenario_completes_and_a_second_run_does_nothing(project, 
 
     The laws of that one are fitted to every fourth record, because fits to all records take most of its time.
     """
-    records = SCENARIOS[name].records
+    records = SCENARIOS[name].records.file
     if name == "left_turn":
         pd.read_parquet(ROOT / records)[::4].to_parquet(project.folder / "few.parquet")
         records = "few.parquet"

@@ -10,11 +10,13 @@ import sys
 from dataclasses import asdict
 from pathlib import Path
 
+from accelerated_evaluation.answer.consequences.injuries.tables import RISKS
 from accelerated_evaluation.answer.second_ways import ROWS
 from accelerated_evaluation.answer.settings import law_settings, support_of
 from accelerated_evaluation.base.errors import StudyError
 from accelerated_evaluation.base.files import content_digest
 from accelerated_evaluation.methods import METHODS, configured_stopping
+from accelerated_evaluation.publishing.explorer import EXPLORED
 from accelerated_evaluation.publishing.study import TABLES
 from accelerated_evaluation.records.segments import segment_names
 from accelerated_evaluation.scenarios import SCENARIOS
@@ -65,7 +67,7 @@ config = INPUTS.config
 
 STUDY = config["study"]
 SCENARIO = config["scenario"]["name"]
-HAS_EXPLORER = SCENARIOS[SCENARIO].has_explorer
+HAS_EXPLORER = SCENARIO in EXPLORED
 LIMITS = support_of(SCENARIOS[SCENARIO], config)
 SUPPORT = None if LIMITS is None else LIMITS.content()
 RESULTS = Path("results") / STUDY

@@ -83,8 +83,11 @@ if HAS_EXPLORER:
         input:
             encounters=rules.ingest_encounters.output.encounters,
             exposure=rules.ingest_encounters.output.exposure,
-            family=rules.fit_family.output.family if SUPPORT else [],
-            draws=[] if SUPPORT else rules.study_answer.output.draws,
+            law=(
+                rules.fit_family.output.family
+                if SUPPORT
+                else rules.study_answer.output.draws
+            ),
             map=[
                 f"{FOLDERS[name]}/crash_map/full.npz"
                 for name in MAPPED_VEHICLES[:1]

@@ -5,12 +5,10 @@ from pathlib import Path
 
 import pandas as pd
 from accelerated_evaluation.answer.candidates.fitted_records import stored_records
-from accelerated_evaluation.answer.ways.explored_cut_ins import CutInSections
-from accelerated_evaluation.answer.ways.explored_slices import SlicedSections
 from accelerated_evaluation.base.files import atomic_path, read_json
 from accelerated_evaluation.base.randomness import child_generator
 from accelerated_evaluation.crash_map.maps import read_crash_map
-from accelerated_evaluation.laws.files import read_law
+from accelerated_evaluation.publishing.explorer import EXPLORED
 from accelerated_evaluation.publishing.explorer.page import Explored, write_page
 from accelerated_evaluation.scenarios import SCENARIOS
 from accelerated_evaluation.study.jobs import job
@@ -21,16 +19,12 @@ if __name__ == "__main__":
         stream, exposure = partial(child_generator, config["seed"]), read_json(files.exposure)
         scenario = SCENARIOS[config["scenario"]["name"]]
         records = stored_records(scenario, files.encounters, params.support, exposure)
-        if params.support is None:
-            law = SlicedSections(read_law(files.draws), scenario)
-        else:
-            law = CutInSections.of(records, config["answer"]["draws"], stream, files.family)
         explored = Explored(
             name=config["study"],
             scenario=scenario,
             tested=config["vehicle"],
             impact_speeds=config["answer"]["events"].get("impact_speed", []),
-            law=law,
+            law=EXPLORED[scenario.name](records, config["answer"]["draws"], stream, files.law),
             x=records.x,
             exposure=exposure,
             answer=pd.read_csv(files.answer),

@@ -23,6 +23,6 @@ if __name__ == "__main__":
             read_crash_map(files.map), records.data.lead_speed, support=records.data.support
         )
         with NamedVehicle.of(
-            params.vehicle, params.simulations, workers=snakemake.threads
+            params.vehicle, params.simulations, CUT_IN, workers=snakemake.threads
         ).loaded() as vehicle:
             write_csv(snakemake.output.laws, compare_laws(study, vehicle, lines, stream("score")))

@@ -22,7 +22,7 @@ if __name__ == "__main__":
         study = LawStudy.of_smooth(records, params.draws, stream, files.family)
         study = replace(study, limits=limits_of(CUT_IN, params))
         crash_map = read_crash_map(files.map)
-        named = NamedVehicle.of(params.vehicle, params.simulations, workers=snakemake.threads)
+        named = NamedVehicle.of(params.vehicle, params.simulations, CUT_IN, workers=snakemake.threads)
         with named.loaded() as vehicle:
             own = params.draws, params.outlier_rows
             tables = other_choices(records, study, crash_map, vehicle, *own, stream)

@@ -26,7 +26,7 @@ if __name__ == "__main__":
         tables = {name: pd.read_csv(path) for name, path in files.items() if name in params.tables}
         maps = dict(zip(params.of_maps, files.maps, strict=True))
         generators = partial(generator_of, params.seed), child_generator(params.seed, "second ways")
-        with all_loaded(params.vehicles, params.simulations, workers=snakemake.threads) as vehicles:
+        with all_loaded(params.vehicles, params.simulations, CUT_IN, workers=snakemake.threads) as vehicles:
             of_maps = parts_of_maps(vehicles, maps, records, draws, params.seed)
             motions = tables["lead_motion"], tables["lead_motion_europe"]
             given = vehicles, CUT_IN, records, draws, events, *generators, paper, mapped, motions, of_maps

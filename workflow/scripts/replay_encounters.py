@@ -12,7 +12,7 @@ from accelerated_evaluation.crash_map.maps import read_crash_map
 from accelerated_evaluation.laws.files import read_law
 from accelerated_evaluation.laws.smooth.family import DistinctRecords
 from accelerated_evaluation.records.segments import read_encounters
-from accelerated_evaluation.scenarios.cut_in import CUT_IN
+from accelerated_evaluation.scenarios.cut_in import CUT_IN, EU_2022_1426
 from accelerated_evaluation.scenarios.prescribed import prescribed_table
 from accelerated_evaluation.study.jobs import job
 from accelerated_evaluation.vehicles.named import all_loaded
@@ -25,14 +25,14 @@ if __name__ == "__main__":
         records = DistinctRecords.of(encounters, law.support)
         lines = CrashLines.of(read_crash_map(files.map), records.lead_speed, support=law.support)
         generator = child_generator(params.seed, "happened")
-        with all_loaded(params.vehicles, params.simulations, workers=snakemake.threads) as vehicles:
+        with all_loaded(params.vehicles, params.simulations, CUT_IN, workers=snakemake.threads) as vehicles:
             vehicle = vehicles[params.tested]
             shown = [ways_to_crash(lines, law, vehicle, generator), nearest_records(records, vehicle)]
             happened = pd.concat([table for table in shown if len(table)], ignore_index=True)
             write_csv(outputs.encounters, happened)
             write_csv(outputs.traces, traces_of(happened, vehicle))
             write_csv(outputs.preventable, preventable(vehicles, law, records.lead_speed))
-            tests = CUT_IN.prescribed
+            tests = EU_2022_1426
             x = np.concatenate([test.encounters for test in tests])
             crashes = {name: each.simulate(*x.T).crash for name, each in vehicles.items()}
             write_csv(outputs.prescribed, prescribed_table(tests, crashes))

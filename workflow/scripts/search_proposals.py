@@ -6,13 +6,14 @@ from accelerated_evaluation.methods import METHODS
 from accelerated_evaluation.methods.cross_entropy.search import write_proposals
 from accelerated_evaluation.methods.problem import loaded_problem
 from accelerated_evaluation.methods.study import search_strata
+from accelerated_evaluation.scenarios.cut_in import CUT_IN
 from accelerated_evaluation.study.jobs import job
 from accelerated_evaluation.vehicles.named import NamedVehicle
 
 if __name__ == "__main__":
     with job(snakemake.log[0]):
         files, params, name = snakemake.input, snakemake.params, snakemake.wildcards.method
-        named = NamedVehicle.of(params.vehicle, params.simulations, workers=snakemake.threads)
+        named = NamedVehicle.of(params.vehicle, params.simulations, CUT_IN, workers=snakemake.threads)
         outputs = zip(params.seeds, snakemake.output.proposals, snakemake.output.trace, strict=True)
         for seed, proposals_file, trace_file in outputs:
             # Each search loads the vehicle again, because a random vehicle may have an internal state.

@@ -9,6 +9,7 @@ from accelerated_evaluation.methods import Stopping
 from accelerated_evaluation.methods.coverage import coverage_of_replicates, coverage_replicates
 from accelerated_evaluation.methods.cross_entropy.search import read_proposals
 from accelerated_evaluation.methods.problem import loaded_problem
+from accelerated_evaluation.scenarios.cut_in import CUT_IN
 from accelerated_evaluation.study.jobs import job
 from accelerated_evaluation.vehicles.named import NamedVehicle
 
@@ -16,7 +17,7 @@ if __name__ == "__main__":
     with job(snakemake.log[0]):
         files, params, method = snakemake.input, snakemake.params, snakemake.wildcards.judged
         exact = pd.read_csv(files.exact).set_index("segment").loc["all"]
-        named = NamedVehicle.of(params.vehicle, params.simulations, workers=snakemake.threads)
+        named = NamedVehicle.of(params.vehicle, params.simulations, CUT_IN, workers=snakemake.threads)
         with loaded_problem(files.model, files.encounters, named) as problem:
             replicates = coverage_replicates(
                 method,

@@ -29,7 +29,7 @@ if __name__ == "__main__":
         generator = partial(child_generator, params.seed, "lead motion")
         study = LawStudy.of_smooth(records, params.draws, stream, files.family)
         maps = dict(zip(params.vehicles, map(read_crash_map, files.maps), strict=True))
-        with all_loaded(params.vehicles, params.simulations, workers=1) as vehicles:
+        with all_loaded(params.vehicles, params.simulations, CUT_IN, workers=1) as vehicles:
             motions = motion_tables(vehicles, maps, study, opening, Recorded.read(files.profiles), generator)
         for path, table in zip(
             (snakemake.output.moving, snakemake.output.europe), motions.values(), strict=True

@@ -8,6 +8,7 @@ from accelerated_evaluation.crash_map.sensitivity import study_cap, study_sensit
 from accelerated_evaluation.laws.files import read_law
 from accelerated_evaluation.laws.paper.models import PAPER_LAWS
 from accelerated_evaluation.records.segments import read_encounters
+from accelerated_evaluation.scenarios.cut_in import CUT_IN
 from accelerated_evaluation.study.jobs import job
 from accelerated_evaluation.vehicles.named import NamedVehicle
 
@@ -20,7 +21,7 @@ if __name__ == "__main__":
         choices = study_sensitivity(full, models, params.variant, encounters, params.sensitivity)
         # Each cap on the closing speeds needs a crash map of its own, which is computed at half resolution.
         with NamedVehicle.of(
-            params.vehicle, params.simulations, workers=snakemake.threads
+            params.vehicle, params.simulations, CUT_IN, workers=snakemake.threads
         ).loaded() as vehicle:
             caps = study_cap(
                 vehicle,

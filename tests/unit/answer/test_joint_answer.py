@@ -272,7 +272,7 @@ def test_an_event_that_did_not_happen_has_exact_limits():
 def test_left_turns_without_speeds_that_are_certainly_wrong():
     """Four recorded speeds are left out; the answer has rows for the encounters without them."""
     holds = ae.SCENARIOS["left_turn"].restrictions["turning speed 30 m/s or less"]
-    speeds = pd.read_parquet(ae.SCENARIOS["left_turn"].records)["turning_speed_mps"].to_numpy()
+    speeds = pd.read_parquet(ae.SCENARIOS["left_turn"].records.file)["turning_speed_mps"].to_numpy()
     assert (~holds(np.column_stack([np.zeros(speeds.size), speeds, speeds]))).sum() == 4
 
 

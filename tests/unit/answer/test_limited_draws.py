@@ -1,5 +1,7 @@
 """Draws of a law within a limit: shares, densities and slices in closed form, and all ways to an answer."""
 
+from dataclasses import replace
+
 import accelerated_evaluation as ae
 import numpy as np
 import pytest
@@ -160,15 +162,7 @@ def test_a_law_file_keeps_the_limit(tmp_path):
 )
 def test_limits_of_unknown_variables_are_refused(limits, host, seen):
     config = {"vehicle": {"host_speed_max": host}, "scenario": {"limits": limits}}
-    toy = ae.Scenario(
-        name="toy",
-        description="a scenario without a speed of the vehicle",
-        variables=LEFT_TURN.variables,
-        outcome_type=LEFT_TURN.outcome_type,
-        events=LEFT_TURN.events,
-        vehicles={},
-        default_vehicle="none",
-    )
+    toy = replace(LEFT_TURN, name="toy", host_speed=())  # without a speed of the vehicle
     with pytest.raises(ae.InputError, match=seen):
         limits_of(toy, config)
 

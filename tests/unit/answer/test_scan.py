@@ -317,7 +317,7 @@ class Without(ae.Law):
 
 def test_the_left_turn_agrees_with_its_many_simulations():
     """Three laws of different kinds are fitted to the records; both ways have the same draws."""
-    records = pd.read_parquet(ROOT / LEFT_TURN.records)[list(LEFT_TURN.names)].to_numpy()[::4]
+    records = pd.read_parquet(ROOT / LEFT_TURN.records.file)[list(LEFT_TURN.names)].to_numpy()[::4]
     limits, generator = LEFT_TURN.law_limits, np.random.default_rng(6)
     box = ae.Box(LEFT_TURN.names, tuple(limits[:, 0]), tuple(limits[:, 1]))
     x = LEFT_TURN.as_in_law(records)

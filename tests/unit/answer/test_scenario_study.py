@@ -17,7 +17,7 @@ FAR = left_turn_law((14, 7, 100), (5, 3, 10))
 
 
 def test_firm_verdicts_are_reproduced_and_wrong_ones_counted():
-    verdicts = read_verdicts(LEFT_TURN, [str(ROOT / LEFT_TURN.verdicts)]).iloc[:3000]
+    verdicts = read_verdicts(LEFT_TURN, [str(ROOT / LEFT_TURN.records.verdicts)]).iloc[:3000]
     vehicle = load_vehicle("acc_aeb", LEFT_TURN)
     firm = agreement(LEFT_TURN, vehicle, verdicts).set_index("kind").loc["firm"]
     assert firm["agree"] >= 0.999 * firm["verdicts"]
@@ -31,7 +31,7 @@ def test_firm_verdicts_are_reproduced_and_wrong_ones_counted():
 
 
 def test_the_account_of_the_records_counts_every_row():
-    table = read_scenario_records(LEFT_TURN, ROOT / LEFT_TURN.records)
+    table = read_scenario_records(LEFT_TURN, ROOT / LEFT_TURN.records.file)
     account = records_account(LEFT_TURN, table).iloc[0]
     assert account["records"] == len(table) == 1055
     assert account["fitted"] + account["repeated"] == 1055
@@ -112,7 +112,7 @@ def test_records_to_which_no_law_can_be_fitted_are_named(tmp_path, monkeypatch, 
 
 def test_runs_that_do_not_end_are_counted_by_an_estimate(tmp_path, monkeypatch, capsys):
     monkeypatch.chdir(tmp_path)
-    pd.read_parquet(ROOT / LEFT_TURN.records)[::4].to_parquet("few.parquet")
+    pd.read_parquet(ROOT / LEFT_TURN.records.file)[::4].to_parquet("few.parquet")
     study = "study: own\nscenario: {name: left_turn, records: few.parquet}\nsurrogate: {maximum_calls: 100}\n"
     Path("own.yaml").write_text(study + "vehicle: {parameters: {longest_run: 3}}\n")
     options = ["--config", "own.yaml", "--law", "gaussian_copula"]

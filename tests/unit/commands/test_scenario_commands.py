@@ -161,7 +161,7 @@ def test_a_campaign_of_left_turns_is_reported_under_all_draws(folder, draws, cap
 
 
 def test_the_report_on_records_counts_what_is_wrong(folder, capsys):
-    rows = pd.read_parquet(ROOT / LEFT_TURN.records).head(200)
+    rows = pd.read_parquet(ROOT / LEFT_TURN.records.file).head(200)
     spoiled = pd.concat([rows, rows.head(2), rows.head(1).assign(turning_speed_mps=-1.0)])
     spoiled.to_csv("records.csv", index=False)
     arguments = ["inspect", "records.csv", "--scenario", "left_turn", "--report", "report.csv"]

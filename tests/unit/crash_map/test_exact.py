@@ -20,7 +20,7 @@ from accelerated_evaluation.laws.distributions import (
 from accelerated_evaluation.laws.paper.models import IndependentLaw
 from accelerated_evaluation.methods.importance_sampling import Sample
 from accelerated_evaluation.vehicles import AccAeb, Outcomes
-from accelerated_evaluation.vehicles.protocol import CRASH, events_from
+from accelerated_evaluation.vehicles.protocol import CRASH, events_of
 from wall_car import GRID, RANGE_LAWS, TTC_LAWS, WallCar, integral, law_of
 
 RECORDS = Path(__file__).resolve().parents[3] / "data" / "spmd" / "cut_ins.parquet"
@@ -169,9 +169,8 @@ def test_agrees_with_importance_sampling():
     laws = RANGE_LAWS["pieces"], TTC_LAWS["pieces"]
     grid, law = replace(GRID, closing_speed_max=23.49, lead_speed_cells=20, range_cells=60), law_of(*laws)
     capped = replace(law, closing_speed_max=23.49)
-    crash_map = map_crashes(
-        AccAeb(), grid, events_from({"min_ttc": [1.0], "min_range": [2.0]}), np.random.default_rng(1)
-    )
+    events = [CRASH, *events_of(CUT_IN, {"min_ttc": [1.0], "min_range": [2.0]})]
+    crash_map = map_crashes(AccAeb(), grid, events, np.random.default_rng(1))
     found = exact_probabilities(crash_map, capped)[ALL]
     assert exact_probabilities(crash_map, law)[ALL] == found  # the map ends at the cap
     problem = Problem(CUT_IN, AccAeb(), law=capped)

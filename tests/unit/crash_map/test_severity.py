@@ -10,7 +10,7 @@ from accelerated_evaluation.crash_map.severity import impact_speed_table, severi
 from accelerated_evaluation.laws import Factors
 from accelerated_evaluation.laws.distributions import BoundedExponential, BoundedNormal, PiecewiseMixture
 from accelerated_evaluation.methods.importance_sampling import Sample
-from accelerated_evaluation.vehicles.protocol import events_from
+from accelerated_evaluation.vehicles.protocol import CRASH, events_of
 from wall_car import GRID, LOWER, RANGE_LAWS, TTC_LAWS, WallCar, integral, law_of
 
 
@@ -69,7 +69,7 @@ def test_the_decay_of_a_tail_decides_on_the_variance():
 
 def test_severity_of_a_known_car():
     car, laws = WallCar(hole=(99, 99)), (RANGE_LAWS["exponential"], TTC_LAWS["exponential"])
-    events = events_from({"impact_speed": list(range(0, 41)), "min_range": [1.0]})
+    events = [CRASH, *events_of(CUT_IN, {"impact_speed": list(range(0, 41)), "min_range": [1.0]})]
     crash_map = map_crashes(car, GRID, events, np.random.default_rng(1))
     table = severity_table(crash_map, law_of(*laws), 2000, distance=1000.0)
     table = table[table["segment"] == ALL].set_index(["quantity", "threshold"])
@@ -91,7 +91,7 @@ def test_severity_of_a_known_car():
 
 def test_severity_without_crashes_or_distance_is_empty():
     crash_map = map_crashes(
-        WallCar(first=99), GRID, events_from({"impact_speed": [5]}), np.random.default_rng(1)
+        WallCar(first=99), GRID, [CRASH, CUT_IN.event("impact_speed", 5.0)], np.random.default_rng(1)
     )
     table = severity_table(crash_map, law_of(RANGE_LAWS["exponential"], TTC_LAWS["exponential"]), 2000)
     assert (table["probability"] == 0).all()

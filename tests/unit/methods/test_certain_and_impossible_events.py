@@ -6,7 +6,7 @@ import math
 import numpy as np
 import pandas as pd
 import pytest
-from accelerated_evaluation import Stopping, map_crashes
+from accelerated_evaluation import CUT_IN, Stopping, map_crashes
 from accelerated_evaluation.crash_map.sensitivity import Levels, study_sensitivity
 from accelerated_evaluation.crash_map.severity import impact_speed_table, severity_table
 from accelerated_evaluation.crash_map.uncertainty import bootstrap_probabilities, uncertainty_budget
@@ -15,7 +15,7 @@ from accelerated_evaluation.methods import METHODS
 from accelerated_evaluation.methods.coverage import coverage_of_replicates, coverage_replicates
 from accelerated_evaluation.methods.cross_entropy.search import Proposals
 from accelerated_evaluation.vehicles import Outcomes
-from accelerated_evaluation.vehicles.protocol import events_from
+from accelerated_evaluation.vehicles.protocol import CRASH, events_of
 from builders import coarse_grid
 from toy_segment import CONFIG, PAPERS, SETTINGS, F, before
 
@@ -135,7 +135,7 @@ def test_crude_monte_carlo_of_any_probability(probability):
 @pytest.fixture(scope="module", params=[0.0, math.inf, 0.05], ids=["always", "never", "below the knot"])
 def mapped(request):
     grid = coarse_grid(speeds=(19, 21, 4), ranges=(75, 8), closing=(30, 60))
-    events = events_from({"impact_speed": [0], "min_range": [1], "min_ttc": [1]})
+    events = [CRASH, *events_of(CUT_IN, {"impact_speed": [0], "min_range": [1], "min_ttc": [1]})]
     return map_crashes(From(request.param), grid, events, np.random.default_rng(1))
 
 

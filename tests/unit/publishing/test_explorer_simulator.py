@@ -134,7 +134,7 @@ def test_left_turns_are_those_of_python_within_rounding(javascript, parameters):
 
 
 def test_published_verdicts_of_left_turns(javascript):
-    table = pd.read_csv(ROOT / LEFT_TURN.verdicts)
+    table = pd.read_csv(ROOT / LEFT_TURN.records.verdicts)
     encounters = table[list(LEFT_TURN.names)].to_numpy().T.tolist()
     car = load_vehicle("acc_aeb", "left_turn").compiled()
     crash = np.array(javascript(RUN, ["turn", as_texts(car), encounters])[0], float)

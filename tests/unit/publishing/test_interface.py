@@ -63,7 +63,7 @@ def test_a_name_that_is_not_public_is_refused():
 
 def test_the_examples_run_one_after_another(tmp_path, monkeypatch):
     """Every eighth left turn is enough, as the fits of the laws take most of the time."""
-    turns = ae.SCENARIOS["left_turn"].records
+    turns = ae.SCENARIOS["left_turn"].records.file
     (tmp_path / turns).parent.mkdir(parents=True)
     pd.read_parquet(ROOT / turns)[::8].to_parquet(tmp_path / turns)
     (tmp_path / "data" / "spmd").symlink_to(ROOT / "data" / "spmd")

@@ -28,7 +28,7 @@ STOP, WARNING = "STOP", "warning"
 
 @cache
 def shipped(name):
-    return pd.read_parquet(ROOT / SCENARIOS[name].records)
+    return pd.read_parquet(ROOT / SCENARIOS[name].records.file)
 
 
 def scaled(factor, *places):

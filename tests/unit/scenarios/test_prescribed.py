@@ -4,7 +4,6 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 import pytest
-from accelerated_evaluation import CUT_IN
 from accelerated_evaluation.answer.candidates.smooth_family import SmoothFamily
 from accelerated_evaluation.answer.ways.numerical_error import STEPS, numerical_errors
 from accelerated_evaluation.crash_map.lines import CrashLines
@@ -13,6 +12,7 @@ from accelerated_evaluation.laws.distributions import Empirical
 from accelerated_evaluation.laws.smooth.draws import SmoothDraws
 from accelerated_evaluation.laws.smooth.family import members_at
 from accelerated_evaluation.laws.smooth.mean import MeanLaw
+from accelerated_evaluation.scenarios.cut_in import EU_2022_1426
 from accelerated_evaluation.scenarios.prescribed import PrescribedTest, prescribed_table
 from accelerated_evaluation.vehicles import Outcomes
 from accelerated_evaluation.vehicles.loading import load_vehicle
@@ -26,9 +26,8 @@ ALL = {10, 20, 30, 40, 50, 60}  # [km/h], closing speeds of the tests
     ("vehicle", "failed"), [("acc_aeb", set()), ("acc_only", {40, 50, 60}), ("cc_human", ALL)]
 )
 def test_cut_ins_of_the_european_regulation(vehicle, failed):
-    tests = CUT_IN.prescribed
-    x = np.concatenate([test.encounters for test in tests])
-    table = prescribed_table(tests, {vehicle: load_vehicle(vehicle).simulate(*x.T).crash})
+    x = np.concatenate([test.encounters for test in EU_2022_1426])
+    table = prescribed_table(EU_2022_1426, {vehicle: load_vehicle(vehicle).simulate(*x.T).crash})
     speeds = table["test"].str.extract(r"^(\d+)")[0].astype(int)
     assert set(speeds) == ALL
     assert set(speeds[~table["passed"]]) == failed
@@ -36,7 +35,7 @@ def test_cut_ins_of_the_european_regulation(vehicle, failed):
 
 def test_the_times_are_those_of_the_formula():
     """The regulation rounds v / (2 x 6 m/s^2) + 0.25 s to hundredths."""
-    for test in CUT_IN.prescribed:
+    for test in EU_2022_1426:
         lead, range_, closing = test.encounters.T
         np.testing.assert_allclose(range_ / closing, closing / 12 + 0.25, atol=0.0051)
         assert np.unique(lead).size == lead.size

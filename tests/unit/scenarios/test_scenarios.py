@@ -189,7 +189,7 @@ def test_post_encroachment_time_of_constant_speeds():
     expected = time[-1] + (place - driven) / host[-1] - crossed
     assert found.post_encroachment_time.item() == pytest.approx(expected, abs=0.01)
     assert found.post_encroachment_time.item() > 3
-    records = pd.read_parquet(ROOT / LEFT_TURN.records)[list(LEFT_TURN.names)].to_numpy()
+    records = pd.read_parquet(ROOT / LEFT_TURN.records.file)[list(LEFT_TURN.names)].to_numpy()
     recorded = load_vehicle("acc_aeb", LEFT_TURN).simulate(*records.T)
     assert recorded.crash.any()
     assert np.array_equal(recorded.post_encroachment_time == 0, recorded.crash)

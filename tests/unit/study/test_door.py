@@ -6,6 +6,7 @@ import accelerated_evaluation as ae
 import numpy as np
 import pandas as pd
 import pytest
+from accelerated_evaluation.answer.consequences.injuries.tables import RISKS
 from accelerated_evaluation.crash_map.maps import read_crash_map, write_crash_map
 from builders import coarse_grid
 
@@ -145,6 +146,8 @@ REFUSED = [
         lambda *_: replace(TURN, outcome_type=Unknown),
         "seen the outcomes Unknown; expected a frozen dataclass",
     ),
+    (lambda *_: replace(TURN, scanned="distance"), "the variable distance; expected one of its variables"),
+    (lambda *_: RISKS.add("cut_inn"), "scenario: seen 'cut_inn'; expected one of cut_in, "),
     (lambda *_: replace(TURN, events=()), "seen no events; expected at least one Event"),
     (lambda *_: ae.FittedRecords.of("left_turn", pd.DataFrame({"a": [1]})), "a table without sdv_speed_mps"),
     (lambda *_: of("acc_aeb").simulate(np.zeros((4, 2))), "(4, 2); expected an array of shape (n, 3) with"),

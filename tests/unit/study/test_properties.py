@@ -20,10 +20,11 @@ from accelerated_evaluation.laws.paper.piecewise import EXPONENTIAL, PieceFamily
 from accelerated_evaluation.records.ingest import Account, ingest
 from accelerated_evaluation.records.segments import require_rows
 from accelerated_evaluation.records.sources import read_source
+from accelerated_evaluation.scenarios.cut_in import CUT_IN, Outcomes
 from accelerated_evaluation.scenarios.parameters import required_names
 from accelerated_evaluation.study.configuration import ConfigurationError, load, read_yaml, validate
 from accelerated_evaluation.vehicles.external.checked import CheckedVehicle
-from accelerated_evaluation.vehicles.protocol import VEHICLES, Outcomes
+from accelerated_evaluation.vehicles.protocol import VEHICLES
 from builders import repeatable
 from fewruns.state import sampler_of
 from hypothesis import assume, given, settings
@@ -206,7 +207,7 @@ def test_pieces_with_any_knot_add_up_to_one(x, knot, scale):
 )
 def test_built_in_vehicles_keep_the_contract(name, encounters):
     lead_speed, range_, closing_speed = np.array(encounters).T
-    vehicle = CheckedVehicle(VEHICLES[name](), name)
+    vehicle = CheckedVehicle(VEHICLES[name](), name, CUT_IN)
     outcomes = vehicle.simulate(lead_speed, range_, np.maximum(closing_speed, -lead_speed))
     assert outcomes.crash.shape == lead_speed.shape
 
@@ -227,7 +228,7 @@ def test_whatever_a_vehicle_gives_is_taken_or_refused(crash, min_range, min_ttc,
             return Outcomes(crash, min_range, min_ttc, impact_speed)
 
     with suppress(InputError):
-        outcomes = CheckedVehicle(Odd(), "Odd").simulate([20.0, 20.0], [10.0, 20.0], [5.0, 1.0])
+        outcomes = CheckedVehicle(Odd(), "Odd", CUT_IN).simulate([20.0, 20.0], [10.0, 20.0], [5.0, 1.0])
         assert {values.shape for values in vars(outcomes).values()} == {(2,)}
 
 

@@ -5,7 +5,7 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
-from accelerated_evaluation import InputError, cli, write_law
+from accelerated_evaluation import CUT_IN, InputError, cli, write_law
 from accelerated_evaluation.answer.ways.by_few_runs import laws_of
 from accelerated_evaluation.records.segments import write_encounters
 from accelerated_evaluation.track.campaign import Campaign
@@ -24,7 +24,8 @@ def drive(own, name, encounters, folder, seed=3):
     write_encounters(folder / "encounters.parquet", encounters, "made up")
     write_law(folder / name, own, encounters)
     sources = source_of(folder / name), source_of(folder / "encounters.parquet")
-    begun = Campaign.begin(*sources, CRASH, stopping(0.8, 0.2, anytime=False), batch_size=20, seed=seed)
+    given = *sources, CRASH, stopping(0.8, 0.2, anytime=False)
+    begun = Campaign.begin(*given, batch_size=20, seed=seed, scenario=CUT_IN)
     while len(begun.runs) < RUNS:
         runs = begun.ask(own)
         begun.tell({run.number: driven(run) for run in runs})

@@ -179,7 +179,7 @@ def test_outcomes_keep_the_protocol_and_depend_on_their_own_encounter_alone(driv
     assert not (side & ~outcomes.crash).any()
     assert lateral_speed or not side.any()
     kept = replace(outcomes, impact_speed=np.maximum(outcomes.impact_speed, 0))
-    checked_outcomes(kept, encounters, vehicle=driver)
+    checked_outcomes(kept, encounters, vehicle=driver, scenario=CUT_IN)
     assert np.isfinite(outcomes.min_ttc[outcomes.crash]).all()
 
     some = np.random.default_rng(5).permutation(encounters.shape[1])[: LANES + 7]

@@ -47,7 +47,7 @@ def test_a_figure_that_cannot_be_written_leaves_no_table(tmp_path, monkeypatch, 
 def test_a_trace_ends_in_exactly_the_outcomes(name):
     crashes = 0
     for encounter in encounters():
-        trace = trace_encounter(name, *encounter)
+        trace = trace_encounter(name, *encounter, scenario=CUT_IN)
         assert list(trace) == list(COLUMNS)
         everywhere = pd.Series(True, index=trace.index)
         got, wanted = outcomes_of(trace, np.inf, everywhere), simulated(load_vehicle(name), encounter)
@@ -71,7 +71,7 @@ def test_a_trace_with_lateral_motion_ends_in_the_outcomes(name):
 @pytest.mark.parametrize("name", FOLLOWED)
 def test_a_trace_obeys_the_laws_of_motion(name):
     encounter = (20.0, 30.0, 14.0)
-    trace = trace_encounter(name, *encounter)
+    trace = trace_encounter(name, *encounter, scenario=CUT_IN)
     assert len(trace) > 10
     step = np.diff(trace.time_s)
     np.testing.assert_allclose(step, 0.1, atol=1e-9)
@@ -87,15 +87,16 @@ def test_a_trace_obeys_the_laws_of_motion(name):
 
 
 def test_the_emergency_of_the_car_is_its_aeb():
-    assert trace_encounter("acc_aeb", 20.0, 14.0, 14.0).emergency.any()
-    assert not trace_encounter("acc_only", 20.0, 14.0, 14.0).emergency.any()
+    assert trace_encounter("acc_aeb", 20.0, 14.0, 14.0, scenario=CUT_IN).emergency.any()
+    assert not trace_encounter("acc_only", 20.0, 14.0, 14.0, scenario=CUT_IN).emergency.any()
 
 
 def test_the_command(tmp_path, monkeypatch, capsys):
     monkeypatch.chdir(tmp_path)
     options = ["--figure", "out.png", "--vehicle", "cc_human"]
     assert cli.main(["replay", "20", "9", "8", "out.csv", *options]) == 0
-    pd.testing.assert_frame_equal(pd.read_csv("out.csv"), trace_encounter("cc_human", 20.0, 9.0, 8.0))
+    expected = trace_encounter("cc_human", 20.0, 9.0, 8.0, scenario=CUT_IN)
+    pd.testing.assert_frame_equal(pd.read_csv("out.csv"), expected)
     assert (tmp_path / "out.png").read_bytes().startswith(b"\x89PNG")
     assert cli.main(["replay", "20", "9", "-8", "out.csv", "--figure", "out.svg"]) == 0
     first = (tmp_path / "out.svg").read_bytes()
@@ -132,7 +133,7 @@ def test_a_trace_with_lead_motion_ends_in_the_outcomes(name):
     crashes = 0
     for encounter in encounters(30):
         motion = lead_speeds_of("ngsim", np.array(encounter), np.random.default_rng(1))
-        trace = trace_encounter(name, *encounter, lead_speeds=motion)
+        trace = trace_encounter(name, *encounter, lead_speeds=motion, scenario=CUT_IN)
         wanted = load_vehicle(name).simulate_moving(*([value] for value in encounter), [motion])
         everywhere = pd.Series(True, index=trace.index)
         got = outcomes_of(trace, np.inf, everywhere)

@@ -76,14 +76,14 @@ def loaded(section, **changes):
 def slow(workers, batch_size=3, time_limit=60.0, retries=2, *, sets_aside=False, **parameters):
     """Return the car with its store, on given workers."""
     section = vehicle_section(**parameters)
-    store = store_of("car.py:Car", section["parameters"], ["car.py"])
+    store = store_of("car.py:Car", section["parameters"], ["car.py"], CUT_IN)
     limits = {
         "batch_size": batch_size,
         "time_limit": time_limit,
         "retries": retries,
         "sets_aside": sets_aside,
     }
-    return SlowVehicle("car.py:Car", section["parameters"], "car.py:Car", store, workers, **limits)
+    return SlowVehicle("car.py:Car", section["parameters"], "car.py:Car", store, workers, CUT_IN, **limits)
 
 
 @pytest.fixture
@@ -230,7 +230,7 @@ def test_a_car_that_hangs_or_ends_its_process(here, trouble, limit):
 
 def test_what_a_vehicle_is_names_its_store(here):
     def folder(name="car.py:Car", files=("car.py",), **parameters):
-        return store_of(name, parameters, files).path.parent
+        return store_of(name, parameters, files, CUT_IN).path.parent
 
     one = folder(a=1)
     assert folder(a=1) == one

@@ -20,6 +20,7 @@ from accelerated_evaluation.answer.consequences.counted_crashes import contradic
 from accelerated_evaluation.answer.consequences.criterion import Basis, Counted, Criterion
 from accelerated_evaluation.answer.consequences.deciding import criteria_in_words, criteria_tables
 from accelerated_evaluation.answer.consequences.in_service import judged_after, length_of, updated_rates
+from accelerated_evaluation.answer.consequences.injuries.tables import RISKS
 from accelerated_evaluation.answer.estimate_tables import estimate_tables
 from accelerated_evaluation.answer.settings import Settings
 from accelerated_evaluation.answer.study_tables import injured_by_level, risks_table
@@ -108,7 +109,7 @@ class Estimated:
     def _judged(self, extrapolation: pd.DataFrame) -> dict[str, pd.DataFrame]:
         """Return the tables of the criteria, judged by the first replicate."""
         own, others = self.answers[0], {name: each.posterior for name, each in self.references.items()}
-        risks = risks_table(own) if own.problem.scenario.has_injuries else None
+        risks = risks_table(own) if own.problem.scenario.name in RISKS else None
         first = extrapolation[extrapolation["replicate"] == 0] if len(extrapolation) else extrapolation
         return criteria_tables(
             self.criteria,

@@ -35,10 +35,10 @@ from accelerated_evaluation.answer.consequences.human_prediction import (
 )
 from accelerated_evaluation.answer.consequences.injuries.curves import FRONTAL, LEVELS, REAR
 from accelerated_evaluation.answer.consequences.injuries.tables import (
+    RISKS,
     SPEEDS,
     gentle,
     mean_risks,
-    tabulated_risks,
 )
 from accelerated_evaluation.answer.consequences.injuries.tables import Key as RiskKey
 from accelerated_evaluation.answer.consequences.rates import UNITS
@@ -234,21 +234,21 @@ class StudyNumbers:
     @cached_property
     def risks(self) -> dict[RiskKey, Array]:
         """The risks of injury at `SPEEDS`, if the scenario has injuries."""
-        return tabulated_risks() if self.scenario.has_injuries else {}
+        return RISKS[self.scenario.name]() if self.scenario.name in RISKS else {}
 
     def features(self, x: Array, drivers: int = DRIVERS) -> Features:
         """Yield each vehicle's features of encounters, (n, m): events of the first one, crash, risks.
 
         Random vehicles have several rows of features, each with other drivers.
         """
-        inputs, vehicles = self.scenario.to_inputs(x), {**self.vehicles, BRAKING: BrakingHuman(Human())}
+        vehicles = {**self.vehicles, BRAKING: BrakingHuman(Human())}
         rows = [drivers if isinstance(each, RandomVehicle) else 1 for each in vehicles.values()]
         for name in np.repeat([*vehicles], rows).tolist():
             vehicle, more, inner = vehicles[name], None, None
             if isinstance(vehicle, RandomVehicle):
                 inner = vehicle.draw_inner(len(x), self.generator)
                 more = partial(self._inner_weights, vehicle, inner, name)
-            outcomes = simulate_inner(vehicle, tuple(inputs.T), inner)
+            outcomes = simulate_inner(vehicle, tuple(x.T), inner)
             events = {self.own: self.events, BRAKING: HARD}.get(name, self.events[:1])
             columns = [event.happens(outcomes).astype(float) for event in events]
             crashed = columns[0] > 0
@@ -450,7 +450,7 @@ def parts_of_maps(
 
     The answers are computed one after the other, because each needs much memory.
     """
-    risks, found = tabulated_risks(), {}
+    risks, found = RISKS[CUT_IN.name](), {}
     for name, path in maps.items():
         problem, way = Problem(CUT_IN, vehicles[name], CRASH, law=draws.proposal), fast_way(records, 0, path)
         crashes = evaluate(problem, draws, way, generator=generator_of(seed, name)).crashes

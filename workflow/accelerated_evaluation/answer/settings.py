@@ -28,7 +28,8 @@ from accelerated_evaluation.methods import Stopping
 from accelerated_evaluation.methods.surrogate import Surrogate
 from accelerated_evaluation.records.named import NamedRecords
 from accelerated_evaluation.records.sources import describe
-from accelerated_evaluation.scenarios import SCENARIOS, Event, Scenario
+from accelerated_evaluation.scenarios import SCENARIOS, Scenario
+from accelerated_evaluation.scenarios.events import Event
 from accelerated_evaluation.scenarios.record_table import named_records_of
 from accelerated_evaluation.vehicles.loading import section_of, vehicles_of
 from accelerated_evaluation.vehicles.named import NamedVehicle

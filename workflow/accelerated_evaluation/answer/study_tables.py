@@ -14,6 +14,7 @@ from accelerated_evaluation.answer.consequences.criterion import Basis, Criterio
 from accelerated_evaluation.answer.consequences.deciding import criteria_tables
 from accelerated_evaluation.answer.consequences.injuries.curves import LEVELS
 from accelerated_evaluation.answer.consequences.injuries.tables import (
+    RISKS,
     Injured,
     Key,
     injury_tables,
@@ -83,7 +84,7 @@ def answer_tables(
         tables = own_tables(own, records, half_width)
         tables["extrapolation"] = extrapolation(own, records, replayed)
     tables["crash_places"] = drawn_crashes(own, records, streams("crash places"))
-    if records.support is None:
+    if records.in_clusters:
         tables["joint_laws"] = study.family.table(study.weights)
     elif not isinstance(way, Map):  # the table of a map also has crashes and near misses
         tables["calibration"] = calibration_table(study)
@@ -113,7 +114,7 @@ def own_tables(own: Answer, records: FittedRecords, half_width: float) -> Tables
         "exposure": exposure_of(posteriors, records),
         "vehicle": pd.DataFrame([vehicle_row(UNDER_TEST, own)]),
     }
-    return tables | ({"risks": risks_table(own)} if scenario.has_injuries else {})
+    return tables | ({"risks": risks_table(own)} if scenario.name in RISKS else {})
 
 
 def risks_table(own: Answer) -> pd.DataFrame:

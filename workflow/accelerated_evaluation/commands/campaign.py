@@ -183,12 +183,13 @@ class Ask(Command):
         from accelerated_evaluation.track.results import write_table
         from accelerated_evaluation.track.scenarios import (
             NOT_WRITTEN,
+            WRITERS,
             require_scenariogeneration,
             write_scenarios,
         )
 
         campaign = read_campaign(self.campaign)
-        writes_files = campaign.scenario.has_scenario_files and not self.no_scenarios
+        writes_files = campaign.scenario.name in WRITERS and not self.no_scenarios
         if writes_files:
             require_scenariogeneration()
         elif not self.no_scenarios:

@@ -46,7 +46,7 @@ class Export(OfLaw, description=DESCRIPTION):
         from accelerated_evaluation.base.randomness import child_generator
         from accelerated_evaluation.laws.motion import MOTIONS
         from accelerated_evaluation.track.export import with_motion, write_set
-        from accelerated_evaluation.track.scenarios import NOT_WRITTEN
+        from accelerated_evaluation.track.scenarios import NOT_WRITTEN, WRITERS
         from accelerated_evaluation.track.weighted_set import draw_scored_set, draw_weighted_set
 
         given = given_law(self)
@@ -81,6 +81,6 @@ class Export(OfLaw, description=DESCRIPTION):
             **dict(line.split(": ", 1) for line in given.verdict.lines()),
         }
         write_set(self.folder, drawn, origin, scenario)
-        for line in [*given.verdict.lines(), *([NOT_WRITTEN] if given.table is None else [])]:
+        for line in [*given.verdict.lines(), *([] if scenario.name in WRITERS else [NOT_WRITTEN])]:
             print(line)
         print(f"{len(drawn.table)} scenarios: {self.folder}; read {self.folder / 'README.md'}")

@@ -86,7 +86,7 @@ def _given(path: Path, scenario: str | None, *, is_config: bool) -> dict[str, An
         return given
     from accelerated_evaluation.scenarios import SCENARIOS
 
-    if scenario is not None and SCENARIOS[scenario].named_records is None:
+    if scenario is not None and SCENARIOS[scenario].records.named is None:
         return {"scenario": {"name": scenario, "records": str(path)}}
     table = {"path": str(path), "description": path.name or str(path)}
     return given | {"data": {"source": "table", "table": table}}

@@ -21,7 +21,6 @@ from accelerated_evaluation.commands import COMMANDS
 from accelerated_evaluation.commands.shared import OfVehicle
 from accelerated_evaluation.laws.motion import course_columns
 from accelerated_evaluation.scenarios import SCENARIOS
-from accelerated_evaluation.scenarios.cut_in import CUT_IN
 from accelerated_evaluation.scenarios.outcomes import ENDED
 from accelerated_evaluation.scenarios.protocol import Scenario
 from accelerated_evaluation.vehicles.external.checked import CheckedVehicle, ForeignVehicle
@@ -186,7 +185,7 @@ def simulate_table(
     source: Path,
     target: Path,
     vehicle: Vehicle,
-    scenario: Scenario = CUT_IN,
+    scenario: Scenario,
     caps: Mapping[str, float] = MappingProxyType({}),
 ) -> None:
     """Simulate the encounters of a CSV file, and write them with their outcomes to another CSV file.

@@ -160,7 +160,7 @@ class Problem:
         """
         require_points(x, self.scenario.names, "Problem.simulate, argument x")
         repeat = getattr(self.vehicle, "repeat", self.vehicle.simulate)
-        return (repeat if again else self.vehicle.simulate)(*self.scenario.to_inputs(x).T)
+        return (repeat if again else self.vehicle.simulate)(*x.T)
 
     @checked()
     def evaluate(self, z: Array) -> Response:
@@ -175,7 +175,7 @@ class Problem:
     def begin(self, z: Array, again: bool) -> None:
         """Begin to simulate at normal scores z, (n, d), if the vehicle can; `simulate` or `repeat` waits."""
         if (begin := getattr(self.vehicle, "begin", None)) is not None:
-            begin(*self.scenario.to_inputs(self.known_law.from_normal_scores(z)).T, again=again)
+            begin(*self.known_law.from_normal_scores(z).T, again=again)
 
     def coordinates(self, z: Array) -> dict[str, Array]:
         """Return the variables, each of shape (n,), at normal scores z, shape (n, d), by name."""

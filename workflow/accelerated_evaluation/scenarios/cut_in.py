@@ -16,11 +16,11 @@ from accelerated_evaluation.base.arrays import Array
 from accelerated_evaluation.base.registry import Registry
 from accelerated_evaluation.records.named import CutInRecords
 from accelerated_evaluation.records.segments import read_encounters
-from accelerated_evaluation.scenarios import SCENARIOS
+from accelerated_evaluation.scenarios import SCENARIOS, Scenario
 from accelerated_evaluation.scenarios.events import Event
 from accelerated_evaluation.scenarios.outcomes import FLAG, outcome
 from accelerated_evaluation.scenarios.prescribed import PrescribedTest
-from accelerated_evaluation.scenarios.protocol import Fault, Panel, ReportedRule, Scenario, Simulating
+from accelerated_evaluation.scenarios.protocol import Fault, Panel, Recorded, ReportedRule, Rules, Simulating
 from accelerated_evaluation.scenarios.variables import Variable
 
 # The speed of light. A larger number is an overflow or another quantity. The limit is not lower, because laws
@@ -140,21 +140,14 @@ CUT_IN = SCENARIOS.add("cut_in")(
         ),
         vehicles=Registry("vehicle", "accelerated_evaluation.vehicles", [str(ROOM)], contract=[Simulating]),
         default_vehicle="acc_aeb",
-        read_records=read_encounters,
-        input_rules=_input_rules,
-        outcome_rules=_outcome_rules,
-        reported_rules=_reported_rules,
+        records=Recorded(read=read_encounters, named=CutInRecords.of),
+        rules=Rules(_input_rules, _outcome_rules, _reported_rules),
         noun="cut-in",
         scope="closing cut-ins whose lead keeps its speed",
         upper_set_in="closing_speed",
         scanned="closing_speed",
-        named_records=CutInRecords.of,
-        has_injuries=True,
-        has_explorer=True,
-        has_scenario_files=True,
         # The careful human of UN R157, and the human driver from data.
         references={"": "cc_human", "human_": "human"},
-        prescribed=EU_2022_1426,
         host_speed=("lead_speed", "closing_speed"),
         derived={"host_speed": lambda cut_in: cut_in["lead_speed"] + cut_in["closing_speed"]},
         panels=(

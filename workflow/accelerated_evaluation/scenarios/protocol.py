@@ -21,7 +21,6 @@ from accelerated_evaluation.base.tables import CLUSTER as CLUSTER
 from accelerated_evaluation.records.named import NamedRecords
 from accelerated_evaluation.scenarios.events import Event
 from accelerated_evaluation.scenarios.outcomes import Outcome
-from accelerated_evaluation.scenarios.prescribed import PrescribedTest
 from accelerated_evaluation.scenarios.variables import Variable
 
 FITTED = "fitted"  # flag in every table of records: laws are fitted to the row; see also `CLUSTER`
@@ -50,16 +49,56 @@ class Simulating(Protocol):
         """Return the outcomes of n encounters, given the scenario's variables, each of shape (n,)."""
 
 
-def _as_they_are(x: Array) -> Array:
-    return x
+@checked()
+@dataclass(frozen=True)
+class Rules:
+    """Rules of a scenario that the limits of its variables do not cover.
+
+    Attributes
+    ----------
+    inputs
+        Function that takes the columns of encounters by name, and returns their faults.
+    outcomes
+        Function that takes the columns of encounters and outcomes by name, and returns the faults of the
+        outcomes of a user's vehicle.
+    reported
+        Function that takes whether there was a crash, and the variables of a run on a proving ground by name.
+        It returns rules for the outcomes that are reported for this run, by name of the outcome. Any outcome
+        may be missing in the report.
+    """
+
+    inputs: Callable[[Mapping[str, Array]], list[Fault]] = lambda columns: []
+    outcomes: Callable[[Mapping[str, NDArray]], list[Fault]] = lambda columns: []
+    reported: Callable[[bool, Mapping[str, float]], Mapping[str, ReportedRule]] = lambda crash, encounter: {}
 
 
-def _no_rules(columns: Mapping[str, NDArray]) -> list[Fault]:
-    return []
+@checked()
+@dataclass(frozen=True)
+class Recorded:
+    """The records of a scenario: those that come with the project, and how a table of records is read.
 
+    Attributes
+    ----------
+    file, verdicts
+        File of the records that come with the project, and file of published outcomes of a vehicle, relative
+        to the root of the project; None if there are none. The file of outcomes has the columns of the
+        variables, ``crash`` and ``fragile`` (1 if rounding errors decide whether there is a crash).
+    cluster
+        Name of the column of a table of records that identifies who or what made a record.
+    read
+        Function that reads a table of records and checks it. The result has the columns of the variables,
+        `CLUSTER` (driver or device, as text) and `FITTED` (whether laws are fitted to the row). If it is
+        None, `record_table.read_record_table` reads the table.
+    named
+        Function that returns the records that a configuration names; None if they are one table with the
+        variables, which `record_table.TableRecords` reads.
+    """
 
-def _no_reported_rules(crash: bool, encounter: Mapping[str, float]) -> dict[str, ReportedRule]:
-    return {}
+    file: Path | None = None
+    verdicts: Path | None = None
+    cluster: str = "driver"
+    read: Callable[[Path], pd.DataFrame] | None = None
+    named: Callable[[Mapping[str, Any]], NamedRecords] | None = None
 
 
 @checked()
@@ -85,14 +124,10 @@ class Scenario:
         Registry of the built-in vehicles.
     default_vehicle
         Name of the vehicle that is simulated if the user names no vehicle.
-    read_records
-        Function that reads a table of records and checks it. The result has the columns of the variables,
-        `CLUSTER` (driver or device, as text) and `FITTED` (whether laws are fitted to the row). If it is
-        None, `record_table.read_record_table` reads the table.
-    records, verdicts
-        File of the records that come with the project, and file of published outcomes of a vehicle, relative
-        to the root of the project; None if there are none. The file of outcomes has the columns of the
-        variables, ``crash`` and ``fragile`` (1 if rounding errors decide whether there is a crash).
+    records
+        What is known about records of the scenario.
+    rules
+        Rules for encounters and outcomes that the limits of the variables do not cover.
     restrictions
         Subsets of the encounters for which results are also given, by name. Each is a function that takes
         points of a law, shape (n, d), and returns whether each point is in the subset, shape (n,).
@@ -100,19 +135,6 @@ class Scenario:
         Name of a variable, and limits of its absolute value by which crashes are divided into groups; see
         `answer.crash_shares`. It is used if crashes at small values are artefacts of the
         simulation; otherwise None.
-    to_inputs
-        Function that maps points of a law, shape (n, d), to the inputs of a vehicle, in the order of the
-        variables, shape (n, d).
-    input_rules
-        Function that takes the columns of encounters by name, and returns the faults that the limits of the
-        variables do not cover.
-    outcome_rules
-        Function that takes the columns of encounters and outcomes by name, and returns the faults of the
-        outcomes of a user's vehicle.
-    reported_rules
-        Function that takes whether there was a crash, and the variables of a run on a proving ground by name.
-        It returns rules for the outcomes that are reported for this run, by name of the outcome. Any outcome
-        may be missing in the report.
     noun
         Word for an encounter in texts.
     scope
@@ -122,10 +144,17 @@ class Scenario:
         of the mapping from names of variables to values.
     panels
         Panels of the figure of one simulated encounter; by default one for every column of the trace.
-    prescribed
-        Tests that regulations prescribe for this scenario.
-    cluster
-        Name of the column of a table of records that identifies who or what made a record.
+    references
+        Names of vehicles to compare with, by the prefix of their columns.
+    upper_set_in
+        Name of a variable above some value of which, for given other variables, every event happens. A
+        sampler then need not look for further parts of an event. None if this is not known.
+    scanned
+        Name of a variable along which, for given other variables, every event happens in a few intervals, so
+        that a scan finds them. None if this is not known. For laws that are a `SlicedLaw`, this gives exact
+        answers.
+    host_speed
+        Names of the variables whose sum is the speed of the vehicle under test at the start.
 
     Examples
     --------
@@ -141,38 +170,23 @@ class Scenario:
     events: Sequence[Event]
     vehicles: Mapping[str, type]
     default_vehicle: str
-    read_records: Callable[[Path], pd.DataFrame] | None = None
-    records: Path | None = None
-    verdicts: Path | None = None
+    records: Recorded = Recorded()
+    rules: Rules = Rules()
     restrictions: Mapping[str, Callable[[Array], NDArray[np.bool_]]] = field(default_factory=dict)
     divided_by: tuple[str, tuple[float, ...]] | None = None
-    to_inputs: Callable[[Array], Array] = _as_they_are
-    input_rules: Callable[[Mapping[str, Array]], list[Fault]] = _no_rules
-    outcome_rules: Callable[[Mapping[str, NDArray]], list[Fault]] = _no_rules
-    reported_rules: Callable[[bool, Mapping[str, float]], Mapping[str, ReportedRule]] = _no_reported_rules
     noun: str = "encounter"
     scope: str = ""
-    references: Mapping[str, str] = field(default_factory=dict)  # vehicles to compare with, by column prefix
-    # Variable above some value of which, for given other variables, every event happens. A sampler then need
-    # not look for further parts of an event. None if this is not known.
+    references: Mapping[str, str] = field(default_factory=dict)
     upper_set_in: str | None = None
-    # Variable along which, for given other variables, every event happens in a few intervals, so that a scan
-    # finds them. None if this is not known. For laws that are a `SlicedLaw`, this gives exact answers.
     scanned: str | None = None
-    host_speed: Sequence[str] = ()  # variables whose sum is the speed of the vehicle under test at the start
-    has_scenario_files: bool = False  # whether OpenSCENARIO files of its encounters can be written
-    has_injuries: bool = False  # whether curves of the risk of injury are known for its crashes
-    # Returns the records that a configuration names; None if they are one table with the variables, which
-    # `record_table.TableRecords` reads.
-    named_records: Callable[[Mapping[str, Any]], NamedRecords] | None = None
-    has_explorer: bool = False  # whether the page of the explorer can simulate its vehicles
+    host_speed: Sequence[str] = ()
     derived: Mapping[str, Callable[[Mapping[str, Any]], Any]] = field(default_factory=dict)
     panels: Sequence[Panel] = ()
-    cluster: str = "driver"
-    prescribed: Sequence[PrescribedTest] = ()
 
     def __post_init__(self) -> None:
         names = [each.name for each in self.variables]
+        chosen = [self.upper_set_in, self.scanned, *self.host_speed, *(self.divided_by or ())[:1]]
+        unknown = [each for each in chosen if each is not None and each not in names]
         is_described = is_dataclass(self.outcome_type) and all(
             {"unit", "description"} <= each.metadata.keys() for each in fields(self.outcome_type)
         )
@@ -185,6 +199,7 @@ class Scenario:
                 "a frozen dataclass with fields that `outcome` makes, of which the first is crash",
             ),
             (not self.events, "no events", "at least one Event, the crash"),
+            (unknown, f"the variable {', '.join(unknown)}", f"one of its variables, {', '.join(names)}"),
         ):
             if wrong:
                 change = "Correct the scenario; docs/your_scenario.md has an example."
@@ -196,7 +211,7 @@ class Scenario:
 
         The workflow then has crash maps with the paper's methods, and replays of simulated crashes.
         """
-        return self.named_records is not None
+        return self.records.named is not None
 
     @property
     def one(self) -> str:
@@ -373,7 +388,7 @@ class Scenario:
         pairs = list(zip(self.variables, encounters, strict=True))
         return [
             *((~np.isfinite(values), each.name, "a finite number") for each, values in pairs),
-            *self.input_rules(dict(zip(self.names, encounters, strict=True))),
+            *self.rules.inputs(dict(zip(self.names, encounters, strict=True))),
             *(
                 ((values < each.low) | (values > each.high), each.name, each.in_words)
                 for each, values in pairs

@@ -121,7 +121,7 @@ class TableRecords:
     @property
     def path(self) -> str:
         """The table; InputError is raised if none is named and none comes with the project."""
-        if (path := self.given or self.scenario.records) is None:
+        if (path := self.given or self.scenario.records.file) is None:
             missing = f"no records of the scenario {self.scenario.name} come with the project"
             raise InputError(
                 self.key,
@@ -170,7 +170,7 @@ class TableRecords:
 
 def named_records_of(scenario: Scenario, config: Mapping[str, Any]) -> NamedRecords:
     """Return the records of a scenario that a configuration names."""
-    return (scenario.named_records or partial(TableRecords.of, scenario))(config)
+    return (scenario.records.named or partial(TableRecords.of, scenario))(config)
 
 
 def records_to_check(scenario: Scenario, table: pd.DataFrame, simulate: Simulate | None = None) -> Records:
@@ -180,7 +180,7 @@ def records_to_check(scenario: Scenario, table: pd.DataFrame, simulate: Simulate
     skipped.
     """
     names = list(scenario.names)
-    shipped = None if scenario.records is None else project_file(scenario.records)
+    shipped = scenario.records.file and project_file(scenario.records.file)
     rows = table[[*names, CLUSTER]].set_axis(range(1, len(table) + 1))
     values, (low, high) = rows[names].to_numpy(float), scenario.limits.T
     return Records(
@@ -232,9 +232,9 @@ def records_account(scenario: Scenario, records: pd.DataFrame) -> pd.DataFrame:
 
 
 def _read_records(scenario: Scenario, path: Path) -> pd.DataFrame:
-    if scenario.read_records is None:
-        return read_record_table(scenario, path, scenario.cluster)
-    return scenario.read_records(path)
+    if scenario.records.read is None:
+        return read_record_table(scenario, path, scenario.records.cluster)
+    return scenario.records.read(path)
 
 
 def _names_of_clusters(column: pd.Series, path: str) -> pd.Series:

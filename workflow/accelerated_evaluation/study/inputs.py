@@ -99,7 +99,7 @@ class StudyInputs:
         limits = Path(moved(f"results/{config['study']}/limits.json"))
         config = without_unused(resolved(config, named.files, limits, trust=not is_main_process), SOURCES)
         accepted = config["data"].pop("accepted_warnings")
-        verdicts = [str(project / scenario.verdicts)] if scenario.verdicts else []
+        verdicts = [str(project / path)] if (path := scenario.records.verdicts) else []
         return cls(config, named_records_of(scenario, config), vehicles, files, slow, accepted, verdicts)
 
     @property

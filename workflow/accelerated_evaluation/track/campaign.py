@@ -22,7 +22,6 @@ from accelerated_evaluation.base.randomness import child_generator
 from accelerated_evaluation.laws import Law
 from accelerated_evaluation.methods import Estimate, Stopping, study_errors
 from accelerated_evaluation.methods.surrogate import rules_for
-from accelerated_evaluation.scenarios.cut_in import CUT_IN
 from accelerated_evaluation.scenarios.events import Event
 from accelerated_evaluation.scenarios.protocol import Scenario
 from accelerated_evaluation.track.driven import BEYOND, DrivenOutcome, outcome_in_words, outcomes_of
@@ -64,7 +63,7 @@ class Campaign:
     # All runs that the sampler has chosen, in the order of their numbers. A run beyond the limits has the
     # outcome `BEYOND`.
     runs: list[Run] = field(default_factory=list)
-    scenario: Scenario = CUT_IN
+    scenario: Scenario = field(kw_only=True)
 
     @classmethod
     @study_errors()
@@ -80,7 +79,7 @@ class Campaign:
         limits: Limits = UNLIMITED,
         predecessor: "Campaign | None" = None,
         deterministic: bool | None = None,
-        scenario: Scenario = CUT_IN,
+        scenario: Scenario,
     ) -> Self:
         """Begin a new campaign.
 
@@ -145,7 +144,7 @@ class Campaign:
         probability for the vehicle under rounded encounters.
         """
         x = law.from_normal_scores(self.sampler.ask(certify=self.sampler.is_narrow(self.goal)))
-        encounters = self.scenario.settable(self.scenario.to_inputs(x))
+        encounters = self.scenario.settable(x)
         within = self.limits.hold(*encounters.T) if self.limits else [True] * len(encounters)
         first, batch = len(self.runs) + 1, self.batches + 1
         self.runs += [

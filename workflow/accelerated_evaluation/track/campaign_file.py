@@ -142,7 +142,7 @@ def _campaign(content: Content) -> Campaign:
         content.limits,
         content.beyond,
         content.runs,
-        scenario,
+        scenario=scenario,
     )
 
 

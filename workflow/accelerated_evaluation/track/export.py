@@ -30,6 +30,7 @@ from accelerated_evaluation.track.recipe import (
 from accelerated_evaluation.track.scenarios import (
     LANE_CHANGE_BEGINS,
     RUN_UP,
+    WRITERS,
     ConcreteScenario,
     require_scenariogeneration,
     write_scenarios,
@@ -40,10 +41,7 @@ TABLE, WEIGHTS = "scenarios.csv", "weights.csv"
 
 
 def write_set(
-    folder: str | os.PathLike,
-    drawn: WeightedSet,
-    origin: Mapping[str, str],
-    scenario: Scenario = CUT_IN,
+    folder: str | os.PathLike, drawn: WeightedSet, origin: Mapping[str, str], scenario: Scenario
 ) -> None:
     """Write a weighted set into a new folder, which appears only when it is complete.
 
@@ -52,7 +50,7 @@ def write_set(
     set, which the page lists by name. InputError is raised if the folder is not empty, and StudyError if the
     library scenariogeneration is needed but not installed.
     """
-    if scenario.has_scenario_files:
+    if scenario.name in WRITERS:
         require_scenariogeneration()
     folder = Path(folder)
     if folder.exists() and (not folder.is_dir() or any(folder.iterdir())):
@@ -64,7 +62,7 @@ def write_set(
     temporary = Path(tempfile.mkdtemp(prefix=f".{folder.name}.", dir=folder.parent))
     try:
         names = [f"scenario_{number:03d}" for number in drawn.table["scenario"]]
-        if scenario.has_scenario_files:
+        if scenario.name in WRITERS:
             write_scenarios(temporary, map(_scenario, names, drawn.table.to_dict("records")))
         write_csv(temporary / TABLE, table_of(drawn, names, scenario))
         if drawn.draws is not None:
@@ -82,7 +80,7 @@ def table_of(drawn: WeightedSet, names: list[str], scenario: Scenario) -> pd.Dat
     It has the derived quantities of the scenario, such as the host speed, and for cut-ins the column
     ``file``; the names of the scenarios are those of their files without the ending.
     """
-    files = {"file": [f"{name}.xosc" for name in names]} if scenario.has_scenario_files else {}
+    files = {"file": [f"{name}.xosc" for name in names]} if scenario.name in WRITERS else {}
     return drawn.table.assign(**scenario.derived, **files)
 
 
@@ -160,4 +158,4 @@ def _parts_of(drawn: WeightedSet, scenario: Scenario) -> dict[str, str]:
         "score_meaning": score.description,
     }
     parts = {name: part.format(**known) for name, part in ENCOUNTERS.items()}
-    return parts | (_cut_ins_in_words(drawn) if scenario.has_scenario_files else {})
+    return parts | (_cut_ins_in_words(drawn) if scenario.name in WRITERS else {})

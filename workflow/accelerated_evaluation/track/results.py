@@ -121,7 +121,7 @@ def _driven_outcome(
             where, "crash", repr(given["crash"]), "1 if the cars touched, 0 if not, nothing if not driven"
         )
     crash = FLAGS[given["crash"].lower()]
-    rules = scenario.reported_rules(crash, dict(zip(scenario.names, run.encounter, strict=True)))
+    rules = scenario.rules.reported(crash, dict(zip(scenario.names, run.encounter, strict=True)))
     for name, (fits, expected) in rules.items():
         if name in measured and not fits(measured[name]):
             _refuse(where, name, f"{measured[name]:g}", expected)

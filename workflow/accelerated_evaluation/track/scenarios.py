@@ -13,7 +13,7 @@ seconds after the cut-in.
 
 import datetime
 import os
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -24,6 +24,7 @@ from accelerated_evaluation.base.arrays import Array
 from accelerated_evaluation.base.errors import StudyError
 from accelerated_evaluation.base.files import atomic_path
 from accelerated_evaluation.laws.motion import STEP
+from accelerated_evaluation.scenarios import OfScenarios
 
 if TYPE_CHECKING:  # an optional extra
     from scenariogeneration import xosc
@@ -58,6 +59,13 @@ class ConcreteScenario:
     later_speeds: Sequence[float] = ()
 
 
+# Functions that write encounters into a folder, for the scenarios of which there are such files.
+WRITERS: OfScenarios[Callable[[str | os.PathLike, Iterable[ConcreteScenario]], list[Path]]] = OfScenarios(
+    "writer of scenario files", __name__, []
+)
+
+
+@WRITERS.add("cut_in")
 def write_scenarios(folder: str | os.PathLike, scenarios: Iterable[ConcreteScenario]) -> list[Path]:
     """Write scenarios with different names and the road that they share into a folder, each file atomically.
 

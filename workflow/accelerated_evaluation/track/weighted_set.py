@@ -109,14 +109,14 @@ def draw_scored_set(scenario: Scenario, law: Law, size: int, generator: np.rando
     _check_size(size)
     draws = as_draws(law).thinned(DRAWS)
     x = draws.draw_from_mean(POOL, generator)
-    encounters, pool = scenario.to_inputs(x), len(x)
-    score = scenario.events[0].score(scenario.known_vehicle().simulate(*encounters.T))
+    pool = len(x)
+    score = scenario.events[0].score(scenario.known_vehicle().simulate(*x.T))
     order = np.argsort(-score, kind="stable")  # the hardest last
     begins = pool - np.round(pool * np.geomspace(1, HARDEST_SHARE, SHELLS)).astype(int)
     shells, count = np.split(order, begins[1:]), size // SHELLS
     chosen = np.concatenate([generator.choice(shell, count, replace=False) for shell in shells])
     probabilities = np.array([len(shell) / pool for shell in shells])
-    table = _table(scenario.names, encounters[chosen].T, probabilities, count)
+    table = _table(scenario.names, x[chosen].T, probabilities, count)
     weights = None
     if draws.size > 1:
         weights = _weights_of_draws(table, draws.log_ratios_to_mean(x[chosen]))

@@ -22,8 +22,7 @@ from accelerated_evaluation.base.sections import (
     text,
 )
 from accelerated_evaluation.base.users_code import import_file, is_of_library, running
-from accelerated_evaluation.scenarios import A_SCENARIO, SCENARIOS
-from accelerated_evaluation.scenarios.cut_in import CUT_IN
+from accelerated_evaluation.scenarios import A_SCENARIO, DEFAULT, SCENARIOS
 from accelerated_evaluation.scenarios.parameters import parameter_names, required_names
 from accelerated_evaluation.scenarios.protocol import Scenario
 from accelerated_evaluation.vehicles.external.checked import CheckedVehicle, ForeignVehicle
@@ -105,7 +104,7 @@ def vehicles_of(scenario: Scenario) -> Mapping[str, type[Vehicle]]:
 
 
 @checked(scenario=A_SCENARIO)
-def load_vehicle(name: str, scenario: Scenario = CUT_IN, /, **parameters: Any) -> Vehicle:  # noqa: ANN401
+def load_vehicle(name: str, scenario: Scenario = SCENARIOS[DEFAULT], /, **parameters: Any) -> Vehicle:  # noqa: ANN401
     """Return the vehicle with a given name and given parameters.
 
     Parameters

@@ -6,7 +6,6 @@ from dataclasses import dataclass, replace
 from typing import Any, Self
 
 from accelerated_evaluation.base.tables import require_file
-from accelerated_evaluation.scenarios.cut_in import CUT_IN
 from accelerated_evaluation.scenarios.protocol import Scenario
 from accelerated_evaluation.vehicles.external.checked import CheckedVehicle, ForeignVehicle
 from accelerated_evaluation.vehicles.external.slow import PENDING, SimulationSettings, SlowVehicle
@@ -33,7 +32,7 @@ class NamedVehicle:
         cls,
         section: Mapping[str, Any],
         simulations: Mapping[str, Any],
-        scenario: Scenario = CUT_IN,
+        scenario: Scenario,
         **changes: Any,  # noqa: ANN401
     ) -> Self:
         """Return the vehicle of a section of the configuration.
@@ -140,7 +139,7 @@ class NamedVehicle:
 def all_loaded(
     sections: Mapping[str, Mapping[str, Any]],
     simulations: Mapping[str, Any],
-    scenario: Scenario = CUT_IN,
+    scenario: Scenario,
     **changes: Any,  # noqa: ANN401
 ) -> Iterator[dict[str, Vehicle]]:
     """Yield the vehicles of several sections by label, loaded as by `NamedVehicle.of` and `loaded`."""

@@ -13,7 +13,7 @@ from accelerated_evaluation.base.checking import checked
 from accelerated_evaluation.base.errors import InputError
 from accelerated_evaluation.base.numerals import number_in
 from accelerated_evaluation.base.registry import Registry
-from accelerated_evaluation.scenarios import A_SCENARIO
+from accelerated_evaluation.scenarios import A_SCENARIO, DEFAULT, SCENARIOS
 from accelerated_evaluation.scenarios.cut_in import CUT_IN, Outcomes
 from accelerated_evaluation.scenarios.events import Event
 from accelerated_evaluation.scenarios.outcomes import Outcome
@@ -131,7 +131,7 @@ EVENTS = Argument(
 
 
 @checked(scenario=A_SCENARIO)
-def event_named(text: str, scenario: Scenario = CUT_IN, where: str = "--event") -> Event:
+def event_named(text: str, scenario: Scenario = SCENARIOS[DEFAULT], where: str = "--event") -> Event:
     """Return the event that a text such as ``crash`` or ``impact_speed=5`` names.
 
     Parameters
@@ -188,17 +188,7 @@ def events_of(scenario: Scenario, thresholds: Mapping[str, list[float]]) -> list
     return list(dict.fromkeys(named))
 
 
-def events_from(thresholds: Mapping[str, list[float]]) -> list[Event]:
-    """Return the crash, followed by events with thresholds of quantities such as ``impact_speed`` [m/s]."""
-    return [
-        CRASH,
-        *(CUT_IN.event(name, float(value)) for name, values in thresholds.items() for value in values),
-    ]
-
-
-def checked_outcomes(
-    outcomes: object, encounters: Array, *, vehicle: str, scenario: Scenario = CUT_IN
-) -> Any:  # noqa: ANN401
+def checked_outcomes(outcomes: object, encounters: Array, *, vehicle: str, scenario: Scenario) -> Any:  # noqa: ANN401
     """Check what ``simulate`` of a user's vehicle returned, and return it as the scenario's outcome type.
 
     InputError names the first encounter for which an outcome is missing, has a wrong shape or type, or breaks
@@ -208,7 +198,7 @@ def checked_outcomes(
         each.name: _checked_column(outcomes, each, encounters.shape[1], vehicle, scenario)
         for each in scenario.outcomes
     }
-    rules = scenario.outcome_rules(dict(zip(scenario.names, encounters, strict=True)) | columns)
+    rules = scenario.rules.outcomes(dict(zip(scenario.names, encounters, strict=True)) | columns)
     required = [each.name for each in scenario.outcomes if not each.optional]
     rules += [(np.isnan(columns[name]), name, "a number") for name in required]
     for wrong, name, expected in rules:

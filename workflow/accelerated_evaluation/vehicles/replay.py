@@ -11,7 +11,6 @@ from accelerated_evaluation.base.arrays import Array
 from accelerated_evaluation.base.drawing import own_settings
 from accelerated_evaluation.base.errors import InputError
 from accelerated_evaluation.base.files import atomic_path, write_csv
-from accelerated_evaluation.scenarios.cut_in import CUT_IN
 from accelerated_evaluation.scenarios.protocol import Panel, Scenario
 from accelerated_evaluation.vehicles.loading import load_vehicle
 
@@ -25,10 +24,7 @@ TIME, EMERGENCY = "time_s", "emergency"  # columns of a trace that are not drawn
 
 
 def trace_encounter(
-    name: str,
-    *encounter: float,
-    scenario: Scenario = CUT_IN,
-    lead_speeds: Array | None = None,
+    name: str, *encounter: float, scenario: Scenario, lead_speeds: Array | None = None
 ) -> pd.DataFrame:
     """Simulate one encounter with a built-in vehicle, and return the states over time (the trace).
 

@@ -80,9 +80,9 @@ class FittedRecords:
         return self.data.x
 
     @property
-    def support(self) -> Support | None:
-        """Limits within which smooth laws can be fitted; None if the candidates are joint laws."""
-        return self.data.support
+    def in_clusters(self) -> bool:
+        """Whether the records come in clusters, for which the candidates are joint laws."""
+        return isinstance(self.data, ClusteredRecords)
 
     @property
     def distinct(self) -> DistinctRecords:
@@ -104,10 +104,10 @@ class FittedRecords:
     @checked()
     def write(self, path: str | os.PathLike) -> None:
         """Write the encounter table as a Parquet file."""
-        if self.support is not None:
-            write_encounters(path, self.table, self.table.attrs.get("description", "not described"))
-        else:
+        if self.in_clusters:
             write_parquet(path, self.table)
+        else:
+            write_encounters(path, self.table, self.table.attrs.get("description", "not described"))
 
     @property
     def per_km(self) -> float | None:

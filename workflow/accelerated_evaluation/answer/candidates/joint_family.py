@@ -6,7 +6,7 @@ clusters, because the records of a driver resemble each other.
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
-from typing import Any, ClassVar, Self
+from typing import Any, Self
 
 import numpy as np
 import pandas as pd
@@ -57,7 +57,6 @@ def candidates() -> tuple[Candidate, ...]:
 class ClusteredRecords:
     """The records of a scenario, with clusters of records that may depend on each other."""
 
-    support: ClassVar[None] = None  # only records with the limits of smooth laws have them as candidates
     x: Array  # the records, shape (n, d)
     cluster: NDArray[np.int_]  # number of the cluster of each record, shape (n,)
     box: Box

@@ -251,7 +251,7 @@ def _responder(scenario: Scenario) -> Respond:
     event, vehicle = scenario.events[0], scenario.known_vehicle()
 
     def respond(x: Array) -> Response:
-        outcomes = vehicle.simulate(*scenario.to_inputs(x).T)
+        outcomes = vehicle.simulate(*x.T)
         return event.happens(outcomes), event.score(outcomes)
 
     return respond

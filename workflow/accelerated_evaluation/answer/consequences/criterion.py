@@ -24,6 +24,7 @@ from accelerated_evaluation.answer.consequences.counted_crashes import (
     contradiction,
 )
 from accelerated_evaluation.answer.consequences.injuries.curves import LEVELS
+from accelerated_evaluation.answer.consequences.injuries.tables import RISKS
 from accelerated_evaluation.answer.consequences.rates import JEFFREYS, UNITS, Rate
 from accelerated_evaluation.answer.ways.comparison import ratios
 from accelerated_evaluation.answer.ways.extrapolation import ALL, RECORDED, exact_interval
@@ -178,7 +179,7 @@ def _counted(parts: Mapping[str, str], noun: str) -> Counted | None:
 
 def criteria_of(texts: Sequence[str], scenario: Scenario, where: str = "criteria") -> list[Criterion]:
     """Return the criteria that texts describe for a scenario; InputError names ``where`` they were given."""
-    levels = LEVELS if scenario.has_injuries else ()
+    levels = LEVELS if scenario.name in RISKS else ()
     return [criterion_of(text, where, scenario.noun, levels) for text in texts]
 
 

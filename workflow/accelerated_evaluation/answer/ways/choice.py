@@ -66,7 +66,7 @@ def draws_named(choice: str, records: FittedRecords, settings: LawSettings) -> D
             study = LawStudy.of(records, *own)
         return study.draws(generator)
     joint = [name for name, kind in LAWS.items() if issubclass(kind, JointLaw)]
-    known = joint if records.support is None else (PAPER, *FITS, *named())
+    known = joint if records.in_clusters else (PAPER, *FITS, *named())
     if choice not in known:
         raise InputError(
             "--law",
@@ -74,7 +74,7 @@ def draws_named(choice: str, records: FittedRecords, settings: LawSettings) -> D
             expected=f"{ANSWER}, {', '.join(known)}, or a law file, which ends in {FILE}",
             change="Correct the name.",
         )
-    if records.support is None:
+    if records.in_clusters:
         return OneLaw(Candidate(choice, LAWS[choice], {}).fit(records.data, settings.streams("fit", choice)))
     if choice in named():
         with threadpool_limits(1, "blas"):

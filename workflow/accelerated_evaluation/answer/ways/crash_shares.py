@@ -42,7 +42,7 @@ def crash_shares(
         return pd.DataFrame(columns=list(COLUMNS))
     variable, edges = scenario.divided_by
     x = law.draw(simulations, generator)
-    outcomes = vehicle.simulate(*scenario.to_inputs(x).T)
+    outcomes = vehicle.simulate(*x.T)
     crash = outcomes.crash
     size = np.abs(x[:, scenario.names.index(variable)])
     limits = np.array([0.0, *edges, np.inf])

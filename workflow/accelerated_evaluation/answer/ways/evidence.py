@@ -145,9 +145,9 @@ def replays_of(
     """
     scenario, car = vehicle.scenario, vehicle.vehicle
     return replay(
-        lambda points: of_known(event.happens, car.simulate(*scenario.to_inputs(points.T).T), False),
+        lambda points: of_known(event.happens, car.simulate(*points), False),
         records.T,
-        event.score(scenario.known_vehicle().simulate(*scenario.to_inputs(records).T)),
+        event.score(scenario.known_vehicle().simulate(*records.T)),
         generator,
         is_slow=isinstance(car, SlowVehicle),
     )
@@ -213,7 +213,7 @@ def evidence_on(
     if not vehicle.differed:  # otherwise the sampler knows that the outcomes vary
         found = difference_elsewhere(vehicle.vehicle, vehicle.encounters, vehicle.outcomes, event)
     scenario = vehicle.scenario
-    crashed = scenario.to_inputs(replays.with_event.T)
+    crashed = replays.with_event.T
     return Evidence(
         scenario.event_in_words(event),
         upper,

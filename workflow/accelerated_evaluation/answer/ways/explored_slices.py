@@ -1,12 +1,18 @@
 """Laws that give the probability of an interval of one variable, along lines of it, for the explorer."""
 
+from collections.abc import Callable
+from pathlib import Path
+from typing import Self
+
 import numpy as np
 
+from accelerated_evaluation.answer.candidates.fitted_records import FittedRecords
 from accelerated_evaluation.answer.ways.by_scan import scanned_variable
 from accelerated_evaluation.answer.ways.explored import TINY, Plane, PlaneCells, Sections
 from accelerated_evaluation.base.arrays import Array
 from accelerated_evaluation.base.errors import InputError
-from accelerated_evaluation.laws.draws import Draws
+from accelerated_evaluation.laws.draws import Draws, as_draws
+from accelerated_evaluation.laws.files import read_law
 from accelerated_evaluation.laws.protocol import log_slice_of
 from accelerated_evaluation.scenarios.protocol import Scenario
 
@@ -49,6 +55,11 @@ class SlicedSections(Sections):
         self.grid = self.high - width * STEPS if self.is_upper_set else self.low + width * STEPS
         low, high = (tuple(np.delete(end, k).tolist()) for end in (box.lower, box.upper))
         self.plane = Plane(low, high)
+
+    @classmethod
+    def of(cls, records: FittedRecords, _: int, __: Callable[..., np.random.Generator], law: Path) -> Self:
+        """Return the draws of the answer in a law file; see `CutInSections.of`."""
+        return cls(as_draws(read_law(law)), records.scenario)
 
     def survival(self, cells: PlaneCells, *, few: bool = False) -> Array:
         """Return P(encounter in a cell, beyond each of the values) under the proposal, (cells, values)."""

@@ -91,7 +91,7 @@ def parts_by_distance(records: Array, events: Array) -> Parts:
 
 def parts_of(records: FittedRecords, x: Array) -> Parts:
     """Return which encounters x, (m, d), are in each part, by the distance that fits the records."""
-    divide = parts_by_distance if records.support is None else parts_by_speed
+    divide = parts_by_distance if records.in_clusters else parts_by_speed
     return divide(records.x, x)
 
 

@@ -160,7 +160,7 @@ def add_records(
 
     These are the records that are nearest to a crash of a known vehicle, and a random sample of the others.
     """
-    score = scenario.events[0].score(known.simulate(*scenario.to_inputs(x).T))
+    score = scenario.events[0].score(known.simulate(*x.T))
     order = np.argsort(score, kind="stable")
     drawn = generator.choice(order[URGENT:], min(RECORDS, max(len(x) - URGENT, 0)), replace=False)
     shown = x[np.concatenate([order[:URGENT], drawn])]

@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 
 from accelerated_evaluation.base.arrays import Array
 from accelerated_evaluation.scenarios.outcomes import FLAG, outcome
-from accelerated_evaluation.scenarios.protocol import Fault, Panel, ReportedRule
+from accelerated_evaluation.scenarios.protocol import Fault, Panel, ReportedRule, Rules
 
 PANELS = (
     Panel("speed [m/s]", {"host_speed_m_per_s": "host"}),
@@ -47,7 +47,7 @@ class CrossingOutcomes:
     )
 
 
-def outcome_rules(columns: Mapping[str, NDArray]) -> list[Fault]:
+def _outcome_rules(columns: Mapping[str, NDArray]) -> list[Fault]:
     """Return the faults of simulated outcomes, from the columns of encounters and outcomes by name."""
     names = ("crash", "min_distance", "clearance", "impact_speed", "run_time")
     crash, min_distance, clearance, impact_speed, run_time = (columns[name] for name in names)
@@ -63,7 +63,7 @@ def outcome_rules(columns: Mapping[str, NDArray]) -> list[Fault]:
     ]
 
 
-def reported_rules(crash: bool, encounter: Mapping[str, float]) -> dict[str, ReportedRule]:
+def _reported_rules(crash: bool, encounter: Mapping[str, float]) -> dict[str, ReportedRule]:
     """Return the rules with which reported outcomes of a run on a proving ground are checked.
 
     For each outcome, there is a function that returns whether a number is possible, and a text that says
@@ -80,3 +80,6 @@ def reported_rules(crash: bool, encounter: Mapping[str, float]) -> dict[str, Rep
         "run_time": (lambda x: x >= 0, "0 or more"),
         "post_encroachment_time": (lambda x: x >= 0, "0 or more"),
     }
+
+
+RULES = Rules(outcomes=_outcome_rules, reported=_reported_rules)

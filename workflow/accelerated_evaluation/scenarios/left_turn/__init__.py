@@ -9,9 +9,9 @@ from pathlib import Path
 
 from accelerated_evaluation.base.registry import Registry
 from accelerated_evaluation.scenarios import SCENARIOS
-from accelerated_evaluation.scenarios.crossing import PANELS, CrossingOutcomes, outcome_rules, reported_rules
+from accelerated_evaluation.scenarios.crossing import PANELS, RULES, CrossingOutcomes
 from accelerated_evaluation.scenarios.events import Event
-from accelerated_evaluation.scenarios.protocol import Scenario, Simulating
+from accelerated_evaluation.scenarios.protocol import Recorded, Scenario, Simulating
 from accelerated_evaluation.scenarios.variables import Variable
 
 FASTEST = 30.0  # [m/s]; faster recorded turns are certainly wrong (data/left_turn/README.md)
@@ -49,15 +49,14 @@ LEFT_TURN = SCENARIOS.add("left_turn")(
         ),
         vehicles=VEHICLES,
         default_vehicle="acc_aeb",
-        outcome_rules=outcome_rules,
-        reported_rules=reported_rules,
+        rules=RULES,
         panels=PANELS,
-        records=Path("data/left_turn/records.parquet"),
+        records=Recorded(
+            file=Path("data/left_turn/records.parquet"), verdicts=Path("data/left_turn/verdicts.csv.gz")
+        ),
         scanned="distance_to_conflict_m",
         host_speed=("sdv_speed_mps",),
-        has_explorer=True,
         divided_by=("turning_speed_mps", (0.2, 1.0, 5.0)),
-        verdicts=Path("data/left_turn/verdicts.csv.gz"),
         restrictions={
             "turning speed 0.2 m/s or more": lambda x: x[:, 1] >= SLOWEST,
             "turning speed 30 m/s or less": lambda x: x[:, 1] <= FASTEST,

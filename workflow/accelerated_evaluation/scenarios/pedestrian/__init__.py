@@ -11,9 +11,9 @@ import numpy as np
 
 from accelerated_evaluation.base.registry import Registry
 from accelerated_evaluation.scenarios import SCENARIOS
-from accelerated_evaluation.scenarios.crossing import PANELS, CrossingOutcomes, outcome_rules, reported_rules
+from accelerated_evaluation.scenarios.crossing import PANELS, RULES, CrossingOutcomes
 from accelerated_evaluation.scenarios.events import Event
-from accelerated_evaluation.scenarios.protocol import Scenario, Simulating
+from accelerated_evaluation.scenarios.protocol import Recorded, Scenario, Simulating
 from accelerated_evaluation.scenarios.variables import Variable
 
 SLOWEST = 0.3  # [m/s]; almost all crashes with slower pedestrians are artefacts of the simulation
@@ -55,14 +55,15 @@ PEDESTRIAN = SCENARIOS.add("pedestrian")(
         ),
         vehicles=VEHICLES,
         default_vehicle="acc_aeb",
-        outcome_rules=outcome_rules,
-        reported_rules=reported_rules,
+        rules=RULES,
         panels=PANELS,
-        records=Path("data/pedestrian/records.parquet"),
-        cluster="device",
+        records=Recorded(
+            file=Path("data/pedestrian/records.parquet"),
+            verdicts=Path("data/pedestrian/verdicts.csv.gz"),
+            cluster="device",
+        ),
         host_speed=("vehicle_speed_mps",),
         divided_by=("pedestrian_speed_mps", (0.13, 0.2, 0.3)),
-        verdicts=Path("data/pedestrian/verdicts.csv.gz"),
         restrictions={"pedestrian speed 0.3 m/s or more": lambda x: np.abs(x[:, 1]) >= SLOWEST},
     )
 )

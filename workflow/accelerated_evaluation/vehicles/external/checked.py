@@ -13,7 +13,6 @@ from numpy.typing import ArrayLike, NDArray
 from accelerated_evaluation.base.arrays import Array
 from accelerated_evaluation.base.errors import InputError
 from accelerated_evaluation.base.users_code import running
-from accelerated_evaluation.scenarios.cut_in import CUT_IN
 from accelerated_evaluation.scenarios.outcomes import have_failed
 from accelerated_evaluation.scenarios.protocol import Scenario
 from accelerated_evaluation.vehicles.moving import checked_lead_speeds, require_motion, takes_motion
@@ -34,7 +33,7 @@ class ForeignVehicle(ABC):
     """Base class of a vehicle that is an external program; its outcomes are checked and stored."""
 
     time_limit: float = BATCH_TIME_LIMIT  # longest time for a batch [s]
-    scenario: Scenario = CUT_IN
+    scenario: Scenario  # whose encounters are simulated; `load_vehicle` sets it
     stays: bool = False  # whether a program goes on running between the batches
 
     @property
@@ -69,7 +68,7 @@ class CheckedVehicle:
 
     vehicle: Vehicle
     name: str  # in messages, such as ``path/to/file.py:ClassName``
-    scenario: Scenario = field(default=CUT_IN, repr=False)
+    scenario: Scenario = field(repr=False)
     # As stated by the user or by the attribute of the user's class; None means unknown, to be tested. It
     # becomes False if a repetition has other outcomes.
     deterministic: bool | None = field(default=None, repr=False, compare=False)

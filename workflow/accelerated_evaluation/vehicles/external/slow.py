@@ -16,7 +16,6 @@ from accelerated_evaluation.base.arrays import Array
 from accelerated_evaluation.base.errors import InputError
 from accelerated_evaluation.base.sections import default_of, flag, integer, mapping, number, section, text
 from accelerated_evaluation.base.users_code import error_in_words
-from accelerated_evaluation.scenarios.cut_in import CUT_IN
 from accelerated_evaluation.scenarios.outcomes import have_failed
 from accelerated_evaluation.scenarios.protocol import Scenario
 from accelerated_evaluation.vehicles.external.checked import after_repetition
@@ -110,12 +109,12 @@ class SlowVehicle:
     title: str  # name of the vehicle in messages
     store: Store = field(repr=False)
     workers: Workers = field(repr=False)
+    scenario: Scenario = field(repr=False)
     # Largest number of encounters in a batch. A request is divided evenly among the workers if this makes the
     # batches smaller.
     batch_size: int = field(default=100, repr=False)
     time_limit: float = field(default=600.0, repr=False)  # longest time for a batch [s]
     retries: int = field(default=2, repr=False)  # how often an encounter whose run was lost is sent again
-    scenario: Scenario = field(default=CUT_IN, repr=False)
     # None if this is unknown and has to be tested.
     deterministic: bool | None = field(default=None, repr=False)
     # Whether the vehicle can be simulated with given lead speeds over time.

@@ -16,7 +16,6 @@ from typing import Any
 from accelerated_evaluation.base.errors import InputError
 from accelerated_evaluation.base.files import content_digest, value_digest, write_json
 from accelerated_evaluation.scenarios import DEFAULT
-from accelerated_evaluation.scenarios.cut_in import CUT_IN
 from accelerated_evaluation.scenarios.protocol import Scenario
 
 VEHICLES_FOLDER = Path("results/vehicles")
@@ -140,9 +139,7 @@ class Store:
             ) from error
 
 
-def store_of(
-    name: str, parameters: Mapping[str, Any], files: Sequence[str], scenario: Scenario = CUT_IN
-) -> Store:
+def store_of(name: str, parameters: Mapping[str, Any], files: Sequence[str], scenario: Scenario) -> Store:
     """Return the store of a vehicle, in a folder whose name contains a digest of the vehicle's definition.
 
     If a parameter or the content of a file changes, the vehicle gets another folder. Studies with the same

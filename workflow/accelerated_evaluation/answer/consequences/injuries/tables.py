@@ -5,7 +5,7 @@ each level of injury, every curve for frontal impacts is combined with every cur
 All combinations have the same weight, because the records contain no information about the publications.
 """
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 
@@ -20,6 +20,7 @@ from accelerated_evaluation.answer.consequences.rates import UNITS, Rate
 from accelerated_evaluation.answer.ways.comparison import RATIO
 from accelerated_evaluation.answer.ways.posterior import SUMMARY, Posterior, log_variances, shares, summarise
 from accelerated_evaluation.base.arrays import Array
+from accelerated_evaluation.scenarios import OfScenarios
 
 # 5 and 95 % of the cars sold in the United States in 2017 are lighter than this [lb] (Stolle and others 2020,
 # Evaluation and update of MASH test vehicles, University of Nebraska-Lincoln).
@@ -29,6 +30,8 @@ SPEEDS = np.linspace(0, 80, 1601)  # [m/s], impact speeds at which risks are tab
 GENTLE = 3.0  # [m/s], at smaller impact speeds hardly any car is towed, so the curves are extrapolated
 
 Key = tuple[str, str, str]  # level of injury, struck end of the car, source of the curve
+# Functions that return the risks of injury at `SPEEDS` in a crash, for the scenarios in which they are known.
+RISKS: OfScenarios[Callable[[], dict[Key, Array]]] = OfScenarios("risks of injury", __name__, [])
 PER_ENCOUNTER = "cut-in"
 DISTANCES = 1e6  # rates are given per million kilometres or million hours
 COLUMNS = ["vehicle", "level", "per", "mean", *SUMMARY[1:], "per_crash", "in_own_car", "gentle"]
@@ -74,6 +77,7 @@ def mean_risks(impact_speed: Array, tabulated: Mapping[Key, Array]) -> Array:
     return np.array(means)
 
 
+@RISKS.add("cut_in")
 def tabulated_risks() -> dict[Key, Array]:
     """Return the risks of all published curves at `SPEEDS`, averaged over the masses of the cars.
 
