@@ -14,22 +14,13 @@ from pathlib import Path
 import numpy as np
 import pandas as pd
 from accelerated_evaluation.answer.consequences.human_prediction import MAIN, SEVERE, VARIANTS, G
-from accelerated_evaluation.answer.second_ways import (
-    CAP,
-    COLUMNS,
-    DRIVERS,
-    PLAIN,
-    Features,
-    Key,
-    Means,
-    Plain,
-    WideCutIns,
-)
+from accelerated_evaluation.answer.second_ways import CAP, DRIVERS, Features, Key, Means, Plain, WideCutIns
 from accelerated_evaluation.base.arrays import Array
 from accelerated_evaluation.base.files import write_csv
 from accelerated_evaluation.base.randomness import child_generator
 from accelerated_evaluation.vehicles.builtin.human import Human
 from moving_leads import read_study
+from second_ways import compared
 
 
 def twice(study: Path, seed: int) -> pd.DataFrame:
@@ -53,13 +44,14 @@ def twice(study: Path, seed: int) -> pd.DataFrame:
 
     wide = WideCutIns(smooth.records.lead_speed, law.support.range_max, CAP)
     second = Plain.of(wide, partial(law.log_densities, cap=CAP), features, generator).numbers(made)
-    rows = []
-    for row in pd.read_csv(study / "human_predictions.csv").query("driver in @VARIANTS").to_dict("records"):
-        key = "human_predictions", f"{row['driver']}, {row['event']}", "probability"
-        (again, own_error), number, error = second[key], row["probability"], row["standard_error"]
-        difference = (number - again) / np.hypot(own_error, error)
-        rows.append((*key, number, error, again, own_error, PLAIN, difference, ""))
-    return pd.DataFrame(rows, columns=COLUMNS)
+    first = {
+        ("human_predictions", f"{row.driver}, {row.event}", "probability"): (
+            row.probability,
+            row.standard_error,
+        )
+        for row in pd.read_csv(study / "human_predictions.csv").itertuples()
+    }
+    return compared(first, second)
 
 
 def main() -> None:

@@ -22,7 +22,7 @@ from accelerated_evaluation.answer.candidates.law_study import LawStudy
 from accelerated_evaluation.answer.candidates.smooth_family import SmoothFamily
 from accelerated_evaluation.answer.consequences.lead_motion import FEWEST as FEWEST_RECORDED
 from accelerated_evaluation.answer.consequences.lead_motion import mirrored
-from accelerated_evaluation.answer.second_ways import CAP, COLUMNS, Features, Key, Means, Plain, WideCutIns
+from accelerated_evaluation.answer.second_ways import CAP, Features, Key, Means, Plain, WideCutIns
 from accelerated_evaluation.answer.settings import support_of
 from accelerated_evaluation.answer.study_tables import UNDER_TEST
 from accelerated_evaluation.base.arrays import Array
@@ -40,6 +40,7 @@ from accelerated_evaluation.study.preflight import compared_sections
 from accelerated_evaluation.vehicles.moving import simulate_motion, takes_motion
 from accelerated_evaluation.vehicles.named import all_loaded
 from accelerated_evaluation.vehicles.protocol import Vehicle, inner_of, simulate_inner
+from second_ways import compared
 
 PROFILES = Path("data/europe/lead_motion.parquet")
 FINER = 2  # times as many closing cut-ins as the second numbers of a study have
@@ -140,20 +141,16 @@ def twice(study: Path, seed: int) -> pd.DataFrame:
         vehicles = {name: each for name, each in loaded.items() if takes_motion(each)}
         second = closing(vehicles, motions, smooth.records.lead_speed, law, generator)
         counted = dict(opening(vehicles, motions, recorded, generator))
-    mechanism = dict.fromkeys(second, SAMPLING) | dict.fromkeys(counted, COUNTS)
-    rows = []
+    first = {}
     for table in ("lead_motion", "lead_motion_europe"):
-        published = pd.read_csv(study / f"{table}.csv")
-        for row in published.to_dict("records"):
+        for row in pd.read_csv(study / f"{table}.csv").to_dict("records"):
             stated = {"moving": row["standard_error"]}
             stated |= {column: row[f"{column}_error"] for column in ("constant", "factor")}
             for column in ("exact", "constant", "moving", "factor", "factor_half"):
-                key = table, f"{row['vehicle']}, {row['gap']}", column
-                if key in mechanism and not np.isnan(row[column]):
-                    (again, own), error = (second | counted)[key], stated.get(column, np.nan)
-                    difference = (row[column] - again) / np.hypot(own, np.nan_to_num(error))
-                    rows.append((*key, row[column], error, again, own, mechanism[key], difference, ""))
-    return pd.DataFrame(rows, columns=COLUMNS)
+                if not np.isnan(row[column]):
+                    key = table, f"{row['vehicle']}, {row['gap']}", column
+                    first[key] = row[column], stated.get(column, np.nan)
+    return compared(first, second | counted, lambda key: COUNTS if key in counted else SAMPLING)
 
 
 def main() -> None:

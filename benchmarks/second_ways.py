@@ -15,7 +15,7 @@ from pathlib import Path
 import numpy as np
 import pandas as pd
 from accelerated_evaluation.answer.candidates.fitted_records import stored_records
-from accelerated_evaluation.answer.second_ways import COLUMNS, Key, Means, Plain, summary
+from accelerated_evaluation.answer.second_ways import COLUMNS, PLAIN, Key, Means, Plain, summary
 from accelerated_evaluation.answer.study_tables import WHOLE
 from accelerated_evaluation.answer.ways.posterior import FEWEST
 from accelerated_evaluation.base.arrays import Array
@@ -43,6 +43,21 @@ def counted(
         for name, columns in happened(x).items():
             sums.setdefault(name, []).append(columns.reshape(draws.size, size, -1).mean(axis=1))
     return Plain({name: np.stack(parts) for name, parts in sums.items()})
+
+
+def compared(
+    first: Mapping[Key, tuple[float, float]],
+    second: Mapping[Key, tuple[float, float]],
+    mechanism: Callable[[Key], str] = lambda _: PLAIN,
+) -> pd.DataFrame:
+    """Return the rows of numbers that have a second one; each number comes with its error or NaN."""
+    rows = []
+    for key, (number, error) in first.items():
+        if key in second:
+            again, own = second[key]
+            difference = (number - again) / np.hypot(own, np.nan_to_num(error))
+            rows.append((*key, number, error, again, own, mechanism(key), difference, ""))
+    return pd.DataFrame(rows, columns=COLUMNS)
 
 
 def twice(study: Path, seed: int) -> pd.DataFrame:
@@ -74,17 +89,15 @@ def twice(study: Path, seed: int) -> pd.DataFrame:
 
         size = min(SIZE, int(EVENTS / answer["low95"].iloc[0] / BATCHES) + 1)
         plain = counted(draws, happened, size, child_generator(seed, "second ways", study.name))
-    rows, second = [], plain.numbers(numbers)
+    first = {}
     for row in answer.dropna(subset="median").to_dict("records"):
         # The sampling error of the mean, which all draws share.
         error = 1 / np.sqrt(max(row["probability"] * config["scenario"]["simulations"], FEWEST))
         is_counted = row["low95"] * BATCHES * size >= EVENTS / 2
         for column in PUBLISHED if is_counted else PUBLISHED[:1]:
             key = "answer", f"{row['event']}, {row['encounters']}", column
-            (again, own_error), number = second[key], row[column]
-            difference = (number - again) / np.hypot(own_error, error * number)
-            rows.append((*key, number, error * number, again, own_error, COUNTS, difference, ""))
-    return pd.DataFrame(rows, columns=COLUMNS)
+            first[key] = row[column], error * row[column]
+    return compared(first, plain.numbers(numbers), lambda _: COUNTS)
 
 
 def main() -> None:

@@ -90,6 +90,7 @@ def answer(files: Files) -> Iterator[Claim]:
         error = (high - low) / 2
         found = Mean(np.quantile(draws, level), error, draws.size - 1)
         yield Claim(f"crash of a cut-in, {name}", Mean(published[name], error, draws.size - 1), found)
+    yield _second(files.runs("explored"), "starting numbers of the explorer that plain sampling contradicts")
 
 
 def counted(files: Files) -> Iterator[Claim]:
