@@ -161,13 +161,13 @@ def test_draws_of_the_fields_have_their_means_and_spread(two_halves):
     np.testing.assert_allclose(drawn.std(axis=0), deviation, rtol=0.1)
 
 
-def test_the_derivatives_of_the_likelihood_are_those_of_differences():
+def test_the_derivatives_of_the_posterior_are_those_of_differences():
     found = posterior_of(*far_records(np.random.default_rng(14), FACTORS), FarPrior())
-    fields = np.random.default_rng(15).normal(0, 0.3, (3, found.fields.shape[1]))
-    records = found.ended @ found.fields, found.inside, found.fields, found._shapes, found.prior.shape
-    _, gradient, information = _derivatives(fields, *records)
-    for place, step in enumerate(1e-5 * np.eye(fields.size)):
-        ends = [_derivatives(fields + sign * step.reshape(fields.shape), *records) for sign in (1, -1)]
+    z = np.random.default_rng(15).normal(0, 0.3, (3, found.fields.shape[1]))
+    records = 0.8, found.ended @ found.fields, found.inside, found.fields, found._shapes, found.prior.shape
+    _, gradient, information = _derivatives(z, *records)
+    for place, step in enumerate(1e-5 * np.eye(z.size)):
+        ends = [_derivatives(z + sign * step.reshape(z.shape), *records) for sign in (1, -1)]
         assert (ends[0][0] - ends[1][0]) / 2e-5 == pytest.approx(gradient[place], abs=1e-4)
         slope = (ends[0][1] - ends[1][1]) / 2e-5
         np.testing.assert_allclose(-slope, information[place], atol=1e-4)

@@ -131,7 +131,8 @@ class LawStudy:
         cls, family: Family, size: int, generator: np.random.Generator, added: Family | None = None
     ) -> Self:
         """Draw the weights of the candidates of a family, and of those that were added, ``size`` times."""
-        weights = bootstrapped_weights(_all_scores(family, added), family.resampled, size, generator)
+        scores = family.scores if added is None else np.vstack([family.scores, added.scores])
+        weights = bootstrapped_weights(scores, family.resampled, size, generator)
         return cls(family, weights, added)
 
     def with_family(self, family: Family, generator: np.random.Generator) -> Self:
@@ -230,11 +231,6 @@ class LawStudy:
     def table(self) -> pd.DataFrame:
         """Return the candidates with their mean weights, one row each: ``law`` and ``weight``."""
         return pd.DataFrame({"law": self.names, "weight": self.mean_weights})
-
-
-def _all_scores(family: Family, added: Family | None) -> Array:
-    """Return the held-out log scores of a family, followed by those of the candidates that were added."""
-    return family.scores if added is None else np.vstack([family.scores, added.scores])
 
 
 def _smooth_family(

@@ -19,11 +19,6 @@ DRAWN = 15  # number of draws of a random vehicle; odd, so that there is always 
 FORESEEN = (1e-3, 1e-5)  # shares of the cut-ins with a given range that have a larger closing speed
 
 
-def shown_lead_speeds(lead_speeds: Array) -> list[float]:
-    """Return the lead speeds [m/s] of a figure, which are rounded quantiles of the recorded ones."""
-    return np.round(np.quantile(lead_speeds, QUANTILES)).tolist()
-
-
 def preventable(vehicles: Mapping[str, Vehicle], law: MeanLaw, lead_speeds: Array) -> pd.DataFrame:
     """Compute the closing speeds at which vehicles crash, and quantiles of the law, by range.
 
@@ -33,7 +28,7 @@ def preventable(vehicles: Mapping[str, Vehicle], law: MeanLaw, lead_speeds: Arra
     exceeds.
     """
     parts = []
-    for lead_speed in shown_lead_speeds(lead_speeds):
+    for lead_speed in np.round(np.quantile(lead_speeds, QUANTILES)).tolist():
         for name, vehicle in vehicles.items():
             first, always = _boundaries(vehicle, lead_speed)
             parts.append(_part(lead_speed, name, "vehicle", first, always))

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
 from accelerated_evaluation.base.arrays import Array
-from accelerated_evaluation.base.compiling import cached_njit
+from accelerated_evaluation.base.compiling import cached_njit, solve
 from accelerated_evaluation.base.errors import InputError
 from accelerated_evaluation.base.tables import column_of_numbers, read_parquet, require_file
 from accelerated_evaluation.laws.motion import COURSE_COLUMN, LONGEST, MOTIONS, STATES, STEP, course_columns
@@ -193,7 +193,8 @@ def _balanced(weights: Array, offsets: Array) -> Array:
                     spread[one, two] -= mean[one] * mean[two]
                     spread[two, one] = spread[one, two]
                 spread[one, one] += ridge
-            step = _solved(spread, mean + ridge * tilt)
+            step = mean + ridge * tilt
+            solve(spread, step)
             tilt -= step
             for near in range(neighbours):
                 own[near] = 0.0
@@ -207,25 +208,6 @@ def _balanced(weights: Array, offsets: Array) -> Array:
             if np.abs(step).max() < SMALLEST_STEP:
                 break
     return shares
-
-
-@cached_njit()
-def _solved(matrix: Array, right: Array) -> Array:
-    """Return the solution of equations with a positive definite matrix; both arguments are overwritten.
-
-    Such a matrix needs no pivots. A call of LAPACK would take longer than all else in a step of Newton.
-    """
-    for one in range(FEATURES):
-        for two in range(one + 1, FEATURES):
-            factor = matrix[two, one] / matrix[one, one]
-            right[two] -= factor * right[one]
-            for column in range(one, FEATURES):
-                matrix[two, column] -= factor * matrix[one, column]
-    for one in range(FEATURES - 1, -1, -1):
-        for two in range(one + 1, FEATURES):
-            right[one] -= matrix[one, two] * right[two]
-        right[one] /= matrix[one, one]
-    return right
 
 
 def recorded_courses(
@@ -248,7 +230,8 @@ def recorded_courses(
             expected=f"columns such as speed_0.2, up to {LONGEST:g} s",
             change="Add the speeds of the other cars after the lane crossing.",
         )
-    times, states = np.array([0.0, *map(_seconds, names[1:])]), np.arange(STATES) * STEP
+    states = np.arange(STATES) * STEP
+    times = np.array([0.0, *(float(COURSE_COLUMN.fullmatch(name)[1]) for name in names[1:])])
     courses = _numbers(table[names], where)
     rows = [f"cut-in {row}" for row in range(len(table))] if rows is None else rows
     _require_courses(courses, times, names, where, rows)
@@ -268,10 +251,9 @@ def _numbers(table: pd.DataFrame, where: str) -> Array:
     def place(row: int) -> str:
         return f"{where}, cut-in {row}"
 
-    columns = (
-        column_of_numbers(table[name], place, "Correct this cell.", may_be_empty=True) for name in table
+    return np.column_stack(
+        [column_of_numbers(table[name], place, "Correct this cell.", may_be_empty=True) for name in table]
     )
-    return np.column_stack(list(columns))
 
 
 def _require_courses(courses: Array, times: Array, names: list[str], where: str, rows: Sequence[str]) -> None:
@@ -303,11 +285,6 @@ def _require_courses(courses: Array, times: Array, names: list[str], where: str,
 def is_jump(courses: Array, times: Array) -> NDArray[np.bool_]:
     """Return where speeds [m/s], shape (n, k), change faster than a car's until the next of k times [s]."""
     return np.abs(np.diff(courses, axis=1)) > MEASURED + FASTEST_CHANGE * np.diff(times)
-
-
-def _seconds(name: str) -> float:
-    """Return the time of a column of lead speeds [s]."""
-    return float(COURSE_COLUMN.fullmatch(name)[1])
 
 
 def _features(encounters: Array) -> Array:

@@ -121,11 +121,11 @@ class SmoothDraws:
 
         R_max is the largest range in the limits of the records.
         """
-        return Hazards.of(self._range_splines, self.ranges[0].grid.edges[2], places.along_speed)
+        return Hazards.of(self._along[0], self.ranges[0].grid.edges[2], places.along_speed)
 
     def speeds_at(self, places: Places) -> "SpeedsAt":
         """Return the distributions of the closing speed under all K draws, given pairs of speed and range."""
-        body = Hazards.of(self._body_splines, self.bodies[0].grid.edges[2], places.splines)
+        body = Hazards.of(self._along[1], self.bodies[0].grid.edges[2], places.splines)
         return SpeedsAt(self, places, body)
 
     def log_densities(self, x: Array, cap: float = math.inf) -> Array:
@@ -178,12 +178,9 @@ class SmoothDraws:
             yield part, of_range[self.shared][:, row], self.speeds_at(places), row
 
     @cached_property
-    def _range_splines(self) -> Array:
-        return _along_variable(self.ranges)
-
-    @cached_property
-    def _body_splines(self) -> Array:
-        return _along_variable(self.bodies)
+    def _along(self) -> list[Array]:
+        """The coefficients of `_along_variable` of the draws of the range, and of the bodies."""
+        return [_along_variable(self.ranges), _along_variable(self.bodies)]
 
     @cached_property
     def far(self) -> FarTail | None:

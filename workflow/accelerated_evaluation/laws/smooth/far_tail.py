@@ -18,6 +18,7 @@ Given the fields, the common factors have gamma posteriors and are integrated ou
 function of the fields plus their Gaussian log prior, and its normal (Laplace) approximation is accurate.
 """
 
+import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property, lru_cache, reduce
@@ -25,11 +26,11 @@ from typing import Any, Self
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.linalg import solve_triangular
+from scipy.linalg import cholesky, solve_triangular
 from scipy.special import softmax
 
 from accelerated_evaluation.base.arrays import Array, numbers_in
-from accelerated_evaluation.base.compiling import cached_njit
+from accelerated_evaluation.base.compiling import cached_njit, solve
 from accelerated_evaluation.laws.smooth.splines import Basis
 
 RECORDS = np.array([100, 10, 1])  # numbers of records that are expected beyond the levels
@@ -180,7 +181,8 @@ class FarPosterior:
     def drawn(self, generator: np.random.Generator) -> FarTail:
         """Return a far tail with factors drawn from their posterior."""
         mode = self._modes[generator.choice(len(self._modes), p=self._evidence)]
-        fields = mode.fields(solve_triangular(mode.factor, generator.standard_normal(len(mode.factor))))
+        noise = generator.standard_normal(mode.z.size)
+        fields = mode.fields(solve_triangular(cholesky(mode.information), noise))
         return self._tail(fields, generator.gamma(self._shapes) / self._rates(fields))
 
     def _tail(self, fields: Array, common: Array) -> FarTail:
@@ -197,23 +199,18 @@ class FarPosterior:
 
     @cached_property
     def _modes(self) -> list["Mode"]:
-        """The posterior of the fields for each standard deviation."""
-        modes, start = [], np.zeros((self.levels.size, self.fields.shape[1]))
+        """The posterior of the fields for each standard deviation; each search begins at the mode before."""
+        modes, z = [], np.zeros((self.levels.size, self.fields.shape[1]))
+        records = self.ended @ self.fields, self.inside, self.fields, self._shapes, self.prior.shape
         for deviation in self.prior.deviations:
-            modes.append(self._mode(deviation, start))
-            start = modes[-1].z
+            modes.append(Mode(deviation, *_maximise(deviation, z, *records)))
+            z = modes[-1].z
         return modes
 
     @cached_property
     def _evidence(self) -> Array:
         """Posterior probabilities of the standard deviations."""
         return softmax([mode.log_evidence for mode in self._modes])
-
-    def _mode(self, deviation: float, z: Array) -> "Mode":
-        """Return the normal approximation of the posterior of the fields, found from z by Newton's method."""
-        ended, shapes = self.ended @ self.fields, self._shapes
-        found = _maximise(deviation, z, ended, self.inside, self.fields, shapes, self.prior.shape)
-        return Mode(deviation, *found)
 
 
 @dataclass(frozen=True)
@@ -222,7 +219,7 @@ class Mode:
 
     deviation: float
     z: Array  # the mode, (layers, J)
-    factor: Array  # upper Cholesky factor of the information at the mode
+    information: Array  # at the mode, about z.ravel()
     log_evidence: float  # log of the marginal likelihood of the standard deviation
 
     def fields(self, away: Array) -> Array:
@@ -242,46 +239,54 @@ def levels_of(size: int, lowest: float) -> Array:
 def _maximise(
     deviation: float, z: Array, ended: Array, inside: Array, fields: Array, shapes: Array, rate: float
 ) -> tuple[Array, Array, float]:
-    """Return the mode, (layers, J), the upper Cholesky factor of the information there and the log evidence.
-
-    ``ended``, (layers, J), are sums of the ``fields`` of the records that end in each layer.
-    """
-    layers, size = z.shape
-    # The field of a layer is the sum of the changes up to it.
-    changes = deviation * np.kron(np.tril(np.ones((layers, layers))), np.eye(size))
+    """Return the mode, (layers, J), the information there and the log evidence; see `_derivatives`."""
     for _ in range(STEPS):
-        of_layers = (changes @ z.ravel()).reshape(z.shape)
-        log_likelihood, gradient, information = _derivatives(of_layers, ended, inside, fields, shapes, rate)
-        information = np.eye(z.size) + changes.T @ information @ changes
-        factor = np.linalg.cholesky(information)
-        slope = changes.T @ gradient - z.ravel()
-        log_evidence = log_likelihood - np.sum(z**2) / 2 - np.log(np.diag(factor)).sum()
-        step = np.linalg.solve(information, slope)
-        if step @ slope < TOLERANCE:
+        log_evidence, slope, information = _derivatives(z, deviation, ended, inside, fields, shapes, rate)
+        pivots, step = information.copy(), slope.copy()
+        solve(pivots, step)
+        for row in range(z.size):
+            log_evidence -= math.log(pivots[row, row]) / 2
+        if np.sum(step * slope) < TOLERANCE:
             break
         z = z + step.reshape(z.shape)
-    return z, factor.T.copy(), log_evidence
+    return z, information, log_evidence
 
 
 @cached_njit()
 def _derivatives(
-    of_layers: Array, ended: Array, inside: Array, fields: Array, shapes: Array, rate: float
+    z: Array, deviation: float, ended: Array, inside: Array, fields: Array, shapes: Array, rate: float
 ) -> tuple[float, Array, Array]:
-    """Return log likelihood, gradient and information by the coefficients of the fields, (layers, J).
+    """Return the log posterior density of z, (layers, J), its gradient and its information, up to a constant.
 
-    The common factors are integrated out. The information, minus the second derivatives, is a block diagonal
-    matrix of the layers.
+    The common factors are integrated out, and the information consists of minus the second derivatives.
+    ``ended``, (layers, J), are sums of the ``fields`` of the records that end in each layer. For matrices of
+    this size, loops are faster than products of matrices, and they compile in a small part of the time.
     """
-    layers, size = of_layers.shape
-    log_likelihood = np.sum(ended * of_layers)
-    gradient, information = np.empty(layers * size), np.zeros((layers * size, layers * size))
+    layers, size = z.shape
+    log_density, field = 0.0, np.zeros(size)
+    gradient, information = (-z).ravel(), np.eye(z.size)
     for layer in range(layers):
-        at_risk = inside[layer] * np.exp(fields @ of_layers[layer])
-        of_rate = rate + at_risk.sum()
-        mean = at_risk @ fields / of_rate
-        squares = (fields.T * at_risk) @ fields / of_rate
-        log_likelihood -= shapes[layer] * np.log(of_rate)
-        own = slice(layer * size, (layer + 1) * size)
-        gradient[own] = ended[layer] - shapes[layer] * mean
-        information[own, own] = shapes[layer] * (squares - np.outer(mean, mean))
-    return log_likelihood, gradient, information
+        of_rate, mean, squares = rate, np.zeros(size), np.zeros((size, size))
+        for one in range(size):
+            # The field of a layer is the sum of the changes up to it.
+            field[one] += deviation * z[layer, one]
+        for record in np.flatnonzero(inside[layer]):
+            log_risk = 0.0
+            for one in range(size):
+                log_risk += fields[record, one] * field[one]
+            at_risk = inside[layer, record] * math.exp(log_risk)
+            of_rate += at_risk
+            for one in range(size):
+                mean[one] += at_risk * fields[record, one]
+                for two in range(one + 1):
+                    squares[one, two] += at_risk * fields[record, one] * fields[record, two]
+        log_density -= shapes[layer] * math.log(of_rate)
+        for one in range(size):
+            log_density += ended[layer, one] * field[one] - z[layer, one] ** 2 / 2
+            for row in range(one, (layer + 1) * size, size):
+                gradient[row] += deviation * (ended[layer, one] - shapes[layer] * mean[one] / of_rate)
+                for column in range((layer + 1) * size):
+                    two = column % size
+                    centred = squares[max(one, two), min(one, two)] - mean[one] * mean[two] / of_rate
+                    information[row, column] += deviation**2 * shapes[layer] * centred / of_rate
+    return log_density, gradient, information

@@ -285,11 +285,7 @@ class MeanLaw(Draws, StratifiedLaw):
         scores = np.empty((3, len(z)))
         for here, _, *coordinates in self.in_strata(z):
             scores[:, here] = coordinates
-        return self.with_cap(self._any_stratum.points(*scores))
-
-    @property
-    def _any_stratum(self) -> MeanStratum:
-        return next(iter(self.strata.values()))  # the conditional distributions are the same in all
+        return self.with_cap(next(iter(self.strata.values())).points(*scores))
 
     def log_densities(self, x: Array) -> Array:
         """Return the log density of n cut-ins x, shape (n, 3), under each draw, shape (K, n).
