@@ -31,3 +31,5 @@ def test_the_wheel_contains_the_pages_with_all_pages_that_they_link_to(tmp_path,
     pages = {Path(name).name for name in wheel.namelist() if name.startswith("fewruns/pages/")}
     linked = re.findall(r"\]\((\w+\.\w+)", wheel.read("fewruns/pages/README.md").decode())
     assert {"method.md", "sampler_reference.md"} <= set(linked) <= pages
+    (metadata,) = [name for name in wheel.namelist() if name.endswith("METADATA")]
+    assert set(re.findall(r"\]\((.)", wheel.read(metadata).decode())) == {"#"}  # no file, for a package index

@@ -212,17 +212,16 @@ def test_the_estimate_tells_of_all_runs(half_planes):
     for course in half_planes[:5]:
         result, progress = course.result, course.sampler.progress
         runs = pd.DataFrame(result.tables["runs"])
-        assert list(runs) == ["run", "batch", "phase", "z_1", "z_2", "event"]
-        assert runs["run"].tolist() == list(range(1, result.simulations + 1))
+        assert list(runs) == ["run", "batch", "phase", "z_1", "z_2", "event", "score"]
         assert runs.groupby("batch").size().tolist() == progress.sizes.tolist()
-        np.testing.assert_array_equal(runs[["z_1", "z_2"]], progress.z)
+        outcomes = np.column_stack([progress.z, progress.score])
+        np.testing.assert_array_equal(runs[["z_1", "z_2", "score"]], outcomes)
         assert runs["event"].sum() == result.events
         phases = runs["phase"].drop_duplicates().tolist()
         assert phases == [phase for phase in ("search", "learn", "estimate", "cover") if phase in phases]
         search = runs[runs["phase"] == "search"]
         assert search["batch"].max() >= runs.loc[runs["event"], "batch"].min()
         assert (runs["phase"] == "estimate").sum() == result.estimating
-        assert (runs["phase"] != "estimate").sum() == result.learning
         errors = result.diagnostics["observed_error"], result.diagnostics["predicted_error"]
         assert result.diagnostics["batches"] == runs.loc[runs["phase"] == "estimate", "batch"].nunique()
         assert 0 < max(errors) < STOPPING.beta

@@ -71,8 +71,8 @@ class Estimate:
     diagnostics
         Additional numbers by name.
     tables
-        Tables by name, each with columns by name. The table ``runs`` of a sampler is a structured array, a
-        row for each simulation; ``pandas.DataFrame(found.tables["runs"])`` makes a data frame of it.
+        Tables by name, each with columns by name. The table ``runs`` of a sampler is a record array, a row
+        for each simulation; ``pandas.DataFrame(found.tables["runs"])`` makes a data frame of it.
     reason
         Why the estimate has converged, or why it has not, in one sentence.
     excluded

@@ -4,6 +4,7 @@ import math
 from dataclasses import replace
 
 import numpy as np
+from numpy.lib.recfunctions import append_fields
 from numpy.typing import NDArray
 
 from fewruns.arrays import Array
@@ -11,6 +12,7 @@ from fewruns.combining import Combined, anytime_interval, combine
 from fewruns.constants import UNSEEN_ALPHA
 from fewruns.estimates import Estimate, Stopping
 from fewruns.exclusion import Exclusion
+from fewruns.problems import ScoreProblem, SystemProblem
 from fewruns.progress import Progress
 from fewruns.weights import effective_number
 from fewruns.wide_laws import bound_without_event
@@ -113,7 +115,10 @@ def event_ratios(progress: Progress) -> Array:
 
 
 def tabulate_runs(progress: Progress, batch_size: int) -> NDArray[np.void]:
-    """Return all simulations, with fields ``run`` and ``batch`` from 1, ``phase``, ``z_1`` ..., ``event``."""
+    """Return all simulations: ``run`` and ``batch`` from 1, ``phase``, ``z_1`` ..., ``event``, ``score``.
+
+    The scores are 0 if the system has none, and NaN for draws of the law and for failed runs.
+    """
     run = np.arange(len(progress.z)) + 1
     # The sizes of the batches before a sampler was rebuilt are not known.
     batch = np.repeat(np.arange(len(progress.sizes)), progress.sizes)
@@ -129,19 +134,26 @@ def tabulate_runs(progress: Progress, batch_size: int) -> NDArray[np.void]:
     repeats, draws = progress.repeats, progress.law_draws
     z = np.vstack([progress.z, progress.z[repeats.repeated], draws.z, progress.failed])
     others = np.repeat(["repeat", "law", "failed"], [len(repeats), len(draws), len(progress.failed)])
+    none, unknown = np.zeros(len(progress.failed), bool), np.full(len(draws) + len(progress.failed), math.nan)
     columns = {
         "run": np.arange(len(z)) + 1,
         "batch": np.append(batch, np.zeros(len(others), int)),
         "phase": np.append(phase, others),
         **{f"z_{k + 1}": values for k, values in enumerate(z.T)},
-        "event": np.concatenate(
-            [progress.happened, repeats.happened, draws.happened, np.zeros(len(progress.failed), bool)]
-        ),
+        "event": np.concatenate([progress.happened, repeats.happened, draws.happened, none]),
+        "score": np.concatenate([progress.score, repeats.score, unknown]),
     }
-    table = np.empty(len(z), [(name, values.dtype) for name, values in columns.items()])
-    for name, values in columns.items():
-        table[name] = values
-    return table
+    return np.rec.fromarrays([*columns.values()], names=[*columns])
+
+
+def with_inputs(found: Estimate, problem: ScoreProblem) -> Estimate:
+    """Return an estimate whose table of runs also contains the inputs, ``x_1`` ..., of a `SystemProblem`."""
+    if not isinstance(problem, SystemProblem):
+        return found
+    runs, numbers = found.tables["runs"], range(1, problem.dimension + 1)
+    x = problem.inputs(np.column_stack([runs[f"z_{k}"] for k in numbers]))
+    runs = append_fields(runs, [f"x_{k}" for k in numbers], [*x.T], usemask=False, asrecarray=True)
+    return replace(found, tables={"runs": runs})
 
 
 def _diagnostics(exclusion: Exclusion, combined: Combined | None) -> dict[str, float]:

@@ -18,6 +18,7 @@ from fewruns.errors import InputError, require
 from fewruns.estimates import Estimate, Stopping
 from fewruns.problems import Marginal, Response, Runnable, ScoreProblem, SystemProblem
 from fewruns.repeats import RepeatBatch
+from fewruns.results import with_inputs
 from fewruns.sampler import Sampler
 from fewruns.state import read_state, write_state
 
@@ -165,9 +166,7 @@ def estimate(
     for name in settings:
         if name not in SETTINGS:
             expected = f"one of {', '.join(SETTINGS)}"
-            change = (
-                "Correct the name. Limits belong to the rule: stopping=Stopping(maximum_simulations=500)."
-            )
+            change = "Correct the name. Limits belong to stopping=Stopping(maximum_simulations=500)."
             raise InputError(name, seen="an unknown argument", expected=expected, change=change)
     expected = "a text that identifies the function and its inputs, because a state is saved"
     change = "State one, such as fingerprint='overload, normal inputs', and change it with the function."
@@ -193,8 +192,8 @@ def estimate_problem(
         if state_file is not None:
             write_state(state_file, sampler)
         if on_batch is not None:
-            on_batch(sampler.estimate(stopping))
-    return sampler.estimate(stopping)
+            on_batch(with_inputs(sampler.estimate(stopping), problem))
+    return with_inputs(sampler.estimate(stopping), problem)
 
 
 def sampler_for(

@@ -183,9 +183,8 @@ class Sampler:
             require("n", n, "a whole number, at least 1, or None", fits=is_whole(n, 1))
             while missing := n + len(before) - len(self.outstanding):
                 is_issued = not asked or asked[-1].issued == len(asked[-1].batch.z)
-                if is_issued and not (exactly or self._may_plan):
-                    break
-                if is_issued and not self._plan(certify=certify, exactly=exactly):
+                may_plan = exactly or self._may_plan
+                if is_issued and not (may_plan and self._plan(certify=certify, exactly=exactly)):
                     break
                 asked[-1].issued = min(asked[-1].issued + missing, len(asked[-1].batch.z))
         self.numbers = np.setdiff1d(self.outstanding, before)

@@ -123,9 +123,7 @@ class SeveralLaws:
         """
         logarithms = np.asarray(self._log_ratios(self._to_points(z)))
         if logarithms.ndim != 2 or logarithms.shape[1] != len(z) or not (logarithms < LARGEST_LOG).all():
-            seen = (
-                f"an array of the shape {logarithms.shape}, with the maximum {logarithms.max(initial=0.0):g}"
-            )
+            seen = f"an array {logarithms.shape}, with the maximum {logarithms.max(initial=0.0):g}"
             expected = f"log(f_k / f_sampled) of all laws at {len(z)} points, shape (K, {len(z)}), all finite"
             raise InputError("log_ratios", seen=seen, expected=expected, change="Correct the function.")
         return np.exp(logarithms)

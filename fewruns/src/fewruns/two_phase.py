@@ -100,11 +100,6 @@ class Prediction:
     probability: float  # predicted P(event)
     variation: float  # predicted squared coefficient of variation of a single run
 
-    @property
-    def reach(self) -> float:
-        """Rarity beyond which at most 5 % of the predicted probability of the event can be."""
-        return reach_of(self.probability)
-
 
 @dataclass(frozen=True)
 class TwoPhaseBatch:
@@ -190,11 +185,11 @@ def draw_batch(
 
     ``foresee`` returns the probabilities of the event at the runs by both surrogates, shape (n, 2).
     """
-    w, control = pool.weight, expected.control
-    guard = pool.guard(prediction.reach, defence)
+    w, control, reach = pool.weight, expected.control, reach_of(prediction.probability)
+    guard = pool.guard(reach, defence)
     inclusion = inclusion_probabilities(w * expected.spread, guard, runs, defence.share)
     chosen = draw_systematically(pool.z, w * np.sqrt(expected.probability), inclusion, generator)
-    zones = defence.zones(prediction.reach)
+    zones = defence.zones(reach)
     wide_draws = [[draws_of_the_wide_law(pool.within(*zone), inclusion), *zone] for zone in zones]
     w = w / len(w)
     kept = spread_by_mass(pool.z, w * control, KEPT)

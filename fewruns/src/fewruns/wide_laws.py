@@ -87,16 +87,14 @@ class KernelMixture:
 
     def log_normal_ratio(self, z: Array) -> Array:
         """Return the log ratio of the standard normal to the mixture density at points z, shape (n,)."""
-        d = z.shape[1]
+        d, share = z.shape[1], self.wide_share
         scale = self.width * math.sqrt(d)
         # The density of a kernel is exp(constant) (1 + |z - centre|^2 / scale^2)^-d. With d degrees of
         # freedom, the exponent (degrees + d) / 2 of Student's density is the integer d.
         constant = gammaln(d) - gammaln(d / 2) - d / 2 * math.log(d * math.pi) - np.log(self.width).sum()
         normal = log_normal(z)
-        wide = math.log(self.wide_share) + normal - log_normal_to_wide(z)
-        kernels = (
-            math.log1p(-self.wide_share) + constant + np.log(_mean_kernel(z / scale, self.centres / scale))
-        )
+        wide = math.log(share) + normal - log_normal_to_wide(z)
+        kernels = math.log1p(-share) + constant + np.log(_mean_kernel(z / scale, self.centres / scale))
         return normal - np.logaddexp(wide, kernels)
 
 
