@@ -143,7 +143,8 @@ def tabulate_runs(progress: Progress, batch_size: int) -> NDArray[np.void]:
         "event": np.concatenate([progress.happened, repeats.happened, draws.happened, none]),
         "score": np.concatenate([progress.score, repeats.score, unknown]),
     }
-    return np.rec.fromarrays([*columns.values()], names=[*columns])
+    dtype = [(name, values.dtype) for name, values in columns.items()]
+    return np.rec.fromarrays([*columns.values()], dtype)
 
 
 def with_inputs(found: Estimate, problem: ScoreProblem) -> Estimate:
