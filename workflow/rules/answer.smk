@@ -87,6 +87,7 @@ rule compare_vehicles:
             "compared",
             *(INJURIES if WITH_INJURIES else []),
         ),
+        **({"parts": result("laws", "parts_of_maps.npz")} if SUPPORT else {}),
     log:
         log_of("compare_vehicles.log"),
     benchmark:
@@ -149,8 +150,8 @@ if OWN_MAP and not SLOW:
             records_exposure=rules.ingest_encounters.output.exposure,
             draws=rules.study_answer.output.draws,
             model=rules.fit_models.output[MODEL],
-            maps=OWN_MAP
-            + [f"{FOLDERS[name]}/crash_map/full.npz" for name in MAPPED_OTHERS],
+            map=OWN_MAP,
+            parts=rules.compare_vehicles.output.parts,
             vehicle_files=ancient(local(ALL_FILES)),
         output:
             table=result("second_ways.csv"),
@@ -164,7 +165,6 @@ if OWN_MAP and not SLOW:
             tables=list(TWICE),
             events=config["answer"]["events"],
             mapped=config["crash_map"]["events"],
-            of_maps=["under test", *MAPPED_OTHERS],
             vehicles={
                 name.replace("under_test", "under test"): section
                 for name, section in VEHICLES.items()

@@ -43,20 +43,18 @@ from accelerated_evaluation.answer.consequences.injuries.tables import (
 from accelerated_evaluation.answer.consequences.injuries.tables import Key as RiskKey
 from accelerated_evaluation.answer.consequences.rates import UNITS
 from accelerated_evaluation.answer.consequences.total import SIZE as VALUES
-from accelerated_evaluation.answer.study_tables import UNDER_TEST, fast_way
-from accelerated_evaluation.answer.ways.answer import evaluate
+from accelerated_evaluation.answer.study_tables import UNDER_TEST
 from accelerated_evaluation.answer.ways.by_map import MapCrashes
 from accelerated_evaluation.base.arrays import Array
 from accelerated_evaluation.base.randomness import child_generator
 from accelerated_evaluation.crash_map.lines import PARTS
 from accelerated_evaluation.laws.draws import Draws
 from accelerated_evaluation.laws.paper.models import IndependentLaw
-from accelerated_evaluation.methods.problem import Problem
 from accelerated_evaluation.scenarios.cut_in import CUT_IN
 from accelerated_evaluation.scenarios.events import Event
 from accelerated_evaluation.scenarios.protocol import Scenario
 from accelerated_evaluation.vehicles.builtin.human import Human
-from accelerated_evaluation.vehicles.protocol import CRASH, RandomVehicle, Vehicle, simulate_inner
+from accelerated_evaluation.vehicles.protocol import RandomVehicle, Vehicle, simulate_inner
 
 DRIVERS = 4  # number of drivers in each encounter: most crashes are those of very few of them
 BATCHES, SIZE = 32, 2**13  # number of independent batches (a power of 2), and of the encounters in each
@@ -443,26 +441,11 @@ def generator_of(seed: int, name: str) -> np.random.Generator:
     return child_generator(seed, *paths.get(name, ("laws", "references", name)))
 
 
-def parts_of_maps(
-    vehicles: Mapping[str, Vehicle], maps: Mapping[str, str], records: FittedRecords, draws: Draws, seed: int
-) -> dict[str, Array]:
-    """Return the numbers of each vehicle by part of its crash map (`parts_of_map`), from the files of maps.
-
-    The answers are computed one after the other, because each needs much memory.
-    """
-    risks, found = RISKS[CUT_IN.name](), {}
-    for name, path in maps.items():
-        problem, way = Problem(CUT_IN, vehicles[name], CRASH, law=draws.proposal), fast_way(records, 0, path)
-        crashes = evaluate(problem, draws, way, generator=generator_of(seed, name)).crashes
-        if isinstance(crashes, MapCrashes):
-            found[name] = parts_of_map(crashes, risks)
-    return found
-
-
 def parts_of_map(crashes: MapCrashes, risks: Mapping[RiskKey, Array]) -> Array:
     """Return crash probability and mean risks by part of the lines of a map, (2 PARTS, K, 1 + risks).
 
-    Each part estimates the numbers of the whole map.
+    Each part estimates the numbers of the whole map. They are computed with the published numbers, because
+    some maps need much time.
     """
     values = np.vstack([np.ones(len(crashes.x)), *mean_risks(crashes.impact_speed, risks)]).T
     return 2 * PARTS * crashes.lines.summed(crashes.weights, values)
