@@ -21,6 +21,7 @@ from accelerated_evaluation.methods.surrogate import Surrogate
 from accelerated_evaluation.scenarios.cut_in import CUT_IN
 from accelerated_evaluation.study.configuration import load
 from accelerated_evaluation.vehicles import load_vehicle
+from accelerated_evaluation.vehicles.protocol import events_of
 from tqdm import tqdm
 
 sys.path.insert(0, str(Path(__file__).resolve().parents[1] / "samplers"))
@@ -47,18 +48,17 @@ def successor(seeds: Iterable[int]) -> pd.DataFrame:
 
 
 def estimate(seeds: Iterable[int]) -> pd.DataFrame:
-    """Return the simulations of the whole answer for the car under test, and its median."""
+    """Return the table of the whole answer for the car under test, with the simulations, for every seed."""
     config = load()
     draws = choose_draws(ANSWER, read_records(config), config)
     problem = Problem(CUT_IN, load_vehicle(VEHICLE), law=draws.proposal)
     way = FewRuns(Surrogate.stopping(config), config["surrogate"]["batch_size"])
-    rows = []
+    events, tables = events_of(CUT_IN, config["answer"]["events"]), []
     for seed in tqdm(seeds, desc="whole answers", unit=" seeds"):
         generator = child_generator(ROOT, "estimate", seed)
-        found = evaluate(problem, draws, way, generator=generator)
-        median = found.posterior.whole.probability
-        rows.append({"seed": seed, "simulations": found.simulations, "median": median})
-    return pd.DataFrame(rows)
+        found = evaluate(problem, draws, way, events, generator=generator)
+        tables.append(found.table().assign(seed=seed, simulations=found.simulations))
+    return pd.concat(tables, ignore_index=True)
 
 
 def main() -> None:

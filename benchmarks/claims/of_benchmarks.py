@@ -4,10 +4,13 @@ from collections.abc import Iterator
 
 import numpy as np
 import pandas as pd
+from accelerated_evaluation.answer.consequences.total import SIZE as VALUES
+from accelerated_evaluation.answer.second_ways import LARGE, QUANTILES, errors_of_values
 from comparing import AtLeast, Claim, Exactly, Mean, Share
 from sources import Files
 
 DRAWS = 500  # of the posterior, in the study
+FEWEST = 5  # smallest number of seeds that know a number of a whole answer
 
 
 def vehicle(files: Files) -> Iterator[Claim]:
@@ -81,13 +84,27 @@ def successor(files: Files) -> Iterator[Claim]:
 def estimate(files: Files) -> Iterator[Claim]:
     """Yield the claims about whole answers from few simulations."""
     row = pd.read_csv(files.benchmarks / "answers.csv").set_index("vehicle").loc["acc_aeb"]
-    runs = files.runs("estimate_")
-    found = Mean.of(runs["simulations"])
+    runs, published = files.runs("estimate_"), pd.read_csv(files.tables / "answer.csv").set_index("event")
+    crash = runs[runs["event"] == "crash"]
+    found = Mean.of(crash["simulations"])
     error = found.error * np.sqrt((found.freedom + 1) / row["seeds"])
     yield Claim("simulations of a whole answer", Mean(row["runs_mean"], error, row["seeds"] - 1), found)
-    published = pd.read_csv(files.tables / "answer.csv").set_index("event").loc["crash"]
-    # Both are medians of draws, with standard error 1 / (2 f √n), and the density f is from the quartiles.
-    of_draws = (published["high50"] - published["low50"]) / np.sqrt(DRAWS)
-    median = Mean.of(runs["median"])
+    # Quantiles of draws, in both: of those of the study, and of others.
+    errors = np.sqrt(VALUES / DRAWS) * published.select_dtypes("number").apply(errors_of_values, axis=1)
+    of_draws, median = errors.loc["crash", "median"], Mean.of(crash["median"])
     found = Mean(median.value, float(np.hypot(median.error, of_draws)), median.freedom)
-    yield Claim("median of a whole answer", Mean(published["median"], of_draws, DRAWS - 1), found)
+    of_map = Mean(published.loc["crash", "median"], of_draws, DRAWS - 1)
+    yield Claim("median of a whole answer", of_map, found)
+    yield Claim(
+        "numbers of whole answers that crash maps contradict", Exactly("none"), _far(runs, published, errors)
+    )
+
+
+def _far(runs: pd.DataFrame, published: pd.DataFrame, errors: pd.DataFrame) -> Exactly:
+    """Return how many means over seeds of known numbers differ by more than `LARGE` errors from the maps'."""
+    groups = runs.groupby("event")[[*QUANTILES]]
+    mean, known = groups.mean(), groups.count() >= FEWEST
+    together = np.sqrt(groups.sem() ** 2 + 2 * errors.loc[mean.index, mean.columns] ** 2)
+    far = ((mean - published.loc[mean.index, mean.columns]).abs() > LARGE * together)[known]
+    count = int(far.fillna(value=False).to_numpy().sum())
+    return Exactly(f"{count} of {int(known.to_numpy().sum())}" if count else "none")

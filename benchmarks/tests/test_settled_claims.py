@@ -168,6 +168,15 @@ def test_an_answer_that_counts_contradict_is_refuted(tmp_path, difference, statu
     assert main(["scenarios"], replace(FILES, raw=tmp_path)) == status
 
 
+@pytest.mark.parametrize(("factor", "status"), [(1.0, 0), (1.5, 1)])
+def test_an_end_of_whole_answers_that_maps_contradict_is_refuted(tmp_path, factor, status):
+    generator, table = np.random.default_rng(4), pd.read_csv(FILES.tables / "answer.csv")
+    table["high95"] *= factor
+    answers = [table.assign(seed=k, simulations=generator.normal(156, 30)) for k in range(12)]
+    pd.concat(answers).to_csv(tmp_path / "estimate_0.csv", index=False)
+    assert main(["estimate"], replace(FILES, raw=tmp_path)) == status
+
+
 def test_what_is_not_repeated_is_printed_and_is_in_the_guide(repeated, capsys):
     main(["sampler"], repeated)
     printed = capsys.readouterr().out
