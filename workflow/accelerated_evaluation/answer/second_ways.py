@@ -7,7 +7,8 @@ independent batches. Each number has an error from balanced halves of the batche
 consistent for quantiles, too; a jackknife that leaves out one batch is not.
 """
 
-from collections.abc import Callable, Iterator, Mapping, Sequence
+import os
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property, partial
 from typing import Self
@@ -44,8 +45,10 @@ from accelerated_evaluation.answer.consequences.injuries.tables import Key as Ri
 from accelerated_evaluation.answer.consequences.rates import UNITS
 from accelerated_evaluation.answer.consequences.total import SIZE as VALUES
 from accelerated_evaluation.answer.study_tables import UNDER_TEST
+from accelerated_evaluation.answer.ways.answer import Answer
 from accelerated_evaluation.answer.ways.by_map import MapCrashes
 from accelerated_evaluation.base.arrays import Array
+from accelerated_evaluation.base.files import write_arrays
 from accelerated_evaluation.base.randomness import child_generator
 from accelerated_evaluation.crash_map.lines import PARTS
 from accelerated_evaluation.laws.draws import Draws
@@ -449,6 +452,20 @@ def parts_of_map(crashes: MapCrashes, risks: Mapping[RiskKey, Array]) -> Array:
     """
     values = np.vstack([np.ones(len(crashes.x)), *mean_risks(crashes.impact_speed, risks)]).T
     return 2 * PARTS * crashes.lines.summed(crashes.weights, values)
+
+
+def with_parts_stored(
+    answers: Iterable[tuple[str, Answer]], path: str | os.PathLike | None
+) -> Iterator[tuple[str, Answer]]:
+    """Yield answers, each with its name, and at the end write the parts of their maps to the path, if any."""
+    parts: dict[str, Array] = {}
+    for name, answer in answers:
+        if path is not None and isinstance(answer.crashes, MapCrashes):
+            parts[name] = parts_of_map(answer.crashes, RISKS[CUT_IN.name]())
+        yield name, answer
+        del answer  # before the next answer is computed
+    if path is not None:
+        write_arrays(path, parts)
 
 
 def paper_numbers(numbers: StudyNumbers) -> dict[Key, tuple[float, float]]:

@@ -6,7 +6,7 @@ import json
 import os
 import re
 import tempfile
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable, Iterator, Mapping
 from contextlib import contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -135,6 +135,14 @@ def read_arrays(path: str | os.PathLike) -> dict[str, Any]:
         raise
     except Exception as error:  # damaged archives raise many kinds of errors: zlib.error, BadZipFile, ...
         raise ValueError(f"a damaged archive, {type(error).__name__}: {error}") from error
+
+
+def write_arrays(path: str | os.PathLike, arrays: Mapping[str, Any]) -> None:
+    """Write arrays to an archive of NumPy by name (`read_arrays`); the file is complete or missing."""
+    import numpy as np  # see `read_arrays`
+
+    with atomic_path(path) as temporary, temporary.open("wb") as file:
+        np.savez_compressed(file, **arrays)
 
 
 def require_format(path: str | os.PathLike, content: Any, name: str, version: int, change: str) -> None:  # noqa: ANN401

@@ -25,7 +25,7 @@ from accelerated_evaluation.base.arguments import a_number
 from accelerated_evaluation.base.arrays import Array
 from accelerated_evaluation.base.checking import checked
 from accelerated_evaluation.base.errors import DAMAGE, InputError, readable
-from accelerated_evaluation.base.files import atomic_path, read_arrays
+from accelerated_evaluation.base.files import read_arrays, write_arrays
 from accelerated_evaluation.crash_map.intervals import Intervals
 from accelerated_evaluation.scenarios.cut_in import CUT_IN
 from accelerated_evaluation.scenarios.events import Event
@@ -246,8 +246,7 @@ def write_crash_map(path: str | os.PathLike, crash_map: CrashMap) -> None:
     for event, intervals in crash_map.events.items():
         for name, values in vars(intervals).items():
             arrays[f"{event.quantity} {event.threshold!r} {name}"] = values
-    with atomic_path(path) as temporary, temporary.open("wb") as file:
-        np.savez_compressed(file, **arrays)
+    write_arrays(path, arrays)
 
 
 def read_crash_map(path: str | os.PathLike) -> CrashMap:
