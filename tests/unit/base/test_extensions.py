@@ -174,7 +174,7 @@ CALLED = {
     "law, fitted": ("FITS.add('mine')(fitted)", lambda: draws_named("mine", RECORDS, SETTINGS)),
 }
 RANDOM = np.random.default_rng(1)
-RECORDS = SimpleNamespace(support=True, table=None)
+RECORDS = SimpleNamespace(in_clusters=False, table=None)
 SETTINGS = SimpleNamespace(streams=lambda name: RANDOM, fitting=None)
 
 
