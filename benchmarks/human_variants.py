@@ -7,7 +7,6 @@ that knows no driver, and each of them meets drivers of every variant, whose eve
 to be finished, in ``results/STUDY``. The columns are those of the table ``second_ways`` of a study.
 """
 
-import argparse
 from functools import partial
 from pathlib import Path
 
@@ -16,10 +15,9 @@ import pandas as pd
 from accelerated_evaluation.answer.consequences.human_prediction import MAIN, SEVERE, VARIANTS, G
 from accelerated_evaluation.answer.second_ways import CAP, DRIVERS, Features, Key, Means, Plain, WideCutIns
 from accelerated_evaluation.base.arrays import Array
-from accelerated_evaluation.base.files import write_csv
 from accelerated_evaluation.base.randomness import child_generator
 from accelerated_evaluation.vehicles.builtin.human import Human
-from moving_leads import read_study
+from moving_leads import read_study, write_twice
 from second_ways import compared
 
 
@@ -54,17 +52,5 @@ def twice(study: Path, seed: int) -> pd.DataFrame:
     return compared(first, second)
 
 
-def main() -> None:
-    """Compute the numbers of a study a second time, and write their table."""
-    parser = argparse.ArgumentParser(
-        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
-    )
-    parser.add_argument("study", nargs="?", default="spmd", metavar="STUDY")
-    parser.add_argument("--seed", type=int, default=1)
-    parser.add_argument("--output", type=Path, required=True)
-    given = parser.parse_args()
-    write_csv(given.output, twice(Path("results") / given.study, given.seed))
-
-
 if __name__ == "__main__":
-    main()
+    write_twice(__doc__, twice)

@@ -10,7 +10,7 @@ counted. The study has to be finished, in ``results/STUDY``. The columns are tho
 """
 
 import argparse
-from collections.abc import Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from functools import partial
 from pathlib import Path
 from typing import Any
@@ -153,17 +153,17 @@ def twice(study: Path, seed: int) -> pd.DataFrame:
     return compared(first, second | counted, lambda key: COUNTS if key in counted else SAMPLING)
 
 
-def main() -> None:
-    """Compute the numbers of a study a second time, and write their table."""
+def write_twice(description: str, numbers: Callable[[Path, int], pd.DataFrame]) -> None:
+    """Compute numbers of the study that the command line names a second time, and write their table."""
     parser = argparse.ArgumentParser(
-        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
+        description=description, formatter_class=argparse.RawDescriptionHelpFormatter
     )
     parser.add_argument("study", nargs="?", default="spmd", metavar="STUDY")
     parser.add_argument("--seed", type=int, default=1)
     parser.add_argument("--output", type=Path, required=True)
     given = parser.parse_args()
-    write_csv(given.output, twice(Path("results") / given.study, given.seed))
+    write_csv(given.output, numbers(Path("results") / given.study, given.seed))
 
 
 if __name__ == "__main__":
-    main()
+    write_twice(__doc__, twice)

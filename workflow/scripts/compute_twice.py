@@ -4,8 +4,7 @@ from functools import partial
 
 import pandas as pd
 from accelerated_evaluation.answer.candidates.fitted_records import stored_records
-from accelerated_evaluation.answer.consequences.injuries.tables import RISKS
-from accelerated_evaluation.answer.second_ways import StudyNumbers, generator_of, parts_of_map, second_ways
+from accelerated_evaluation.answer.second_ways import StudyNumbers, generator_of, parts_by_name, second_ways
 from accelerated_evaluation.answer.study_tables import UNDER_TEST, fast_way
 from accelerated_evaluation.answer.ways.answer import evaluate
 from accelerated_evaluation.base.files import read_arrays, read_json, write_csv
@@ -32,8 +31,8 @@ if __name__ == "__main__":
         with all_loaded(params.vehicles, params.simulations, CUT_IN, workers=snakemake.threads) as vehicles:
             problem = Problem(CUT_IN, vehicles[UNDER_TEST], CUT_IN.events[0], law=draws.proposal)
             way, generator = fast_way(records, 0, *files.map), generator_of(params.seed, UNDER_TEST)
-            crashes = evaluate(problem, draws, way, generator=generator).crashes
-            of_maps = {UNDER_TEST: parts_of_map(crashes, RISKS[CUT_IN.name]())} | read_arrays(files.parts)
+            own = evaluate(problem, draws, way, generator=generator)
+            of_maps = parts_by_name(UNDER_TEST, own) | read_arrays(files.parts)
             motions = tables["lead_motion"], tables["lead_motion_europe"]
             given = vehicles, CUT_IN, records, draws, events, *generators, paper, mapped, motions, of_maps
             write_csv(snakemake.output.table, second_ways(StudyNumbers(*given), tables))

@@ -454,14 +454,20 @@ def parts_of_map(crashes: MapCrashes, risks: Mapping[RiskKey, Array]) -> Array:
     return 2 * PARTS * crashes.lines.summed(crashes.weights, values)
 
 
+def parts_by_name(name: str, answer: Answer) -> dict[str, Array]:
+    """Return the parts of the map of an answer (`parts_of_map`) under a name; nothing if it has no map."""
+    crashes = answer.crashes
+    return {name: parts_of_map(crashes, RISKS[CUT_IN.name]())} if isinstance(crashes, MapCrashes) else {}
+
+
 def with_parts_stored(
     answers: Iterable[tuple[str, Answer]], path: str | os.PathLike | None
 ) -> Iterator[tuple[str, Answer]]:
     """Yield answers, each with its name, and at the end write the parts of their maps to the path, if any."""
     parts: dict[str, Array] = {}
     for name, answer in answers:
-        if path is not None and isinstance(answer.crashes, MapCrashes):
-            parts[name] = parts_of_map(answer.crashes, RISKS[CUT_IN.name]())
+        if path is not None:
+            parts |= parts_by_name(name, answer)
         yield name, answer
         del answer  # before the next answer is computed
     if path is not None:
