@@ -1,4 +1,4 @@
-"""Compile functions with numba, and solve small systems of linear equations in compiled code."""
+"""Compile functions with numba."""
 
 from collections.abc import Callable
 from functools import cache
@@ -6,8 +6,6 @@ from pathlib import Path
 from typing import Any
 
 from numba import njit
-
-from accelerated_evaluation.base.arrays import Array
 
 
 def cached_njit(**options: Any) -> Callable[[Callable], Callable]:  # noqa: ANN401
@@ -40,23 +38,3 @@ def _remove_outdated(source: str) -> None:
                 index.unlink(missing_ok=True)
     except OSError:  # another process removed it first, or the folder is read-only
         pass
-
-
-@cached_njit()
-def solve(matrix: Array, right: Array) -> None:
-    """Overwrite the right-hand side with the solution, and the diagonal of the matrix with the pivots.
-
-    The matrix is positive definite and small. Such a matrix needs no pivoting, and for a small one a call of
-    LAPACK would take longer than the solution. The determinant is the product of the pivots.
-    """
-    size = len(right)
-    for one in range(size):
-        for two in range(one + 1, size):
-            factor = matrix[two, one] / matrix[one, one]
-            right[two] -= factor * right[one]
-            for column in range(one, size):
-                matrix[two, column] -= factor * matrix[one, column]
-    for one in range(size - 1, -1, -1):
-        for two in range(one + 1, size):
-            right[one] -= matrix[one, two] * right[two]
-        right[one] /= matrix[one, one]

@@ -12,8 +12,9 @@ from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
 from accelerated_evaluation.base.arrays import Array
-from accelerated_evaluation.base.compiling import cached_njit, solve
+from accelerated_evaluation.base.compiling import cached_njit
 from accelerated_evaluation.base.errors import InputError
+from accelerated_evaluation.base.linear_systems import solve
 from accelerated_evaluation.base.tables import column_of_numbers, read_parquet, require_file
 from accelerated_evaluation.laws.motion import COURSE_COLUMN, LONGEST, MOTIONS, STATES, STEP, course_columns
 from accelerated_evaluation.records.ingest import FASTEST

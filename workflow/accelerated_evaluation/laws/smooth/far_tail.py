@@ -30,7 +30,8 @@ from scipy.linalg import cholesky, solve_triangular
 from scipy.special import softmax
 
 from accelerated_evaluation.base.arrays import Array, numbers_in
-from accelerated_evaluation.base.compiling import cached_njit, solve
+from accelerated_evaluation.base.compiling import cached_njit
+from accelerated_evaluation.base.linear_systems import solve
 from accelerated_evaluation.laws.smooth.splines import Basis
 
 RECORDS = np.array([100, 10, 1])  # numbers of records that are expected beyond the levels

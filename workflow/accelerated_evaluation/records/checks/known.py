@@ -120,11 +120,10 @@ class Fault:
 def _faults(x: Array, units: Mapping[str, str]) -> Iterator[Fault]:
     """Iterate over the likely faults of points, shape (n, d), which follow from the units.
 
-    A column, or all columns of a unit, may have another unit. All lengths may be in
-    feet and all speeds in mph or ft/s; a speed alone is not compared in ft/s, which hardly differs from km/h.
-    Two columns may be exchanged. A speed may be the sum or the difference of two speeds, such as that of the
-    host in place of that of the lead vehicle. A speed or a length may be replaced by a time or its inverse,
-    such as 1/TTC.
+    A column, or all columns of a unit, may have another unit. All lengths may be in feet and all speeds in
+    mph or ft/s; a speed alone is not compared in ft/s, which hardly differs from km/h. Two columns may be
+    exchanged. A speed may be the sum or the difference of two speeds, such as that of the host in place of
+    that of the lead vehicle. A speed or a length may be replaced by a time or its inverse, such as 1/TTC.
     """
     names = list(units)
     column = dict(zip(names, x.T, strict=True))
